@@ -125,10 +125,8 @@ impl Bench {
             ..*launch
         };
         if *proof.launch() != held {
-            let guess = self
-                .impact(held.state())
-                .map_or(0.0, |impact| impact.flight);
-            *proof = Proof::of(held, guess);
+            let guess = self.impact(held.state());
+            *proof = Proof::of(held, guess.map_or(0.0, |impact| impact.flight));
         }
         one::<K>(proof, impact, spoil).map(Some)
     }
@@ -152,12 +150,12 @@ fn one<K: Tried>(
             phase,
             velocity,
         } = proof.launch();
-        let tones: String = ["second", "third"]
-            .iter()
-            .zip(track.upper_tones())
-            .filter(|(_, tone)| tone.amplitude > 0.0)
-            .map(|(name, tone)| format!(" --{name}-tone {:e},{:e}", tone.amplitude, tone.angle))
-            .collect();
+        let mut tones = String::new();
+        for (name, tone) in ["second", "third"].iter().zip(track.upper_tones()) {
+            if tone.amplitude > 0.0 {
+                tones += &format!(" --{name}-tone {:e},{:e}", tone.amplitude, tone.angle);
+            }
+        }
         format!(
             "{cause}\n    gave {impact:?}\n    kband impacts --arithmetic {} --k {:e} --restitution {restitution:e} --phase {phase:e} --velocity {velocity:e}{tones}",
             K::NAME, track.k
@@ -169,7 +167,6 @@ fn one<K: Tried>(
 mod tests {
     use super::*;
     use crate::states::{self, Kind, Random};
-    use kband::impact::Tone;
 
     /// A change that makes an impact wrong.
     type Spoil = Box<dyn Fn(&mut Impact<PartState>)>;
@@ -194,11 +191,8 @@ mod tests {
         let mut random = Random::new(5);
         for kind in [Kind::High, Kind::Low, Kind::Chatter, Kind::Wrap, Kind::Wide] {
             for _ in 0..400 {
-                let tones = if on_tones {
-                    states::tones(&mut random)
-                } else {
-                    [Tone::default(); 2]
-                };
+                let tones = on_tones.then(|| states::tones(&mut random));
+                let tones = tones.unwrap_or_default();
                 let track = kind.track(&mut random, tones);
                 let launch = kind.launch(&mut random, track, 0.5);
                 let tried = std::cell::Cell::new(false);
@@ -209,8 +203,8 @@ mod tests {
                     }
                 };
                 let judged = Bench::build(&track, 0.5).spoiled(&launch, &only_this);
-                let told =
-                    judged.is_err_and(|cause| cause.contains(&format!("--arithmetic {name} ")));
+                let of_this = format!("--arithmetic {name} ");
+                let told = judged.is_err_and(|cause| cause.contains(&of_this));
                 assert!(tried.get() || !told, "{launch:?}");
                 of += u32::from(tried.get());
                 wrong += u32::from(told);

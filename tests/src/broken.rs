@@ -29,7 +29,7 @@ pub enum Break {
 }
 
 /// The closed loop of a scene with an injected fault.
-pub struct Broken {
+struct Broken {
     signal: Signal,
     controller: Controller,
     /// The driven feeder.
@@ -44,21 +44,17 @@ pub struct Broken {
 
 impl Broken {
     /// The loop of a scene at time 0.
-    ///
-    /// # Panics
-    /// Where the scene is refused.
-    pub fn build(scene: &Scene, how: Break) -> Self {
+    fn build(scene: &Scene, how: Break) -> Self {
         let mut told = scene.clone();
         if let Break::Told(tell) = how {
             tell(&mut told);
         }
-        let shown = if let Break::Hidden(hidden) = how {
+        let mut shown = None;
+        if let Break::Hidden(hidden) = how {
             let mut other = scene.clone();
             other.disturbances.retain(|d| !hidden(&d.change));
-            Some(Bench::build(&other).expect("a scene"))
-        } else {
-            None
-        };
+            shown = Some(Bench::build(&other).expect("a scene"));
+        }
         Self {
             signal: Signal::build(&told.settings).expect("settings"),
             controller: Controller::build(&told.settings, told.target, told.start)
@@ -72,7 +68,7 @@ impl Broken {
     }
 
     /// Runs to the end of the next drive cycle.
-    pub fn cycle(&mut self) -> Moment {
+    fn cycle(&mut self) -> Moment {
         self.bench.forget_strikes();
         self.samples();
         let shown = self.shown.as_mut().unwrap_or(&mut self.bench);
@@ -86,15 +82,14 @@ impl Broken {
             self.controller = Controller::build(&settings, self.target, start).expect("a target");
             self.samples();
         }
-        let report = self.control();
-        self.signal.command(report.command);
+        self.last = self.control();
+        self.signal.command(self.last.command);
         for _ in 0..PLAN_SLICES {
             if !self.controller.plan_step() {
                 break;
             }
         }
-        self.last = report;
-        self.bench.moment(report)
+        self.bench.moment(self.last)
     }
 
     /// The samples of one cycle.

@@ -3,13 +3,11 @@
 
 pub mod bench;
 pub mod broken;
-pub mod day;
 pub mod exact;
-pub mod footprint;
 pub mod oracle;
 pub mod scenes;
 pub mod soak;
 pub mod states;
 pub mod verdict;
 
-pub use kband_machines::{chip, draw, emulator, hazards, images, probe, rig, root, terminal};
+pub use kband_machines::{bus, chip, draw, emulator, images, rig, root, terminal};

@@ -148,7 +148,7 @@ impl Track {
     fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
         let velocity = launched.velocity;
         let [reach, fastest, _, jerk, bound] = self.sums();
-        let [height, speed, push, surge] = launched.track();
+        let [height, speed, ..] = launched.track();
         let launch = velocity + speed;
         let leaving = launch * launch - 2.0 * self.k * (reach - height);
         let spare = 1e-13 * (1.0 + launch * launch);
@@ -161,8 +161,7 @@ impl Track {
                 return d >= sinks;
             }
         }
-        let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
-        let mut at = 0.999 * clear_of_launch(quotient, bound, d.min(STRIDE));
+        let mut at = 0.999 * clear_for(launched.quotient(bound), d.min(STRIDE));
         for _ in 0..100 {
             if at >= rises && at < sinks {
                 at = sinks;
@@ -177,7 +176,7 @@ impl Track {
             if there[0] <= 4.0 * self.rounding(phase, velocity, at) {
                 return false;
             }
-            let step = 0.999 * clear_from(there, bound);
+            let step = 0.999 * clear_for(onward(there, bound), STRIDE);
             if step <= 1e-6 * rest {
                 return false;
             }
@@ -190,9 +189,9 @@ impl Track {
     pub fn first_impact(&self, phase: f64, velocity: f64) -> Flight {
         let [reach, fastest, _, _, bound] = self.sums();
         let launched = self.launched(phase, velocity);
-        let [height, speed, push, surge] = launched.track();
-        let quotient = [velocity, 0.5 * (push - self.k), surge / 6.0];
-        let mut d = 0.999 * clear_of_launch(quotient, bound, STRIDE);
+        let [height, speed, _, surge] = launched.track();
+        let quotient = launched.quotient(bound);
+        let mut d = 0.999 * clear_for(quotient, STRIDE);
         if velocity == 0.0 && surge > 0.0 {
             // At lift-off, whatever the rounding of A - k.
             d = d.max(2.0 * surge / bound);
@@ -205,8 +204,8 @@ impl Track {
         // Smallest ratio, within a step, of the lower bound to the rounding of the gap.
         let near =
             |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
-        let mut clearance = lowest([velocity, quotient[1], quotient[2], -bound / 24.0, 0.0], d)
-            .map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
+        let mut clearance =
+            lowest(quotient, d).map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
         let mut before = f64::INFINITY;
         let mut falls = true;
         for n in 0..40_000 {
@@ -262,6 +261,14 @@ impl Launched {
         sums
     }
 
+    /// Coefficients of the lower bound of `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`, for
+    /// [`clear_for`].
+    fn quotient(&self, bound: f64) -> [f64; 5] {
+        let [.., push, surge] = self.track();
+        let (v, a) = (0.5 * (push - self.k), surge / 6.0);
+        [self.velocity, v, a, -bound / 24.0, 0.0]
+    }
+
     /// The gap and its first three derivatives `d` after it.
     fn gap(&self, d: f64) -> [f64; 4] {
         let mut gap = [
@@ -296,18 +303,6 @@ fn sagitta(x: f64) -> f64 {
         sum = (1.0 - z * sum) / ((n - 1.0) * n);
     }
     x * z * (1.0 - z * sum) / 6.0
-}
-
-/// Time up to `stride` for which the gap surely stays positive from launch.
-///
-/// The bounded function is `u/d = psi + (A - k) d/2 + A' d^2/6 - ...`.
-fn clear_of_launch([u, v, a]: [f64; 3], bound: f64, stride: f64) -> f64 {
-    clear_for([u, v, a, -bound / 24.0, 0.0], stride)
-}
-
-/// Time for which the gap surely stays positive, from a point with this gap and these derivatives.
-fn clear_from(at: [f64; 4], bound: f64) -> f64 {
-    clear_for(onward(at, bound), STRIDE)
 }
 
 /// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w >= 0.

@@ -1,5 +1,18 @@
 //! The scenes, each with the behaviour that it shows and the break that hides it.
 
+use kband_scene::SceneFile;
+
+/// The scene of this name.
+///
+/// # Panics
+/// There is none, or it is refused.
+pub fn read(name: &str) -> SceneFile {
+    let folder = crate::root().join("tests/scenes");
+    let text = std::fs::read_to_string(folder.join(name).with_extension("toml"));
+    let scene = SceneFile::parse(&text.unwrap_or_else(|error| panic!("{name}: {error}")));
+    scene.unwrap_or_else(|refusal| panic!("{name}: {refusal}"))
+}
+
 /// Calls the macro `$each` with all scenes. The expressions have names of `tests/proofs.rs`.
 #[macro_export]
 macro_rules! all_scenes {

@@ -1,12 +1,10 @@
 //! Soak test: launches of every kind through every arithmetic, each impact judged.
 
-use std::fmt::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use kband::arithmetic::Phase;
-use kband::impact::Tone;
 use kband::impact::batch::{Block, LANES};
 
 use crate::bench::{Bench, Judged};
@@ -69,19 +67,13 @@ fn launches(kind: Kind, on_tones: bool, seed: u64, number: u64) -> Vec<Launch> {
     let mut launches = Vec::with_capacity(LANES);
     while launches.len() < LANES {
         let restitution = states::restitution(&mut random);
-        let tones = if on_tones {
-            states::tones(&mut random)
-        } else {
-            [Tone::default(); 2]
-        };
+        let tones = on_tones.then(|| states::tones(&mut random));
+        let tones = tones.unwrap_or_default();
         let track = kind.track(&mut random, tones);
         for n in 0..TOGETHER {
             let launch = kind.launch(&mut random, track, restitution);
-            launches.push(if n % 2 == 0 {
-                launch
-            } else {
-                held_by_all(&launch)
-            });
+            let held = held_by_all(&launch);
+            launches.push(if n % 2 == 0 { launch } else { held });
         }
     }
     launches
@@ -179,10 +171,8 @@ pub fn soak(
 
 /// The impacts of every arithmetic for one launch, and the verdict.
 pub fn replay(launch: &Launch) -> Result<String, String> {
-    let mut text = String::new();
-    let _ = writeln!(text, "{launch:?}");
     let truth = launch.track.first_impact(launch.phase, launch.velocity);
-    let _ = writeln!(text, "oracle {truth:?}");
+    let text = format!("{launch:?}\noracle {truth:?}\n");
     judged(&Bench::build(&launch.track, launch.restitution), launch)
         .map(|judged| format!("{text}{:?}", judged.verdict))
         .map_err(|cause| format!("{text}{cause}"))

@@ -35,19 +35,28 @@ impl Launch {
         PartState::new(self.phase, self.velocity)
     }
 
+    /// The gap `d` after this launch and its first two derivatives.
+    pub fn gap(&self, d: f64) -> [f64; 3] {
+        self.track.gap(self.phase, self.velocity, d)
+    }
+
+    /// Excess of the track's push over k at this launch, and its derivative by the phase.
+    pub fn excess(&self) -> [f64; 2] {
+        let [.., curvature, third] = self.track.at(self.phase);
+        [-curvature - self.track.k, -third]
+    }
+
     /// Rounding error of the gap `d` after this launch: half a unit in the last place of every term
     /// it sums.
     pub fn rounding(&self, d: f64) -> f64 {
         let [_, speed, curvature, _] = self.track.at(self.phase);
         let [reach, fastest, ..] = self.track.sums();
-        let [push, surge] = self
-            .track
-            .tones
-            .iter()
-            .fold([0.0; 2], |[push, surge], (q, e, th)| {
-                let (s, c) = (q * self.phase + th).sin_cos();
-                [push + e * q * q * s.abs(), surge + e * q * q * q * c.abs()]
-            });
+        let (mut push, mut surge) = (0.0, 0.0);
+        for (q, e, th) in self.track.tones {
+            let (s, c) = (q * self.phase + th).sin_cos();
+            push += e * q * q * s.abs();
+            surge += e * q * q * q * c.abs();
+        }
         let (k, velocity) = (self.track.k, self.velocity);
         let terms = if d < 0.5 {
             let bent = (curvature + k).abs() + k + push + d * surge;
@@ -239,10 +248,8 @@ fn edge(track: &Track, random: &mut Random) -> f64 {
     let excess = |phase: f64| -track.at(phase)[2] - track.k;
     let start = random.between(0.0, TAU);
     let rises = excess(start) < 0.0;
-    let Some(mut high) = (1..=500)
-        .map(|n| start + f64::from(n) * STEP)
-        .find(|phase| (excess(*phase) < 0.0) != rises)
-    else {
+    let mut phases = (1..=500).map(|n| start + f64::from(n) * STEP);
+    let Some(mut high) = phases.find(|phase| (excess(*phase) < 0.0) != rises) else {
         return start;
     };
     let mut low = high - STEP;
@@ -267,13 +274,7 @@ pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
     }
     let gap = |past: f64| s - c * past - 0.5 * track.k * past * past - track.at(touch - past)[0];
     let mut far = random.between(0.05, 9.0);
-    let mut near = gap(far);
-    loop {
-        let there = gap(far + 0.05);
-        if near > 0.0 && there <= 0.0 {
-            break;
-        }
-        near = there;
+    while gap(far) <= 0.0 || gap(far + 0.05) > 0.0 {
         far += 0.05;
         if far > 60.0 {
             return None;

@@ -29,55 +29,21 @@ impl Proof {
         &self.launch
     }
 
-    fn gap(&self, d: f64) -> [f64; 3] {
-        let Launch {
-            track,
-            phase,
-            velocity,
-            ..
-        } = self.launch;
-        track.gap(phase, velocity, d)
-    }
-
-    /// Excess of the track's push over k at the launch, and its derivative by the phase.
-    fn excess(&self) -> [f64; 2] {
-        excess(&self.launch)
-    }
-
     /// Distance in rad from the launch to the phase at which the push passes k.
     pub fn from_edge(&self) -> f64 {
-        let [excess, surge] = self.excess();
+        let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
     }
 
-    /// The smallest gap before the first impact, relative to its rounding.
-    fn clearance(&self) -> f64 {
-        let Launch {
-            track,
-            phase,
-            velocity,
-            ..
-        } = self.launch;
-        track.first_impact(phase, velocity).clearance
-    }
-
     fn first(&mut self) -> f64 {
-        let Launch {
-            track,
-            phase,
-            velocity,
-            ..
-        } = self.launch;
+        let (launch, guess) = (self.launch, self.guess);
         *self.first.get_or_insert_with(|| {
-            let flight = track.first_impact_by(phase, velocity, self.guess);
-            flight.duration
+            let track = launch.track;
+            track
+                .first_impact_by(launch.phase, launch.velocity, guess)
+                .duration
         })
     }
-}
-
-fn excess(launch: &Launch) -> [f64; 2] {
-    let [.., curvature, third] = launch.track.at(launch.phase);
-    [-curvature - launch.track.k, -third]
 }
 
 /// The oracle's verdict on one impact.
@@ -144,7 +110,7 @@ impl Tried for Single {
 ///
 /// Near launch the gap is `psi d - (k - A) d^2/2 + A' d^3/6`, with two roots or none.
 pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
-    let [excess, surge] = excess(launch);
+    let [excess, surge] = launch.excess();
     if surge <= 0.0 {
         return false;
     }
@@ -165,7 +131,6 @@ pub(crate) fn judge<K: Tried>(
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
     let truth = proof.first();
-    let proof = &*proof;
     let launch = proof.launch();
     let Launch {
         restitution,
@@ -184,16 +149,13 @@ pub(crate) fn judge<K: Tried>(
     if !(0.0..TAU).contains(&next.phase) {
         return Err("phase".into());
     }
-    let [excess, surge] = proof.excess();
+    let [excess, surge] = launch.excess();
     // Push and k round to half a unit of their terms, or the phase of lift-off to its step.
     let [_, _, pushes, jerk, _] = launch.track.sums();
     let level = 4.0 * f64::EPSILON * pushes + step * jerk;
     if d == 0.0 && velocity == 0.0 {
-        return if excess <= level {
-            Ok(Verdict::Rests)
-        } else {
-            Err("rests though it is thrown".into())
-        };
+        let rests = (excess <= level).then_some(Verdict::Rests);
+        return rests.ok_or("rests though it is thrown".into());
     }
     if velocity < 1e-22 && excess.abs() <= level && surge.abs() < 5e-5 {
         // At the flat top of the track rounding alone decides whether the part is thrown.
@@ -204,7 +166,7 @@ pub(crate) fn judge<K: Tried>(
         return Err("phase is not that of the flight".into());
     }
     let near = |d: f64, truth: f64| {
-        let [height, slope, curvature] = proof.gap(d);
+        let [height, slope, curvature] = launch.gap(d);
         let noise = K::rounding(launch, d.max(truth));
         // Shift of the root by that noise: linear at a fast arrival, a square root at a double
         // root.
@@ -213,20 +175,15 @@ pub(crate) fn judge<K: Tried>(
         } else {
             (noise / curvature.abs().max(1e-300)).sqrt().min(d)
         };
-        (
-            height,
-            slope,
-            curvature,
-            noise,
-            moved + f64::EPSILON * d + step,
-        )
+        let moved = moved + f64::EPSILON * d + step;
+        (height, slope, curvature, noise, moved)
     };
     let (height, slope, curvature, noise, moved) = near(d, d);
     // Error of a simple root, from the residual.
     let off = height.abs() / slope.abs();
     let simple = slope < 0.0 && off * curvature.abs() < 0.1 * slope.abs();
     let nothing = 64.0 * step;
-    let deviation = if nothing > 0.0 && d <= nothing && proof.gap(nothing)[0] <= 0.0 {
+    let deviation = if nothing > 0.0 && d <= nothing && launch.gap(nothing)[0] <= 0.0 {
         // A hop of a few steps of a flight time.
         0.0
     } else if simple && off <= 64.0 * moved && (d - truth).abs() <= 64.0 * moved {
@@ -241,16 +198,17 @@ pub(crate) fn judge<K: Tried>(
             if is_left_open(launch, step) && (d < 1e-12 || height.abs() <= 64.0 * noise) {
                 return Ok(Verdict::Undecided);
             }
-            let touch = proof.gap(truth)[0].abs();
+            let touch = launch.gap(truth)[0].abs();
             if d > truth && touch <= launch.rounding(truth) {
-                let [height, slope, _] = proof.gap(d);
+                let [height, slope, _] = launch.gap(d);
                 let room = 64.0 * (K::rounding(launch, d) + moved * slope.abs());
                 if velocity * d > 1e-3 && slope < 0.0 && height.abs() <= room {
                     return Ok(Verdict::Undecided);
                 }
             }
             // The steps of the oracle may pass a touch within their rounding.
-            if d < truth && height.abs() <= 64.0 * noise && proof.clearance() < 1.0 {
+            let clearance = || launch.track.first_impact(phase, velocity).clearance;
+            if d < truth && height.abs() <= 64.0 * noise && clearance() < 1.0 {
                 return Ok(Verdict::Undecided);
             }
             return Err(format!(
@@ -261,11 +219,9 @@ pub(crate) fn judge<K: Tried>(
     };
     if nothing > 0.0 && d <= nothing {
         let fastest = velocity + nothing * (excess.abs() + nothing * jerk);
-        return if next.velocity <= restitution * fastest + velocity_step {
-            Ok(Verdict::First(deviation))
-        } else {
-            Err("velocity after a hop of nothing".into())
-        };
+        let keeps = next.velocity <= restitution * fastest + velocity_step;
+        let verdict = keeps.then_some(Verdict::First(deviation));
+        return verdict.ok_or("velocity after a hop of nothing".into());
     }
     let speed = restitution * (-slope).max(0.0);
     let tolerance = 64.0

@@ -1,9 +1,259 @@
 //! A shortened day: no fault without injection, recovery after each event, and no drift.
 //!
+//! The events: other parts, a drive that warms up, pauses, a lost link, an accelerometer with a
+//! loose plug.
+//!
 //! `KBAND_DAYS` selects whole days, in the envelope from the second day on.
 
+use std::collections::BTreeMap;
+
+use kband::regime::Lock;
+use kband_control::{Controller, Event, Fault, Limits, SAMPLE_RATE, State};
+use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
+
 use kband_host::simulate::Fidelity;
-use kband_tests::day::operate;
+use kband_tests::states::Random;
+
+/// Time in s: longest that parts of the lot may be out of lock after an event. It covers a start
+/// with its sweep, the soft start and eight kicks of two seconds each.
+const AGAIN: f64 = 20.0;
+
+/// Result of the hours, by kind of event.
+#[derive(Clone, Debug, Default)]
+struct Shift {
+    cycles: u64,
+    locked: u64,
+    happened: BTreeMap<&'static str, u32>,
+    /// Errors of the phase in lock, in each tenth of the time: sum in rad over the parts' own
+    /// phase, and number.
+    error: [(f64, u32); 10],
+    /// Largest difference in s between the time and the count of drive cycles.
+    time_off: f64,
+    last_cycle: u32,
+    wrong: Vec<String>,
+}
+
+impl Shift {
+    /// Mean error of the estimated phase in lock in a tenth of the time, in rad.
+    fn mean_error(&self, tenth: usize) -> f64 {
+        let (sum, count) = self.error[tenth];
+        sum / f64::from(count.max(1))
+    }
+
+    /// Counts a drive cycle.
+    fn look(
+        &mut self,
+        moment: &Moment,
+        now: f64,
+        share: f64,
+        upset: f64,
+        may_fault: Option<f64>,
+        phase: Option<f64>,
+    ) {
+        let report = &moment.report;
+        self.cycles += 1;
+        // Exact: whole turns of the phase over its step per sample, and one sample for the wrap.
+        let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
+        let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
+        self.time_off = self.time_off.max(off);
+        if report.cycle != self.last_cycle.wrapping_add(1) {
+            self.wrong.push(format!(
+                "at {now:.2} s: cycle {} after {}",
+                report.cycle, self.last_cycle
+            ));
+        }
+        self.last_cycle = report.cycle;
+        for event in report.events.iter() {
+            let name = event.name();
+            *self.happened.entry(name).or_default() += 1;
+            let injected = may_fault.is_some_and(|at| now < at + 0.2);
+            if event == Event::Faulted && (!injected || report.fault != Some(Fault::SensorLost)) {
+                self.wrong
+                    .push(format!("at {now:.2} s: {:?}", report.fault));
+            }
+            if event == Event::NotCaptured {
+                self.wrong.push(format!("at {now:.2} s: not captured"));
+            }
+        }
+        if report.limits.contains(Limits::NO_SETPOINT) || report.limits.contains(Limits::OUTPUT) {
+            self.wrong.push(format!(
+                "at {now:.2} s: limits {:#06x}",
+                report.limits.bits()
+            ));
+        }
+        if report.state == State::Locked {
+            self.locked += 1;
+            let tenth = ((10.0 * share) as usize).min(9);
+            if let Some(phase) = phase.filter(|_| now > upset + AGAIN) {
+                self.error[tenth].0 += f64::from(report.phase) - phase;
+                self.error[tenth].1 += 1;
+            }
+        } else if now > upset + AGAIN {
+            self.wrong.push(format!(
+                "at {now:.2} s: {} {:.1} s after the last trouble",
+                report.state.name(),
+                now - upset
+            ));
+        }
+    }
+}
+
+/// Name of the event after which the board may report a lost sensor.
+const LOST: &str = "lost sensor";
+
+/// Schedule of the events.
+struct Script {
+    random: Random,
+    seconds: f64,
+    next: f64,
+    /// Pending changes, the next one last.
+    due: Vec<(f64, Change)>,
+}
+
+impl Script {
+    /// Name of the next event if its time has come; its changes become pending.
+    fn trouble(&mut self, now: f64) -> Option<&'static str> {
+        if now < self.next || now > self.seconds - 60.0 {
+            return None;
+        }
+        self.next = now + self.random.between(30.0, 120.0);
+        let random = &mut self.random;
+        let after = |length: f64| now + length;
+        let (name, changes) = match random.bits() % 8 {
+            0..3 => {
+                let part = random.between(0.18, 0.22) as f32;
+                ("other parts", vec![(now, Change::Restitution(part))])
+            }
+            3..5 => {
+                // At most two cycles, from any begin, which is no fault.
+                let end = after(random.between(0.01, 0.039));
+                let changes = [(now, true), (end, false)];
+                let lose = |(at, lost)| (at, Change::SensorLost(lost));
+                ("short drop-out", changes.map(lose).into())
+            }
+            5 => {
+                let changes = [
+                    (now, Change::SensorLost(true)),
+                    (after(1.0), Change::SensorLost(false)),
+                    (after(2.0), Change::Enable(false)),
+                    (after(3.0), Change::Enable(true)),
+                ];
+                (LOST, changes.into())
+            }
+            6 => {
+                let end = after(random.between(0.02, 8.0));
+                let changes = [(now, Change::Enable(false)), (end, Change::Enable(true))];
+                ("pause", changes.into())
+            }
+            _ => {
+                let end = after(random.between(0.5, 8.0));
+                let changes = [(now, Change::Link(false)), (end, Change::Link(true))];
+                ("silent link", changes.into())
+            }
+        };
+        self.due.extend(changes);
+        self.due.sort_by(|a, b| b.0.total_cmp(&a.0));
+        Some(name)
+    }
+
+    /// The changes that are due now.
+    ///
+    /// The drive's gain follows the temperature through the day by +-20 %, with a ripple of
+    /// minutes.
+    fn changes(&mut self, now: f64) -> Vec<Change> {
+        let turn = std::f64::consts::TAU * now;
+        let gain =
+            1.0 + 0.17 * (turn / 86_400.0_f64.min(self.seconds)).sin() + 0.03 * (turn / 97.0).sin();
+        let mut changes = vec![Change::Gain(gain as f32)];
+        while self.due.last().is_some_and(|(at, _)| *at <= now) {
+            changes.extend(self.due.pop().map(|(_, change)| change));
+        }
+        changes
+    }
+}
+
+/// The closed loop in either fidelity.
+enum Feeder {
+    Waveform(Box<ClosedLoop>),
+    Envelope(Box<EnvelopeLoop>),
+}
+
+impl Feeder {
+    fn build(scene: &Scene, fidelity: Fidelity) -> Self {
+        let built = match fidelity {
+            Fidelity::Waveform => ClosedLoop::build(scene).map(|l| Self::Waveform(Box::new(l))),
+            Fidelity::Envelope => EnvelopeLoop::build(scene).map(|l| Self::Envelope(Box::new(l))),
+        };
+        built.expect("the default scene")
+    }
+
+    fn apply(&mut self, change: Change) {
+        match self {
+            Self::Waveform(closed) => closed.apply(change),
+            Self::Envelope(closed) => closed.apply(change),
+        }
+    }
+
+    fn cycle(&mut self) -> Moment {
+        match self {
+            Self::Waveform(closed) => closed.cycle(),
+            Self::Envelope(closed) => closed.cycle(),
+        }
+    }
+
+    fn controller(&self) -> &Controller {
+        match self {
+            Self::Waveform(closed) => closed.controller(),
+            Self::Envelope(closed) => closed.controller(),
+        }
+    }
+}
+
+/// Runs `seconds` of operation of the default feeder, with events from `seed`.
+fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
+    let mut closed = Feeder::build(&Scene::default(), fidelity);
+    let mut script = Script {
+        random: Random::new(seed),
+        seconds,
+        next: 30.0,
+        due: Vec::new(),
+    };
+    let mut shift = Shift::default();
+    let mut now = 0.0;
+    let (mut upset, mut may_fault) = (0.0, None);
+    let mut phase = None;
+    while now < seconds {
+        for change in script.changes(now) {
+            upset = match change {
+                Change::Gain(_) => upset,
+                _ => now,
+            };
+            if let Change::Restitution(restitution) = change {
+                phase = locked_phase(&closed, restitution);
+            }
+            closed.apply(change);
+        }
+        if let Some(name) = script.trouble(now) {
+            *shift.happened.entry(name).or_default() += 1;
+            may_fault = (name == LOST).then_some(now);
+        }
+        let moment = closed.cycle();
+        now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);
+        shift.look(&moment, now, now / seconds, upset, may_fault, phase);
+        if shift.wrong.len() > 20 {
+            break;
+        }
+    }
+    shift
+}
+
+/// Phase in rad at which parts of a restitution strike in the lock of order 1 at the setpoint.
+fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
+    let controller = closed.controller();
+    let k = f64::from(controller.k(controller.setpoint()));
+    let lock = Lock::build(k, f64::from(restitution), 1).ok()??;
+    Some(lock.state().phase)
+}
 
 #[test]
 fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
@@ -19,15 +269,10 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     // Every kind of event occurred, and each lost sensor gave a fault.
-    for name in [
-        "other parts",
-        "short drop-out",
-        "lost sensor",
-        "pause",
-        "silent link",
-    ] {
+    for name in ["other parts", "short drop-out", "lost sensor"] {
         assert!(times(name) > 0, "{name}");
     }
+    assert!(times("pause") > 0 && times("silent link") > 0);
     assert_eq!(times("lost sensor"), times("faulted"));
     assert_eq!(times("faulted"), times("acknowledged"));
     // Two samples: one for the place of a wrap, one for its detection.
@@ -40,10 +285,6 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(days.is_none() || high - low < 0.01, "{low} {high}");
     // An event takes about a minute; parts are out of lock for at most four seconds of it in the
     // mean.
-    assert!(
-        shift.locked * 10 > shift.cycles * 8,
-        "{} of {}",
-        shift.locked,
-        shift.cycles
-    );
+    let (locked, cycles) = (shift.locked, shift.cycles);
+    assert!(locked * 10 > cycles * 8, "{locked} of {cycles}");
 }

@@ -5,11 +5,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("tests/ lies in the workspace")
-}
+use kband_tests::root;
 
 fn collect(folder: &Path, ends: &[&str], found: &mut Vec<PathBuf>) {
     let entries = fs::read_dir(folder).expect("a folder of the project is read");
@@ -25,15 +21,18 @@ fn collect(folder: &Path, ends: &[&str], found: &mut Vec<PathBuf>) {
     }
 }
 
+/// The text of a file of the project, by its path from the root.
+fn text(path: impl AsRef<Path>) -> String {
+    let read = fs::read_to_string(root().join(path));
+    read.expect("a text of the project is read")
+}
+
 /// The project's files with one of these endings, and their texts.
 fn texts(ends: &[&str]) -> Vec<(PathBuf, String)> {
     let mut paths = Vec::new();
-    collect(root(), ends, &mut paths);
+    collect(&root(), ends, &mut paths);
     paths.sort();
-    let read = |path: PathBuf| {
-        let text = fs::read_to_string(&path).expect("a text of the project is read");
-        (path, text)
-    };
+    let read = |path: PathBuf| (path.clone(), text(path));
     paths.into_iter().map(read).collect()
 }
 
@@ -122,7 +121,7 @@ fn every_citation_of_a_page_leads_to_an_anchor() {
     for (path, text) in texts(&[".rs", ".md", ".toml", ".sh"]) {
         for cited in citations(&text) {
             of_theory += usize::from(cited.contains("#t"));
-            wrong.extend(broken(root(), cited, &path));
+            wrong.extend(broken(&root(), cited, &path));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -148,8 +147,7 @@ fn the_sections_of_the_theory_have_the_numbers_of_their_anchors() {
 
 #[test]
 fn the_summary_names_every_page_of_the_manual() {
-    let docs = root().join("docs");
-    let summary = fs::read_to_string(docs.join("SUMMARY.md")).expect("the summary is read");
+    let (docs, summary) = (root().join("docs"), text("docs/SUMMARY.md"));
     let named: BTreeSet<&str> = links(&summary).collect();
     for (path, _) in texts(&[".md"]) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -169,7 +167,7 @@ fn names_in_the_code(glossary: &str) -> Vec<&str> {
 
 #[test]
 fn every_name_of_the_glossary_is_in_the_sources() {
-    let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
+    let glossary = text("docs/glossary.md");
     let sources = texts(&[".rs"]);
     let inside = |c: char| c.is_alphanumeric() || c == '_';
     let words: BTreeSet<&str> = sources
@@ -178,32 +176,28 @@ fn every_name_of_the_glossary_is_in_the_sources() {
         .collect();
     let names = names_in_the_code(&glossary);
     assert!(names.len() > 40, "{names:?}");
-    for name in names {
-        assert!(
-            words.contains(name),
-            "no {name} in the sources; see docs/glossary.md"
-        );
-    }
+    let lost: Vec<&str> = names
+        .into_iter()
+        .filter(|name| !words.contains(name))
+        .collect();
+    assert!(
+        lost.is_empty(),
+        "not in the sources: {lost:?}; see docs/glossary.md"
+    );
 }
 
 /// The glossary explains the names of regimes and states in tables, legends and `kband status`.
 #[test]
 fn every_regime_and_state_that_is_shown_is_explained() {
-    let glossary = fs::read_to_string(root().join("docs/glossary.md")).expect("the glossary");
+    let glossary = text("docs/glossary.md");
     for (_, name) in kband_host::ending::FILLS {
-        assert!(
-            glossary.contains(&format!("| {name}")),
-            "no '{name}' in docs/glossary.md"
-        );
+        let row = format!("| {name}");
+        assert!(glossary.contains(&row), "no '{name}' in docs/glossary.md");
     }
-    let faults = fs::read_to_string(root().join("docs/faults.md")).expect("the page on states");
+    let faults = text("docs/faults.md").to_lowercase();
     for state in kband_control::State::ALL {
-        let name = state.name().to_lowercase();
-        let explained = format!("**{name}**");
-        assert!(
-            faults.to_lowercase().contains(&explained),
-            "no {explained} in docs/faults.md"
-        );
+        let name = format!("**{}**", state.name().to_lowercase());
+        assert!(faults.contains(&name), "no {name} in docs/faults.md");
     }
 }
 
@@ -235,17 +229,13 @@ fn every_number_of_a_fault_has_its_name() {
         all.find(|limit| limit.number() == number).map(Limits::name)
     };
     for name in ["safety.md", "wiring.md", "commissioning.md", "link.md"] {
-        let page = fs::read_to_string(root().join("docs").join(name)).unwrap();
-        assert_eq!(
-            misnamed(&page, "fault", fault),
-            Vec::<String>::new(),
-            "{name}"
-        );
+        let found = misnamed(&text(format!("docs/{name}")), "fault", fault);
+        assert!(found.is_empty(), "{name}: {found:?}");
     }
-    let safety = fs::read_to_string(root().join("docs/safety.md")).unwrap();
-    assert_eq!(misnamed(&safety, "limit", limit), Vec::<String>::new());
+    let found = misnamed(&text("docs/safety.md"), "limit", limit);
+    assert!(found.is_empty(), "{found:?}");
     // The headings that `kband explain` prints.
-    let faults = fs::read_to_string(root().join("docs/faults.md")).unwrap();
+    let faults = text("docs/faults.md");
     for fault in Fault::ALL {
         let heading = format!("\n## Fault {}: {}\n", fault.number(), fault.name());
         assert!(faults.contains(&heading), "{heading}");
@@ -289,9 +279,8 @@ fn paragraphs(page: &str) -> Vec<String> {
 /// A paragraph with each code span as one word and each link as its text.
 fn spoken(paragraph: &str) -> String {
     let spans = paragraph.split('`').enumerate();
-    let plain: String = spans
-        .map(|(n, span)| if n % 2 == 1 { "code" } else { span })
-        .collect();
+    let plain = spans.map(|(n, span)| if n % 2 == 1 { "code" } else { span });
+    let plain: String = plain.collect();
     let mut links = plain.split("](");
     let mut text = links.next().unwrap_or_default().to_owned();
     for rest in links {
@@ -302,12 +291,12 @@ fn spoken(paragraph: &str) -> String {
 
 /// Whether a word ends its sentence; an initial or an abbreviated journal does not.
 fn ends_a_sentence(word: &str) -> bool {
-    const ABBREVIATIONS: &[&str] = &[
-        "Figs.", "Helv.", "Phys.", "Dyn.", "Syst.", "Meas.", "Proc.", "e.g.",
-    ];
+    const ABBREVIATIONS: &str = "Figs. Helv. Phys. Dyn. Syst. Meas. Proc. e.g.";
     let word = word.trim_matches(['(', ')', '"', '*']);
     let initial = word.len() == 2 && word.starts_with(|c: char| c.is_ascii_uppercase());
-    word.ends_with(['.', '!', '?']) && !initial && !ABBREVIATIONS.contains(&word)
+    word.ends_with(['.', '!', '?'])
+        && !initial
+        && !ABBREVIATIONS.split(' ').any(|short| short == word)
 }
 
 /// The sentences of a page, as their words.
@@ -343,14 +332,12 @@ fn sentences_of_the_manual_are_short() {
         let sentences = sentences(&text);
         let words: usize = sentences.iter().map(Vec::len).sum();
         if words > MEAN_SENTENCE * sentences.len() {
-            wrong.push(format!(
-                "{name}: {words} words in {} sentences",
-                sentences.len()
-            ));
+            let count = sentences.len();
+            wrong.push(format!("{name}: {words} words in {count} sentences"));
         }
         let long = sentences
             .iter()
-            .filter(|sentence| sentence.len() > LONGEST_SENTENCE);
+            .filter(|words| words.len() > LONGEST_SENTENCE);
         wrong.extend(long.map(|sentence| format!("{name}: {}", sentence.join(" "))));
     }
     assert!(pages > 15, "{pages} pages");
@@ -359,18 +346,18 @@ fn sentences_of_the_manual_are_short() {
 
 #[test]
 fn tuned_constants_are_in_the_files_that_the_table_names() {
-    let text = fs::read_to_string(root().join("docs/tuning.md")).expect("the page is read");
     let mut constants = 0;
-    for row in text.lines().filter(|line| line.starts_with("| `")) {
+    for row in text("docs/tuning.md")
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+    {
         let mut cells = row.split(" | ");
         let names = cells.next().expect("a cell of names");
         let file = cells.next().expect("a cell of a file").trim_matches('`');
-        let source = fs::read_to_string(root().join(file)).expect(file);
+        let source = text(file);
         for name in names.split('`').skip(1).step_by(2) {
-            assert!(
-                source.contains(&format!("const {name}: ")),
-                "{name} in {file}"
-            );
+            let defined = format!("const {name}: ");
+            assert!(source.contains(&defined), "{name} in {file}");
             constants += 1;
         }
     }
@@ -379,22 +366,18 @@ fn tuned_constants_are_in_the_files_that_the_table_names() {
 
 #[test]
 fn parts_of_the_manual_keep_their_length() {
-    let docs = root().join("docs");
-    let summary = fs::read_to_string(docs.join("SUMMARY.md")).expect("the summary is read");
+    let summary = text("docs/SUMMARY.md");
     for part in ["Guide", "Theory", "Internals"] {
-        let (_, after) = summary
-            .split_once(&format!("\n# {part}\n"))
-            .expect("a part of the manual");
+        let split = summary.split_once(&format!("\n# {part}\n"));
+        let (_, after) = split.expect("a part of the manual");
         let chapters = after.split("\n# ").next().unwrap_or_default();
         // The page of tuned constants is a table to look things up in.
-        let pages: Vec<&str> = links(chapters)
-            .filter(|page| *page != "tuning.md")
-            .collect();
-        assert!(pages.len() > 4, "{part}: {pages:?}");
+        let pages = links(chapters).filter(|page| *page != "tuning.md");
+        let pages: Vec<String> = pages.map(|page| text(format!("docs/{page}"))).collect();
+        assert!(pages.len() > 4, "{part}: {} pages", pages.len());
         let words: usize = pages
             .iter()
-            .map(|page| fs::read_to_string(docs.join(page)).expect("a page is read"))
-            .map(|text| text.split_whitespace().count())
+            .map(|page| page.split_whitespace().count())
             .sum();
         assert!(words <= WORDS_OF_A_PART, "{part}: {words} words");
     }

@@ -38,33 +38,18 @@ fn running() -> Rig {
 #[test]
 fn the_bridge_opens_in_time_whatever_ends() {
     let rig = running();
-    let cases: [(&str, Act, f64, Option<Cause>); 8] = [
-        (
-            "samples stop",
-            Act::Converts(false),
-            5e-3,
-            Some(Cause::Window),
-        ),
-        (
-            "the crystal stops",
-            Act::CrystalStops,
-            1e-3,
-            Some(Cause::Software),
-        ),
+    let (window, software) = (Some(Cause::Window), Some(Cause::Software));
+    for (name, act, most, reset) in [
+        ("samples stop", Act::Converts(false), 5e-3, window),
+        ("the crystal stops", Act::CrystalStops, 1e-3, software),
         ("over-current", Act::OverCurrent(true), 1e-3, None),
         ("the supply sags", Act::Volts(2.8), 1e-3, None),
         ("a debugger halts", Act::Halt, 5e-3, None),
-        (
-            "everything hangs",
-            Act::Hang(Hang::Everything),
-            5e-3,
-            Some(Cause::Window),
-        ),
+        ("all hangs", Act::Hang(Hang::Everything), 5e-3, window),
         // Four cycles of 20 ms, and the current one.
         ("the control hangs", Act::Hang(Hang::Thread), 0.1, None),
         ("too hot", Act::ThermalSwitch(false), 0.04, None),
-    ];
-    for (name, act, most, reset) in cases {
+    ] {
         let mut rig = rig.clone();
         rig.tolerant = true;
         rig.at(3.0, act.clone()).run(3.2);
@@ -82,13 +67,9 @@ fn the_bridge_opens_in_time_whatever_ends() {
         }
         let again = rig.seen_after(3.0 + most, &Seen::Bridge(true));
         assert_eq!(again, None, "{name}");
-        if let Some(cause) = reset {
-            assert!(
-                rig.resets()[1..].iter().any(|seen| seen.1 == cause),
-                "{name}: {:?}",
-                rig.resets()
-            );
-        }
+        let resets = rig.resets();
+        let seen = |cause| resets[1..].iter().any(|seen| seen.1 == cause);
+        assert!(reset.is_none_or(seen), "{name}: {resets:?}");
     }
 }
 
@@ -149,10 +130,8 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
         rig.at(0.5, Act::Enable(true)).run(1.0);
         assert_eq!(rig.chip.board.clock(), 168_000_000, "{crystal}");
         // The lamp alone proves nothing: it is on while the board has no settings.
-        assert!(
-            rig.seen_after(0.0, &Seen::Fault(true)).is_some(),
-            "{crystal}"
-        );
+        let fault = rig.seen_after(0.0, &Seen::Fault(true));
+        assert!(fault.is_some(), "{crystal}");
         assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None, "{crystal}");
         assert_eq!(rig.resets().len(), 1, "{crystal}: {:?}", rig.resets());
         let told = rig.request(&Request::Status, |response| match response {
@@ -197,10 +176,8 @@ fn damaged_settings_never_drive() {
             .at(3.2, Act::Enable(true))
             .run(4.0);
         assert_eq!(rig.seen_after(1.0, &Seen::Bridge(true)), None, "bit {bit}");
-        assert!(
-            rig.seen_after(1.5, &Seen::Fault(true)).is_some(),
-            "bit {bit}"
-        );
+        let fault = rig.seen_after(1.5, &Seen::Fault(true));
+        assert!(fault.is_some(), "bit {bit}");
         assert_eq!(rig.kept(), Kept::Damaged, "bit {bit}");
     }
 }

@@ -13,12 +13,11 @@ use kband_bus::rtu;
 use kband_control::wire::{Request, Response};
 use kband_control::{Fault, Settings, State, Target};
 use kband_host::board::{Address, Emulated};
+use kband_tests::bus::{self, UNIT};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
 
-/// Unit of the board.
-const UNIT: u8 = 17;
 /// Longest life of the emulator, and longest wait for a state.
 const LIMIT: Duration = Duration::from_secs(600);
 const WAIT: Duration = Duration::from_secs(120);
@@ -49,11 +48,8 @@ impl Board {
     /// Starts the board with this flash.
     fn start(image: &Path, flash: &Path) -> Self {
         let terminal = Terminal::on_bus(image, flash, LIMIT);
-        let line = File::options()
-            .read(true)
-            .write(true)
-            .open(terminal.port())
-            .unwrap();
+        let line = File::options().read(true).write(true).open(terminal.port());
+        let line = line.unwrap();
         Self { terminal, line }
     }
 
@@ -93,9 +89,7 @@ struct Master {
 impl Master {
     /// Function and data of the answer to a request; it is repeated twice.
     fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
-        let mut frame = vec![UNIT];
-        frame.extend(pdu);
-        frame.extend(rtu::crc(&frame).to_le_bytes());
+        let frame = bus::frame(UNIT, pdu);
         for _ in 0..3 {
             self.line.write_all(&frame).unwrap();
             let mut answer = Vec::new();
@@ -111,19 +105,14 @@ impl Master {
     }
 
     fn word(&mut self, address: u16) -> u16 {
-        let [a, b] = address.to_be_bytes();
-        match self.ask(&[3, a, b, 0, 1])[..] {
+        match self.ask(&bus::read(address, 1))[..] {
             [3, 2, high, low] => u16::from_be_bytes([high, low]),
             ref other => panic!("{address}: {other:?}"),
         }
     }
 
     fn write(&mut self, address: u16, words: &[u16]) {
-        let mut pdu = vec![16];
-        pdu.extend(address.to_be_bytes());
-        pdu.extend((words.len() as u16).to_be_bytes());
-        pdu.push(2 * words.len() as u8);
-        pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        let pdu = bus::write(address, words);
         assert_eq!(self.ask(&pdu), pdu[..5], "{address}");
     }
 
@@ -138,7 +127,7 @@ impl Master {
     fn wait(&mut self, address: u16, mask: u16, value: u16) {
         let end = Instant::now() + WAIT;
         while self.word(address) & mask != value {
-            let seen = [(0, 10), (16, 16)].map(|(at, count)| self.ask(&[3, 0, at, 0, count]));
+            let seen = [(0, 10), (16, 16)].map(|(at, count)| self.ask(&bus::read(at, count)));
             assert!(Instant::now() < end, "register {address}: {seen:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -164,12 +153,15 @@ fn float(number: f32) -> [u16; 2] {
     [(bits >> 16) as u16, bits as u16]
 }
 
-/// A folder with a flash in which the bus has this authority, and the board's address.
-fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
+/// A folder with a flash in which the bus has this authority, a board with this flash, and its
+/// address.
+fn commissioned(bus: f32) -> (tempfile::TempDir, Board, Address) {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("board.flash");
     let address = Address {
-        flash_image: Some(folder.path().join("board.flash")),
-        ..Address::of("qemu", Some(image))
+        flash_image: Some(flash.clone()),
+        ..Address::of("qemu", Some(&image))
     };
     let mut link = address.open(Emulated::AtRest).unwrap();
     for request in [
@@ -182,14 +174,13 @@ fn commissioned(image: &Path, bus: f32) -> (tempfile::TempDir, Address) {
         link.ask(&request, |response| assert_eq!(response, Response::Done))
             .unwrap();
     }
-    (folder, address)
+    drop(link);
+    (folder, Board::start(&image, &flash), address)
 }
 
 #[test]
 fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let (folder, address) = commissioned(&image, 2.0);
-    let emulated = Board::start(&image, &folder.path().join("board.flash"));
+    let (_folder, emulated, address) = commissioned(2.0);
     let mut board = emulated.master();
     board.write(CONTROL, &[0, 1]);
     board.write(CONTROL, &[1]);
@@ -205,10 +196,8 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     board.set("sensitivity", 0.5);
     board.write(CONTROL, &[1]);
     board.wait_for(State::Fault);
-    assert_eq!(
-        board.word(FAULT),
-        u16::from(Fault::SensorImplausible.number())
-    );
+    let fault = Fault::SensorImplausible.number();
+    assert_eq!(board.word(FAULT), u16::from(fault));
     board.write(CONTROL, &[0]);
     board.write(CONTROL, &[0x80]);
     board.wait_for(State::Off);
@@ -262,9 +251,7 @@ fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
 /// The master of Debian, on libmodbus.
 #[test]
 fn mbpoll_reads_and_runs_the_board() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let (folder, _) = commissioned(&image, 1.0);
-    let board = Board::start(&image, &folder.path().join("board.flash"));
+    let (_folder, board, _) = commissioned(1.0);
     board.wait_until_started();
     let version = mbpoll(&board, "-r 80 -c 1", &[]);
     assert!(version.contains("[80]: \t1"), "{version}");
@@ -295,9 +282,7 @@ fn mbpoll_reads_and_runs_the_board() {
 /// The master of PyPI.
 #[test]
 fn pymodbus_reads_and_runs_the_board() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let (folder, _) = commissioned(&image, 1.0);
-    let board = Board::start(&image, &folder.path().join("board.flash"));
+    let (_folder, board, _) = commissioned(1.0);
     let root = kband_tests::root();
     let python = images::target_folder().join("python/venv/bin/python3");
     let said = run(Command::new(python)
@@ -311,8 +296,7 @@ fn pymodbus_reads_and_runs_the_board() {
 /// The library of C that many masters use.
 #[test]
 fn libmodbus_reads_and_runs_the_board() {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let (folder, _) = commissioned(&image, 1.0);
+    let (folder, board, _) = commissioned(1.0);
     let client = folder.path().join("client");
     let source = kband_tests::root().join("tests/clients/board.c");
     let compiled = ["-Wall", "-Wextra", "-Werror", "-o"];
@@ -321,7 +305,6 @@ fn libmodbus_reads_and_runs_the_board() {
         .arg(&client)
         .arg(&source)
         .arg("-lmodbus"));
-    let board = Board::start(&image, &folder.path().join("board.flash"));
     board.wait_until_started();
     let said = run(Command::new(client)
         .arg(board.terminal.port())

@@ -46,11 +46,8 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
         // Garbage, seldom longer than any frame.
         kind @ 0..=11 => {
             let long = kind == 11 && any >> 32 & 15 == 0;
-            let size = if long {
-                600
-            } else {
-                (any >> 8) as usize % 4 + 1
-            };
+            let short = (any >> 8) as usize % 4 + 1;
+            let size = if long { 600 } else { short };
             let byte = |_| random.bits() as u8 | 1;
             (0..size).map(byte).chain([0]).collect()
         }
@@ -139,10 +136,8 @@ fn flood(kind: Kind) {
     assert!((lost as f64) < 0.01 * came as f64, "{lost} of {came}");
     assert!(after.corrupt > before.corrupt && after.requests > before.requests);
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
-    assert!(
-        sampling.count as f64 > 19_990.0 * lasted - 100.0,
-        "{sampling:?} in {lasted} s"
-    );
+    let due = 19_990.0 * lasted - 100.0;
+    assert!(sampling.count as f64 > due, "{sampling:?} in {lasted} s");
     assert!(low > 0.98 * held && high < 1.02 * held);
     assert_eq!(rig.resets().len(), 1);
     let state = rig.request(&Request::Status, |response| match response {

@@ -7,7 +7,7 @@ use kband::arithmetic::Phase;
 use kband::regime::gear::GearWatch;
 use kband_control::wire::Telemetry;
 use kband_control::{Event, Settings, State, Target};
-use kband_plant::{Change, DriveModel, EnvelopeLoop, Scene};
+use kband_plant::{Change, EnvelopeLoop, Scene};
 
 /// A scene of one part with random restitution, correctly configured.
 fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
@@ -18,18 +18,16 @@ fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
         second_tone,
         ..Settings::default()
     };
-    Scene {
+    let mut scene = Scene {
         settings,
         target: Target::Gear { order: 1 },
-        drive: DriveModel {
-            second_gain: settings.second_gain,
-            second_lag: settings.second_lag,
-            ..DriveModel::default()
-        },
         parts: std::iter::once(restitution).collect(),
         scatter: std::iter::once(scatter).collect(),
         ..Scene::default()
-    }
+    };
+    scene.drive.second_gain = settings.second_gain;
+    scene.drive.second_lag = settings.second_lag;
+    scene
 }
 
 /// Share of time in gear of the part over some cycles.
@@ -83,10 +81,8 @@ fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
             }
             let last = closed.controller().gear().unwrap();
             mean += lowest / runs as f64;
-            assert!(
-                second_tone > 0.0 || last.k > first.k + 0.05,
-                "{first:?} {last:?}"
-            );
+            let follows = second_tone > 0.0 || last.k > first.k + 0.05;
+            assert!(follows, "{first:?} {last:?}");
         }
         assert!(mean > least, "{second_tone}: {mean}");
     }
@@ -130,10 +126,8 @@ fn lost_gear_returns_without_a_kick_or_another_setpoint() {
 #[test]
 fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
     let mut wide = scene(0.3, 0.1, 0.0);
-    (
-        wide.settings.restitution_low,
-        wide.settings.restitution_high,
-    ) = (0.05, 0.6);
+    wide.settings.restitution_low = 0.05;
+    wide.settings.restitution_high = 0.6;
     for (scene, poor) in [(wide, 1), (scene(0.2, 0.05, 0.0), 0)] {
         let mut closed = EnvelopeLoop::build(&scene).unwrap();
         let mut said = 0;
@@ -146,11 +140,8 @@ fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
         assert_eq!(said, poor, "{plan:?}");
         assert!(plan.settled && (plan.share < 0.7) == (poor > 0), "{plan:?}");
         assert_eq!(report.state, State::Holding);
-        assert!(
-            (report.k / plan.k - 1.0).abs() < 0.02,
-            "{} {plan:?}",
-            report.k
-        );
+        let k = report.k;
+        assert!((k / plan.k - 1.0).abs() < 0.02, "{k} {plan:?}");
         // The telemetry contains the share.
         assert_eq!(Telemetry::from(&report).expected_in_gear, plan.share);
     }
@@ -185,11 +176,8 @@ fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
                     lamp[usize::from(closed.controller().is_ready())] += 1;
                 }
             }
-            assert_eq!(
-                lamp[usize::from(!lit)],
-                0,
-                "{parts} parts of {restitution}: {lamp:?}"
-            );
+            let wrong = lamp[usize::from(!lit)];
+            assert_eq!(wrong, 0, "{parts} parts of {restitution}: {lamp:?}");
         }
     }
 }

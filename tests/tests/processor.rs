@@ -42,11 +42,8 @@ fn a_capture_over_a_serial_port_has_the_bits_of_the_desk() {
     for (a, b) in emulated.moments().iter().zip(simulated.moments()) {
         assert_eq!(a, b);
     }
-    assert!(
-        emulated
-            .events()
-            .any(|happened| happened.event == Event::Locked)
-    );
+    let mut events = emulated.events();
+    assert!(events.any(|happened| happened.event == Event::Locked));
     assert_eq!(emulated.last().fault, Some(Fault::WatchdogReset));
 }
 
@@ -69,15 +66,12 @@ fn a_killed_desk_takes_its_emulator_along() {
     let folder = tempfile::tempdir().unwrap();
     let held = folder.path().join("held");
     std::fs::copy(image(), &held).unwrap();
+    let name = held.display().to_string();
     let running = || {
         let processes = std::fs::read_dir("/proc").unwrap().flatten();
-        let name = held.display().to_string();
-        processes
-            .filter_map(|process| std::fs::read(process.path().join("cmdline")).ok())
-            .any(|line| {
-                let line = String::from_utf8_lossy(&line).into_owned();
-                line.starts_with("qemu") && line.contains(&name)
-            })
+        let lines = processes.flat_map(|process| std::fs::read(process.path().join("cmdline")));
+        let mut lines = lines.map(|line| String::from_utf8_lossy(&line).into_owned());
+        lines.any(|line| line.starts_with("qemu") && line.contains(&name))
     };
     let wait_for = |wanted: bool| {
         let end = Instant::now() + Duration::from_secs(40);

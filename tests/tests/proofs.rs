@@ -5,9 +5,10 @@
 use std::collections::BTreeSet;
 
 use kband_control::{Cycle, Fault, Limits, Report, StartCause, State, TRANSITIONS, Target};
-use kband_host::simulate::{Outcome, SceneFile};
+use kband_host::simulate::Outcome;
 use kband_plant::{Change, Scene};
 use kband_tests::broken::{Break, run};
+use kband_tests::scenes::read;
 
 /// Behaviour that a scene shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,12 +109,6 @@ macro_rules! table {
 }
 kband_tests::all_scenes!(table);
 
-fn read(name: &str) -> SceneFile {
-    let folder = kband_tests::root().join("tests/scenes");
-    let text = std::fs::read_to_string(folder.join(name).with_extension("toml")).unwrap();
-    SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{name}: {refusal}"))
-}
-
 /// Whether the outcome is that of the scene's expectations.
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
@@ -190,22 +185,12 @@ fn each_state_change_has_a_scene_that_fails_without_it() {
     }
     let drawn = TRANSITIONS.map(|change| (change.from.number(), change.to.number()));
     for change in drawn {
-        assert!(
-            made.contains(&change),
-            "no scene goes from {}",
-            words(change)
-        );
-        assert!(
-            proven.contains(&change),
-            "no scene misses {}",
-            words(change)
-        );
+        let what = words(change);
+        assert!(made.contains(&change), "no scene goes from {what}");
+        assert!(proven.contains(&change), "no scene misses {what}");
     }
-    let undrawn: Vec<String> = made
-        .into_iter()
-        .filter(|change| !drawn.contains(change))
-        .map(words)
-        .collect();
+    let undrawn = made.into_iter().filter(|change| !drawn.contains(change));
+    let undrawn: Vec<String> = undrawn.map(words).collect();
     assert!(undrawn.is_empty(), "not in the state table: {undrawn:?}");
 }
 
@@ -215,10 +200,8 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
         let path = entry.unwrap().path();
         if path.extension().is_some_and(|ending| ending == "toml") {
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-            assert!(
-                PROOFS.iter().any(|(scene, ..)| *scene == name),
-                "{name} has no proof"
-            );
+            let proven = PROOFS.iter().any(|(scene, ..)| *scene == name);
+            assert!(proven, "{name} has no proof");
         }
     }
     let shows = |wanted: Shows| PROOFS.iter().any(|(_, shows, _)| *shows == wanted);
@@ -244,11 +227,8 @@ fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
             let at = disturbance.at;
             let mut after = outcome.moments().iter().filter(|moment| moment.time > at);
             let state = after.next().map(|moment| moment.report.state);
-            let obeyed = [State::Off, State::Stopping, State::Fault];
-            assert!(
-                state.is_some_and(|state| obeyed.contains(&state)),
-                "{name} at {at} s: {state:?}"
-            );
+            let obeyed = matches!(state, Some(State::Off | State::Stopping | State::Fault));
+            assert!(obeyed, "{name} at {at} s: {state:?}");
             times += 1;
         }
     }

@@ -21,12 +21,10 @@ fn one_of<T: Copy>(random: &mut Random, all: &[T]) -> T {
 /// A feeder of any size, tuned near its resonance, with parts of the configured lot.
 fn scene(random: &mut Random) -> Scene {
     let mut scene = Scene::default();
-    let frequency = one_of(
-        random,
-        &[
-            20.0, 25.0, 33.3, 50.0, 50.0, 60.0, 77.0, 100.0, 120.0, 150.0, 200.0,
-        ],
-    );
+    let all = [
+        20.0, 25.0, 33.3, 50.0, 50.0, 60.0, 77.0, 100.0, 120.0, 150.0, 200.0,
+    ];
+    let frequency = one_of(random, &all);
     let square = (TAU * frequency).powi(2);
     // Amplitude in mm at k = 0.35.
     let unit = 1e3 * STANDARD_GRAVITY / (0.35 * square);
@@ -112,15 +110,8 @@ fn hostile(random: &mut Random) -> Scene {
     settings.amplitude_limit = (unit * random.scale(0.8, 8.0)) as f32;
     settings.acceleration_limit = (random.scale(0.8, 8.0) * STANDARD_GRAVITY / 0.35) as f32;
     settings.safe_amplitude = settings.safe_amplitude.min(0.2 * settings.amplitude_limit);
-    scene.target = one_of(
-        random,
-        &[
-            scene.target,
-            Target::Chaotic,
-            Target::Speed(60.0),
-            Target::Identify,
-        ],
-    );
+    let others = [Target::Chaotic, Target::Speed(60.0), Target::Identify];
+    scene.target = one_of(random, &[scene.target, others[0], others[1], others[2]]);
     let mixed = random.bits().is_multiple_of(3);
     for part in &mut scene.parts {
         *part = if mixed {
@@ -189,7 +180,6 @@ struct End {
 }
 
 /// Rhythm of the parts over a window: number of strikes, sums of cosine and sine of their phases.
-#[derive(Default)]
 struct Rhythm {
     cycles: u32,
     parts: Vec<(f64, f64, f64)>,
@@ -207,10 +197,10 @@ impl Rhythm {
         self.cycles += 1;
         for strike in strikes {
             let (count, cosines, sines) = &mut self.parts[usize::from(strike.part)];
-            let phase = (strike.time as u32) as f64 / 4_294_967_296.0 * TAU;
+            let (sine, cosine) = ((strike.time as u32) as f64 / 4_294_967_296.0 * TAU).sin_cos();
             *count += 1.0;
-            *cosines += phase.cos();
-            *sines += phase.sin();
+            *cosines += cosine;
+            *sines += sine;
         }
     }
 
@@ -247,10 +237,8 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         let report = moment.report;
         let mut say = |what: String| {
             if wrong.len() < 4 {
-                wrong.push(format!(
-                    "{what} at {:.2} s in {:?}",
-                    moment.time, report.state
-                ));
+                let (time, state) = (moment.time, report.state);
+                wrong.push(format!("{what} at {time:.2} s in {state:?}"));
             }
         };
         let amplitude = report.command.amplitude;
@@ -259,12 +247,8 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if !(0.0..=settings.output_maximum).contains(&amplitude) {
             say(format!("output {amplitude}"));
         }
-        let told = [
-            report.amplitude,
-            report.reference,
-            report.lead,
-            report.frequency,
-        ];
+        let (lead, frequency) = (report.lead, report.frequency);
+        let told = [report.amplitude, report.reference, lead, frequency];
         if !told.iter().all(|number| number.is_finite()) {
             say(format!("{told:?}"));
         }
@@ -284,29 +268,23 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         }
         // The inputs of this cycle are at most two cycles old.
         let since = moment.time - 2.0 / f64::from(settings.frequency);
-        let enable = scene
-            .disturbances
-            .iter()
-            .rev()
-            .find_map(|happened| match happened.change {
-                Change::Enable(on) if happened.at <= since => Some(on),
-                _ => None,
-            });
+        let mut latest = scene.disturbances.iter().rev();
+        let enable = latest.find_map(|happened| match happened.change {
+            Change::Enable(on) if happened.at <= since => Some(on),
+            _ => None,
+        });
         let acknowledged = report.fault.is_none() && enable == Some(false);
         if fault.is_some() && report.fault != fault && !acknowledged && !restarts {
             say(format!("{fault:?} became {:?}", report.fault));
         }
         fault = report.fault;
         if !(0.0..=1.0).contains(&report.in_gear) || report.in_gear_error.is_nan() {
-            say(format!(
-                "in gear {} +- {}",
-                report.in_gear, report.in_gear_error
-            ));
+            let (share, error) = (report.in_gear, report.in_gear_error);
+            say(format!("in gear {share} +- {error}"));
         }
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
-            let known =
-                |way: &&kband_control::Transition| way.from == before && way.to == report.state;
-            if !TRANSITIONS.iter().any(|way| known(&way)) {
+            let mut ways = TRANSITIONS.iter();
+            if !ways.any(|way| way.from == before && way.to == report.state) {
                 say(format!("{before:?} went to {:?}", report.state));
             }
         }
@@ -437,9 +415,6 @@ fn a_misconfigured_feeder_keeps_to_its_rules() {
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(2 * ends.refused < ends.count, "{} refused", ends.refused);
     assert!(20 * ends.faults > ends.count, "{} faults", ends.faults);
-    assert!(
-        10 * ends.other_faults <= ends.count,
-        "{}",
-        ends.other_faults
-    );
+    let other = ends.other_faults;
+    assert!(10 * other <= ends.count, "{other}");
 }

@@ -36,24 +36,20 @@ fn desk(scene: &Scene) -> f64 {
     f64::from(last.amplitude) * 1e3
 }
 
-/// The board with this configuration, after 4 s.
-fn board(scene: &Scene) -> Rig {
+/// A board with these settings and the scene's target, enabled at a time in s, after some halves of
+/// a second.
+fn board(scene: &Scene, told: &[(&str, f32)], enabled: f64, halves: i32) -> Rig {
     let mut rig = Rig::with(chip_of(Kind::Stm32f405, &feeder()), scene);
     rig.chip.power_on();
     rig.run(0.3);
-    let told = &scene.settings;
-    for (key, value) in [
-        ("safe_amplitude", told.safe_amplitude),
-        ("frequency", told.frequency),
-        ("resonance", told.resonance),
-    ] {
+    for &(key, value) in told {
         rig.request_done(&Request::Set { key, value });
     }
     rig.request_done(&Request::Target(scene.target));
     rig.request_done(&Request::Save);
     // The desk keeps sending: a silent one would bring the safe amplitude.
-    rig.at(2.0, Act::Enable(true));
-    for half in 1..=12 {
+    rig.at(enabled, Act::Enable(true));
+    for half in 1..=halves {
         if half == 6 {
             rig.chip.forget_handlers();
         }
@@ -65,7 +61,13 @@ fn board(scene: &Scene) -> Rig {
 
 fn holds(frequency: f32, k: f32) {
     let scene = machine(frequency, k);
-    let (mut rig, desk) = (board(&scene), desk(&scene));
+    let settings = &scene.settings;
+    let told = [
+        ("safe_amplitude", settings.safe_amplitude),
+        ("frequency", settings.frequency),
+        ("resonance", settings.resonance),
+    ];
+    let (mut rig, desk) = (board(&scene, &told, 2.0, 12), desk(&scene));
     let held = rig.amplitude();
     let sampling = rig.chip.handler(SAMPLE);
     for (name, exception, deadline) in [
@@ -122,19 +124,8 @@ fn the_image_holds_a_second_tone_and_reports_wrong_settings() {
     };
     scene.settings.second_tone = 0.25;
     scene.drive.second_gain = 0.5;
-    let mut rig = Rig::with(chip_of(Kind::Stm32f405, &feeder()), &scene);
-    rig.chip.power_on();
-    rig.run(0.3);
-    for (key, value) in [("second_tone", 0.25), ("second_gain", 0.25)] {
-        rig.request_done(&Request::Set { key, value });
-    }
-    rig.request_done(&Request::Target(scene.target));
-    rig.request_done(&Request::Save);
-    rig.at(1.0, Act::Enable(true));
-    for half in 1..=16 {
-        rig.run(f64::from(half) * 0.5);
-        rig.request_done(&Request::Alive);
-    }
+    let told = [("second_tone", 0.25), ("second_gain", 0.25)];
+    let mut rig = board(&scene, &told, 1.0, 16);
     let (amplitude, made) = rig.chip.board.world.bench.tones();
     let normal = f64::from(scene.settings.gravity) * 3_f64.to_radians().cos();
     let held = normal / (f64::from(amplitude) * (std::f64::consts::TAU * 50.0).powi(2));

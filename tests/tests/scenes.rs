@@ -2,16 +2,12 @@
 
 use kband_control::Event;
 use kband_host::desk::Desk;
-use kband_host::simulate::{Fidelity, Outcome, SceneFile, Watch, watched};
+use kband_host::simulate::{Fidelity, Outcome, Watch, watched};
 use kband_plant::Moment;
+use kband_tests::scenes;
 
 fn run(name: &str) {
-    let path = kband_tests::root()
-        .join("tests/scenes")
-        .join(name)
-        .with_extension("toml");
-    let text = std::fs::read_to_string(path).unwrap();
-    let file = SceneFile::parse(&text).unwrap_or_else(|refusal| panic!("{refusal}"));
+    let file = scenes::read(name);
     let desk = Desk::new(Some(1)).unwrap();
     let come_to = |fidelity: Fidelity| {
         let outcome = watched(&file, fidelity, Watch::KEPT, &desk)
@@ -19,12 +15,7 @@ fn run(name: &str) {
         let unmet = outcome
             .unmet()
             .expect("a scene states what must come of it");
-        assert!(
-            unmet.is_empty(),
-            "{}: {}",
-            fidelity.name(),
-            unmet.join("\n")
-        );
+        assert!(unmet.is_empty(), "{fidelity:?}: {}", unmet.join("\n"));
         let most = 1.0001e-3 * file.scene.settings.amplitude_limit;
         for moment in outcome.moments() {
             let reference = moment.report.reference;
@@ -68,11 +59,8 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     let [(fast_events, fast_first), (slow_events, slow_first)] =
         [envelope, waveform].map(kicks_as_one);
     assert_eq!(fast_events, slow_events);
-    let until = if alike {
-        f64::INFINITY
-    } else {
-        fast_first.min(slow_first)
-    };
+    let first = fast_first.min(slow_first);
+    let until = if alike { f64::INFINITY } else { first };
     let b = |moment: &Moment| f64::from(moment.report.amplitude);
     // Where the drive never runs, b is noise, and a ratio is meaningless.
     let safe = f64::from(waveform.file().scene.settings.safe_amplitude) * 1e-3;
@@ -80,11 +68,10 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     let off = |n: usize| {
         // A kick that begins a few cycles apart is the same kick.
         let near = n.saturating_sub(SHIFT)..(n + SHIFT + 1).min(slow.len());
-        let (low, high) = near
-            .map(|n| b(&slow[n]))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), b| {
-                (low.min(b), high.max(b))
-            });
+        let near = near.map(|n| b(&slow[n]));
+        let (low, high) = near.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), b| {
+            (low.min(b), high.max(b))
+        });
         (b(&fast[n]) - high).max(low - b(&fast[n])).max(0.0) / largest
     };
     let (worst, when) = (0..fast.len())

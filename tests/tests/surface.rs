@@ -24,41 +24,24 @@ const LIMIT: &str = "600";
 
 /// Runs rustdoc on a crate; returns the JSON file.
 fn described(package: &str) -> PathBuf {
-    let folder = std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from);
     // A folder of its own: unstable options would recompile everything else.
-    let folder = root().join(folder).join("surface");
+    let folder = kband_tests::images::target_folder().join("surface");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new("timeout");
     command.args(["--kill-after=5", LIMIT]).arg(cargo);
-    command.args([
-        "rustdoc",
-        "--quiet",
-        "--locked",
-        "--package",
-        package,
-        "--lib",
-    ]);
+    command.args(["rustdoc", "--quiet", "--locked", "--lib"]);
+    command.args(["--package", package]);
     command.arg("--target-dir").arg(&folder);
     command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
-    for flags in [
-        "RUSTFLAGS",
-        "RUSTDOCFLAGS",
-        "CARGO_ENCODED_RUSTFLAGS",
-        "CARGO_BUILD_TARGET",
-    ] {
-        command.env_remove(flags);
-    }
-    let output = command
-        .env("RUSTC_BOOTSTRAP", "1")
-        .current_dir(root())
-        .stdin(Stdio::null())
-        .output()
-        .expect("the command timeout is on the path");
-    assert!(
-        output.status.success(),
-        "rustdoc does not describe the crate:\n{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    command.env_remove("RUSTFLAGS").env_remove("RUSTDOCFLAGS");
+    command.env_remove("CARGO_ENCODED_RUSTFLAGS");
+    command.env_remove("CARGO_BUILD_TARGET");
+    command.env("RUSTC_BOOTSTRAP", "1").current_dir(root());
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.expect("the command timeout is on the path");
+    let said = String::from_utf8_lossy(&output.stderr);
+    let done = output.status.success();
+    assert!(done, "rustdoc does not describe the crate:\n{said}");
     folder.join("doc").join(package.replace('-', "_") + ".json")
 }
 
@@ -83,26 +66,19 @@ fn surface(description: &Path) -> Vec<String> {
 
 /// The lines with derived traits appended to their types.
 fn with_derived(named: &[String], derived: &[&str]) -> Vec<String> {
-    let path = |name: &str| {
-        name.split(['<', '(', ' '])
-            .next()
-            .unwrap_or(name)
-            .to_owned()
-    };
-    let mut traits = BTreeMap::<String, BTreeSet<&str>>::new();
+    let path = |name: &str| name.split(['<', '(', ' ']).next().map(str::to_owned);
+    let mut traits = BTreeMap::<Option<String>, BTreeSet<&str>>::new();
     for line in derived {
         let (implemented, of) = line.rsplit_once(" for ").expect("a trait is for a type");
-        let last = implemented
-            .split(['<', ' ', ':'])
-            .rfind(|part| part.starts_with(|first: char| first.is_ascii_uppercase()));
+        let mut parts = implemented.split(['<', ' ', ':']);
+        let last = parts.rfind(|part| part.starts_with(|first: char| first.is_ascii_uppercase()));
         let last = last.expect("a trait has a name");
         traits.entry(path(of)).or_default().insert(last);
     }
     let mut taken = 0;
     let lines = named.iter().map(|line| {
-        let of = ["pub struct ", "pub enum "]
-            .iter()
-            .find_map(|kind| line.split_once(kind));
+        let mut kinds = ["pub struct ", "pub enum "].iter();
+        let of = kinds.find_map(|kind| line.split_once(kind));
         match of.and_then(|(_, name)| traits.get(&path(name))) {
             Some(of) => {
                 taken += 1;
@@ -160,10 +136,8 @@ fn compare(now: &[String], list: &str) {
     let (gone, new) = (missing(&accepted, now), missing(now, &accepted));
     println!("{list}: {} public names and traits", now.len());
     let each = |sign: char, lines: &[&str]| -> String {
-        lines
-            .iter()
-            .map(|line| format!("{sign} {line}\n"))
-            .collect()
+        let each = lines.iter().map(|line| format!("{sign} {line}\n"));
+        each.collect()
     };
     assert!(
         gone.is_empty() && new.is_empty(),

@@ -26,37 +26,19 @@ pub enum Code {
     Panic = 5,
 }
 
-impl Code {
-    const ALL: [Self; 6] = [
-        Self::Ok,
-        Self::Null,
-        Self::OutOfRange,
-        Self::Scene,
-        Self::None,
-        Self::Panic,
-    ];
-
-    /// Its text, with the zero at the end.
-    fn text(self) -> &'static str {
-        match self {
-            Self::Ok => "done\0",
-            Self::Null => "a pointer is null\0",
-            Self::OutOfRange => "a value is out of range\0",
-            Self::Scene => "the text is no scene\0",
-            Self::None => "there is no such band or plan\0",
-            Self::Panic => "an error of kband; report it\0",
-        }
-    }
-}
-
 /// Text of a code; of another number "no code of kband".
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_code_text(code: i32) -> *const c_char {
-    let known = Code::ALL.into_iter().find(|known| *known as i32 == code);
-    known
-        .map_or("no code of kband\0", Code::text)
-        .as_ptr()
-        .cast()
+    let text = match code {
+        code if code == Code::Ok as i32 => c"done",
+        code if code == Code::Null as i32 => c"a pointer is null",
+        code if code == Code::OutOfRange as i32 => c"a value is out of range",
+        code if code == Code::Scene as i32 => c"the text is no scene",
+        code if code == Code::None as i32 => c"there is no such band or plan",
+        code if code == Code::Panic as i32 => c"an error of kband; report it",
+        _ => c"no code of kband",
+    };
+    text.as_ptr()
 }
 
 /// Longest message in bytes; it is cut there.
@@ -107,25 +89,17 @@ impl Failure {
             "velocity" => "speed",
             other => other,
         };
-        Self::new(
-            Code::OutOfRange,
-            format_args!(
-                "{name}[{index}] = {} is refused; accepted: {}",
-                refused.value, refused.accepted
-            ),
-        )
+        let (value, accepted) = (refused.value, refused.accepted);
+        let message = format_args!("{name}[{index}] = {value} is refused; accepted: {accepted}");
+        Self::new(Code::OutOfRange, message)
     }
 }
 
 impl From<OutOfRange> for Failure {
     fn from(refused: OutOfRange) -> Self {
-        Self::new(
-            Code::OutOfRange,
-            format_args!(
-                "{} = {} is refused; accepted: {}",
-                refused.parameter, refused.value, refused.accepted
-            ),
-        )
+        let (name, value, accepted) = (refused.parameter, refused.value, refused.accepted);
+        let message = format_args!("{name} = {value} is refused; accepted: {accepted}");
+        Self::new(Code::OutOfRange, message)
     }
 }
 
@@ -147,33 +121,9 @@ pub(crate) fn call(work: impl FnOnce() -> Result<(), Failure>) -> Code {
     }
 }
 
-/// The object behind a pointer.
-///
-/// # Safety
-/// A pointer that is not null points to an object that nothing else uses during the call.
-pub(crate) unsafe fn object<'a, T>(pointer: *mut T, name: &str) -> Result<&'a mut T, Failure> {
-    // SAFETY: as the caller says.
-    unsafe { pointer.as_mut() }
-        .ok_or_else(|| Failure::new(Code::Null, format_args!("{name} is null")))
-}
-
-/// Refuses a place for a result that is null; called before the work, which is then not lost.
-pub(crate) fn there<T>(pointer: *mut T, name: &str) -> Result<(), Failure> {
-    if pointer.is_null() {
-        return Err(Failure::new(Code::Null, format_args!("{name} is null")));
-    }
-    Ok(())
-}
-
-/// Writes a result where the caller wants it.
-///
-/// # Safety
-/// A pointer that is not null may be written to.
-pub(crate) unsafe fn put<T>(pointer: *mut T, name: &str, value: T) -> Result<(), Failure> {
-    there(pointer, name)?;
-    // SAFETY: as the caller says.
-    unsafe { pointer.write(value) };
-    Ok(())
+/// What a pointer points to; refused where it is null.
+pub(crate) fn there<T>(pointer: Option<T>, name: &str) -> Result<T, Failure> {
+    pointer.ok_or_else(|| Failure::new(Code::Null, format_args!("{name} is null")))
 }
 
 /// Copies why the last failed call of this thread failed, with a zero at the end, into `size` bytes;

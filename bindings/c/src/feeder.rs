@@ -1,13 +1,17 @@
 //! Scene, plant, signal path and controller as opaque handles.
 
-use std::ffi::c_char;
+use std::collections::BTreeMap;
+use std::ffi::{CString, c_char};
+use std::mem::MaybeUninit;
+use std::ptr::NonNull;
 use std::slice;
+use std::sync::OnceLock;
 
 use kband_control::{AdcCode, Controller, Fault, Inputs, Signal, State, Target};
 use kband_plant::Bench;
 use kband_scene::SceneFile;
 
-use crate::failure::{Code, Failure, call, object, put, there};
+use crate::failure::{Code, Failure, call, there};
 
 /// Samples a second.
 pub const SAMPLE_RATE: u32 = 20_000;
@@ -49,34 +53,31 @@ pub struct BoardInputs {
     pub clock_failed: bool,
 }
 
-impl From<Inputs> for BoardInputs {
-    fn from(inputs: Inputs) -> Self {
-        Self {
-            enable: inputs.enable,
-            over_temperature: inputs.over_temperature,
-            link_heard: inputs.link_heard,
-            stack_low: inputs.stack_low,
-            over_current: inputs.over_current,
-            supply_low: inputs.supply_low,
-            clock_failed: inputs.clock_failed,
+/// Conversions between the inputs of the board here and in the controller, by their equal names.
+macro_rules! same_inputs {
+    ($($name:ident),+) => {
+        impl From<Inputs> for BoardInputs {
+            fn from(inputs: Inputs) -> Self {
+                Self { $($name: inputs.$name),+ }
+            }
         }
-    }
-}
 
-impl From<BoardInputs> for Inputs {
-    fn from(inputs: BoardInputs) -> Self {
-        Self {
-            enable: inputs.enable,
-            over_temperature: inputs.over_temperature,
-            link_heard: inputs.link_heard,
-            stack_low: inputs.stack_low,
-            over_current: inputs.over_current,
-            supply_low: inputs.supply_low,
-            clock_failed: inputs.clock_failed,
-            ..Self::default()
+        impl From<BoardInputs> for Inputs {
+            fn from(inputs: BoardInputs) -> Self {
+                Self { $($name: inputs.$name,)+ ..Self::default() }
+            }
         }
-    }
+    };
 }
+same_inputs!(
+    enable,
+    over_temperature,
+    link_heard,
+    stack_low,
+    over_current,
+    supply_low,
+    clock_failed
+);
 
 /// Answer of the signal path to a sample.
 #[repr(C)]
@@ -140,43 +141,22 @@ pub enum TargetKind {
 pub unsafe extern "C" fn kband_scene_parse(
     text: *const c_char,
     length: usize,
-    scene: *mut *mut SceneHandle,
+    scene: Option<&mut MaybeUninit<Box<SceneHandle>>>,
 ) -> Code {
     call(|| {
+        let text = there(NonNull::new(text.cast_mut()), "text")?;
         // SAFETY: as the caller says.
-        let bytes = match unsafe { text.as_ref() } {
-            // SAFETY: as the caller says.
-            Some(_) => unsafe { slice::from_raw_parts(text.cast::<u8>(), length) },
-            None => return Err(Failure::new(Code::Null, format_args!("text is null"))),
-        };
+        let bytes = unsafe { slice::from_raw_parts(text.as_ptr().cast::<u8>(), length) };
         let text = str::from_utf8(bytes)
             .map_err(|error| Failure::new(Code::Scene, format_args!("the text: {error}")))?;
-        let read = Box::new(SceneHandle(SceneFile::parse(text)?));
-        // SAFETY: as the caller says.
-        unsafe { create(scene, read) }
+        create(scene, SceneHandle(SceneFile::parse(text)?))
     })
 }
 
 /// Hands a new object over.
-///
-/// # Safety
-/// A pointer that is not null may be written to.
-unsafe fn create<T>(place: *mut *mut T, object: Box<T>) -> Result<(), Failure> {
-    there(place, "the place for the handle")?;
-    // SAFETY: as the caller says.
-    unsafe { put(place, "the place for the handle", Box::into_raw(object)) }
-}
-
-/// Frees an object.
-///
-/// # Safety
-/// A pointer that is not null came from [`create`] and is freed once.
-unsafe fn free<T>(pointer: *mut T) {
-    if !pointer.is_null() {
-        // Dropping these types does not panic.
-        // SAFETY: as the caller says.
-        drop(unsafe { Box::from_raw(pointer) });
-    }
+fn create<T>(place: Option<&mut MaybeUninit<Box<T>>>, object: T) -> Result<(), Failure> {
+    there(place, "the place for the handle")?.write(Box::new(object));
+    Ok(())
 }
 
 /// Frees a scene; null is ignored.
@@ -184,9 +164,8 @@ unsafe fn free<T>(pointer: *mut T) {
 /// # Safety
 /// `scene` came from `kband_scene_parse` and is freed once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_scene_free(scene: *mut SceneHandle) {
-    // SAFETY: as the caller says.
-    unsafe { free(scene) }
+pub extern "C" fn kband_scene_free(scene: Option<Box<SceneHandle>>) {
+    drop(scene);
 }
 
 /// Duration of a scene in s.
@@ -194,17 +173,14 @@ pub unsafe extern "C" fn kband_scene_free(scene: *mut SceneHandle) {
 /// # Safety
 /// `scene` is a live handle; `duration` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_scene_duration(
-    scene: *const SceneHandle,
-    duration: *mut f64,
+pub extern "C" fn kband_scene_duration(
+    scene: Option<&SceneHandle>,
+    duration: Option<&mut MaybeUninit<f64>>,
 ) -> Code {
-    // SAFETY: as the caller says.
-    call(|| unsafe {
-        put(
-            duration,
-            "duration",
-            object(scene.cast_mut(), "scene")?.0.duration,
-        )
+    call(|| {
+        let scene = there(scene, "scene")?;
+        there(duration, "duration")?.write(scene.0.duration);
+        Ok(())
     })
 }
 
@@ -213,16 +189,13 @@ pub unsafe extern "C" fn kband_scene_duration(
 /// # Safety
 /// `scene` is a live handle; `plant` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_new(
-    scene: *const SceneHandle,
-    plant: *mut *mut PlantHandle,
+pub extern "C" fn kband_plant_new(
+    scene: Option<&SceneHandle>,
+    plant: Option<&mut MaybeUninit<Box<PlantHandle>>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let scene = unsafe { object(scene.cast_mut(), "scene")? };
-        let built = Box::new(PlantHandle(Bench::build(&scene.0.scene)?));
-        // SAFETY: as the caller says.
-        unsafe { create(plant, built) }
+        let scene = &there(scene, "scene")?.0.scene;
+        create(plant, PlantHandle(Bench::build(scene)?))
     })
 }
 
@@ -231,9 +204,8 @@ pub unsafe extern "C" fn kband_plant_new(
 /// # Safety
 /// `plant` came from `kband_plant_new` and is freed once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_free(plant: *mut PlantHandle) {
-    // SAFETY: as the caller says.
-    unsafe { free(plant) }
+pub extern "C" fn kband_plant_free(plant: Option<Box<PlantHandle>>) {
+    drop(plant);
 }
 
 /// Converter codes of the accelerometer and of the current sensor at the next sample; `current` may
@@ -242,21 +214,16 @@ pub unsafe extern "C" fn kband_plant_free(plant: *mut PlantHandle) {
 /// # Safety
 /// `plant` is a live handle; `accelerometer` and `current` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_sample(
-    plant: *mut PlantHandle,
-    accelerometer: *mut u16,
-    current: *mut u16,
+pub extern "C" fn kband_plant_sample(
+    plant: Option<&mut PlantHandle>,
+    accelerometer: Option<&mut MaybeUninit<u16>>,
+    current: Option<&mut MaybeUninit<u16>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let plant = unsafe { object(plant, "plant")? };
-        there(accelerometer, "accelerometer")?;
-        let code = plant.0.sample().0;
-        // SAFETY: as the caller says.
-        unsafe { put(accelerometer, "accelerometer", code)? };
-        if !current.is_null() {
-            // SAFETY: as the caller says.
-            unsafe { put(current, "current", plant.0.current().0)? };
+        let plant = &mut there(plant, "plant")?.0;
+        there(accelerometer, "accelerometer")?.write(plant.sample().0);
+        if let Some(current) = current {
+            current.write(plant.current().0);
         }
         Ok(())
     })
@@ -267,10 +234,13 @@ pub unsafe extern "C" fn kband_plant_sample(
 /// # Safety
 /// `plant` is a live handle.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_hold(plant: *mut PlantHandle, output: f32, step: u32) -> Code {
+pub extern "C" fn kband_plant_hold(
+    plant: Option<&mut PlantHandle>,
+    output: f32,
+    step: u32,
+) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let plant = unsafe { object(plant, "plant")? };
+        let plant = there(plant, "plant")?;
         if !(-1.0..=1.0).contains(&output) {
             return Err(Failure::new(
                 Code::OutOfRange,
@@ -287,15 +257,14 @@ pub unsafe extern "C" fn kband_plant_hold(plant: *mut PlantHandle, output: f32, 
 /// # Safety
 /// `plant` is a live handle; `inputs` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_inputs(
-    plant: *const PlantHandle,
-    inputs: *mut BoardInputs,
+pub extern "C" fn kband_plant_inputs(
+    plant: Option<&PlantHandle>,
+    inputs: Option<&mut MaybeUninit<BoardInputs>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let plant = unsafe { object(plant.cast_mut(), "plant")? };
-        // SAFETY: as the caller says.
-        unsafe { put(inputs, "inputs", plant.0.inputs().into()) }
+        let plant = there(plant, "plant")?;
+        there(inputs, "inputs")?.write(plant.0.inputs().into());
+        Ok(())
     })
 }
 
@@ -304,15 +273,14 @@ pub unsafe extern "C" fn kband_plant_inputs(
 /// # Safety
 /// `plant` is a live handle; `displacement` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_plant_displacement(
-    plant: *const PlantHandle,
-    displacement: *mut f64,
+pub extern "C" fn kband_plant_displacement(
+    plant: Option<&PlantHandle>,
+    displacement: Option<&mut MaybeUninit<f64>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let plant = unsafe { object(plant.cast_mut(), "plant")? };
-        // SAFETY: as the caller says.
-        unsafe { put(displacement, "displacement", plant.0.displacement()) }
+        let plant = there(plant, "plant")?;
+        there(displacement, "displacement")?.write(plant.0.displacement());
+        Ok(())
     })
 }
 
@@ -321,16 +289,13 @@ pub unsafe extern "C" fn kband_plant_displacement(
 /// # Safety
 /// `scene` is a live handle; `signal` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_signal_new(
-    scene: *const SceneHandle,
-    signal: *mut *mut SignalHandle,
+pub extern "C" fn kband_signal_new(
+    scene: Option<&SceneHandle>,
+    signal: Option<&mut MaybeUninit<Box<SignalHandle>>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let scene = unsafe { object(scene.cast_mut(), "scene")? };
-        let built = Box::new(SignalHandle(Signal::build(&scene.0.scene.settings)?));
-        // SAFETY: as the caller says.
-        unsafe { create(signal, built) }
+        let scene = &there(scene, "scene")?.0.scene;
+        create(signal, SignalHandle(Signal::build(&scene.settings)?))
     })
 }
 
@@ -339,9 +304,8 @@ pub unsafe extern "C" fn kband_signal_new(
 /// # Safety
 /// `signal` came from `kband_signal_new` and is freed once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_signal_free(signal: *mut SignalHandle) {
-    // SAFETY: as the caller says.
-    unsafe { free(signal) }
+pub extern "C" fn kband_signal_free(signal: Option<Box<SignalHandle>>) {
+    drop(signal);
 }
 
 /// Takes the converter codes of a sample; gives the output until the next. It allocates nothing.
@@ -349,25 +313,23 @@ pub unsafe extern "C" fn kband_signal_free(signal: *mut SignalHandle) {
 /// # Safety
 /// `signal` is a live handle; `output` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_signal_sample(
-    signal: *mut SignalHandle,
+pub extern "C" fn kband_signal_sample(
+    signal: Option<&mut SignalHandle>,
     accelerometer: u16,
     current: u16,
-    output: *mut SignalOutput,
+    output: Option<&mut MaybeUninit<SignalOutput>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let signal = &mut unsafe { object(signal, "signal")? }.0;
-        there(output, "output")?;
+        let signal = &mut there(signal, "signal")?.0;
+        let output = there(output, "output")?;
         let before = signal.phase();
         let sampled = signal.sample_with(AdcCode(accelerometer), || AdcCode(current));
-        let answer = SignalOutput {
+        output.write(SignalOutput {
             output: sampled.output,
             step: (signal.phase() - before).bits(),
             wrapped: sampled.wrapped,
-        };
-        // SAFETY: as the caller says.
-        unsafe { put(output, "output", answer) }
+        });
+        Ok(())
     })
 }
 
@@ -377,16 +339,14 @@ pub unsafe extern "C" fn kband_signal_sample(
 /// # Safety
 /// `scene` is a live handle; `controller` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_controller_new(
-    scene: *const SceneHandle,
-    controller: *mut *mut ControllerHandle,
+pub extern "C" fn kband_controller_new(
+    scene: Option<&SceneHandle>,
+    controller: Option<&mut MaybeUninit<Box<ControllerHandle>>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let scene = &unsafe { object(scene.cast_mut(), "scene")? }.0.scene;
+        let scene = &there(scene, "scene")?.0.scene;
         let built = Controller::build(&scene.settings, scene.target, scene.start)?;
-        // SAFETY: as the caller says.
-        unsafe { create(controller, Box::new(ControllerHandle(built))) }
+        create(controller, ControllerHandle(built))
     })
 }
 
@@ -395,9 +355,8 @@ pub unsafe extern "C" fn kband_controller_new(
 /// # Safety
 /// `controller` came from `kband_controller_new` and is freed once.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_controller_free(controller: *mut ControllerHandle) {
-    // SAFETY: as the caller says.
-    unsafe { free(controller) }
+pub extern "C" fn kband_controller_free(controller: Option<Box<ControllerHandle>>) {
+    drop(controller);
 }
 
 /// Ends a drive cycle: takes the measurements of the signal path and the inputs of the board, and
@@ -406,40 +365,33 @@ pub unsafe extern "C" fn kband_controller_free(controller: *mut ControllerHandle
 /// # Safety
 /// `controller` and `signal` are live handles; `inputs` may be read and `report` written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_controller_cycle(
-    controller: *mut ControllerHandle,
-    signal: *mut SignalHandle,
-    inputs: *const BoardInputs,
-    report: *mut CycleReport,
+pub extern "C" fn kband_controller_cycle(
+    controller: Option<&mut ControllerHandle>,
+    signal: Option<&mut SignalHandle>,
+    inputs: Option<&BoardInputs>,
+    report: Option<&mut MaybeUninit<CycleReport>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let (controller, signal, inputs) = unsafe {
-            (
-                &mut object(controller, "controller")?.0,
-                &mut object(signal, "signal")?.0,
-                *object(inputs.cast_mut(), "inputs")?,
-            )
-        };
-        let reported = controller.cycle(signal.cycle(), &inputs.into());
+        let controller = &mut there(controller, "controller")?.0;
+        let signal = &mut there(signal, "signal")?.0;
+        let inputs = Inputs::from(*there(inputs, "inputs")?);
+        let reported = controller.cycle(signal.cycle(), &inputs);
         signal.command(reported.command);
-        if report.is_null() {
-            return Ok(());
+        if let Some(report) = report {
+            report.write(CycleReport {
+                cycle: reported.cycle,
+                amplitude: reported.amplitude,
+                reference: reported.reference,
+                setpoint: reported.setpoint,
+                k: reported.k,
+                in_gear: reported.in_gear,
+                in_gear_error: reported.in_gear_error,
+                output: reported.command.amplitude,
+                state: reported.state.number(),
+                fault: reported.fault.map_or(0, Fault::number),
+            });
         }
-        let shown = CycleReport {
-            cycle: reported.cycle,
-            amplitude: reported.amplitude,
-            reference: reported.reference,
-            setpoint: reported.setpoint,
-            k: reported.k,
-            in_gear: reported.in_gear,
-            in_gear_error: reported.in_gear_error,
-            output: reported.command.amplitude,
-            state: reported.state.number(),
-            fault: reported.fault.map_or(0, Fault::number),
-        };
-        // SAFETY: as the caller says.
-        unsafe { put(report, "report", shown) }
+        Ok(())
     })
 }
 
@@ -449,17 +401,14 @@ pub unsafe extern "C" fn kband_controller_cycle(
 /// # Safety
 /// `controller` is a live handle; `more` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_controller_plan(
-    controller: *mut ControllerHandle,
-    more: *mut bool,
+pub extern "C" fn kband_controller_plan(
+    controller: Option<&mut ControllerHandle>,
+    more: Option<&mut MaybeUninit<bool>>,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let controller = &mut unsafe { object(controller, "controller")? }.0;
-        there(more, "more")?;
-        let remain = controller.plan_step();
-        // SAFETY: as the caller says.
-        unsafe { put(more, "more", remain) }
+        let controller = there(controller, "controller")?;
+        there(more, "more")?.write(controller.0.plan_step());
+        Ok(())
     })
 }
 
@@ -468,14 +417,13 @@ pub unsafe extern "C" fn kband_controller_plan(
 /// # Safety
 /// `controller` is a live handle.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_controller_set_target(
-    controller: *mut ControllerHandle,
+pub extern "C" fn kband_controller_set_target(
+    controller: Option<&mut ControllerHandle>,
     kind: i32,
     value: f32,
 ) -> Code {
     call(|| {
-        // SAFETY: as the caller says.
-        let controller = &mut unsafe { object(controller, "controller")? }.0;
+        let controller = &mut there(controller, "controller")?.0;
         let order = value as u8;
         let whole = f32::from(order) == value;
         let target = match kind {
@@ -497,35 +445,29 @@ pub unsafe extern "C" fn kband_controller_set_target(
     })
 }
 
-/// Names with the zero at their end, in the order of their numbers.
-macro_rules! names {
+/// Name by a number, with the zero at its end.
+macro_rules! name {
     ($number:ident, $type:ident, $other:literal) => {{
-        const LONGEST: usize = 32;
-        static NAMES: std::sync::OnceLock<[[u8; LONGEST]; 256]> = std::sync::OnceLock::new();
+        static NAMES: OnceLock<BTreeMap<u8, CString>> = OnceLock::new();
         let names = NAMES.get_or_init(|| {
-            let mut names = [[0; LONGEST]; 256];
-            for known in $type::ALL {
-                let name = known.name().as_bytes();
-                let count = name.len().min(LONGEST - 1);
-                names[usize::from(known.number())][..count].copy_from_slice(&name[..count]);
-            }
-            names
+            let named = |known: &$type| Some((known.number(), CString::new(known.name()).ok()?));
+            $type::ALL.iter().filter_map(named).collect()
         });
-        match &names[usize::from($number)] {
-            [0, ..] => $other.as_ptr().cast(),
-            name => name.as_ptr().cast(),
-        }
+        names
+            .get(&$number)
+            .map_or($other, CString::as_c_str)
+            .as_ptr()
     }};
 }
 
 /// Name of a state, by its number; "unknown" for another number.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_state_name(number: u8) -> *const c_char {
-    names!(number, State, "unknown\0")
+    name!(number, State, c"unknown")
 }
 
 /// Name of a fault, by its number; "none" for another number.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_fault_name(number: u8) -> *const c_char {
-    names!(number, Fault, "none\0")
+    name!(number, Fault, c"none")
 }

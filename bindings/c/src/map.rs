@@ -1,34 +1,9 @@
 //! The impact map over arrays.
 
 use kband::impact::batch::{Block, LANES};
-use kband::impact::{Impact, Kernel, Map, PartState};
+use kband::impact::{Impact, Kernel, Map};
 
 use crate::failure::{Code, Failure, call};
-
-/// Arrays of launches.
-#[derive(Clone, Copy)]
-struct Launches {
-    phase: *const f64,
-    speed: *const f64,
-    k: *const f64,
-    restitution: *const f64,
-}
-
-impl Launches {
-    /// # Safety
-    /// The arrays have an element `n`.
-    unsafe fn launch(&self, n: usize) -> Result<(Map, PartState), Failure> {
-        // SAFETY: as the caller says.
-        let [phase, speed, k, restitution] = unsafe {
-            [self.phase, self.speed, self.k, self.restitution].map(|column| *column.add(n))
-        };
-        let refused = |refused| Failure::element(refused, n);
-        Ok((
-            Map::build(k, restitution).map_err(refused)?,
-            Map::state(phase, speed).map_err(refused)?,
-        ))
-    }
-}
 
 /// The first impact after each launch: phase (rad, 0..2 pi) and speed (units of b w) just after it.
 ///
@@ -52,18 +27,19 @@ pub unsafe extern "C" fn kband_impacts(
         if count > 0 && inputs.iter().any(|array| array.is_null()) {
             return Err(Failure::new(Code::Null, format_args!("an array is null")));
         }
-        let launches = Launches {
-            phase,
-            speed,
-            k,
-            restitution,
+        let launch = |n: usize| {
+            // SAFETY: the arrays have `count` elements, and `n` is below that.
+            let [phase, speed, k, restitution] =
+                unsafe { [phase, speed, k, restitution].map(|column| *column.add(n)) };
+            let refused = |refused| Failure::element(refused, n);
+            let map = Map::build(k, restitution).map_err(refused)?;
+            Ok::<_, Failure>((map, Map::state(phase, speed).map_err(refused)?))
         };
         let mut block = Block::new();
         for first in (0..count).step_by(LANES) {
             let lanes = LANES.min(count - first);
             for lane in 0..lanes {
-                // SAFETY: the arrays have `count` elements.
-                let (map, state) = unsafe { launches.launch(first + lane)? };
+                let (map, state) = launch(first + lane)?;
                 block.put(lane, &map, state)?;
             }
             for lane in lanes..LANES {
@@ -74,9 +50,9 @@ pub unsafe extern "C" fn kband_impacts(
                 let next = match block.impact(lane) {
                     Some(Impact { flight, next, .. }) if flight > 0.0 => next,
                     _ => {
-                        // The block leaves out parts that rest, or chatter with a closed form.
-                        // SAFETY: the arrays have `count` elements; this one is not written yet.
-                        let (map, state) = unsafe { launches.launch(first + lane)? };
+                        // The block leaves out parts that rest, or chatter with a closed form. This
+                        // launch is not written yet.
+                        let (map, state) = launch(first + lane)?;
                         map.impact(state).next
                     }
                 };
@@ -94,6 +70,7 @@ pub unsafe extern "C" fn kband_impacts(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kband::impact::PartState;
 
     #[test]
     fn impacts_have_the_bits_of_the_map_over_their_launches() {
@@ -112,16 +89,11 @@ mod tests {
         speed
             .iter_mut()
             .for_each(|speed| *speed = speed.min(1000.0));
-        let launch = |n: usize| {
-            (
-                Map::build(k[n], restitution[n]),
-                Map::state(phase[n], speed[n]),
-            )
+        let impact = |n: usize| {
+            let map = Map::build(k[n], restitution[n]).unwrap();
+            map.impact(Map::state(phase[n], speed[n]).unwrap()).next
         };
-        let expected: Vec<PartState> = (0..1000)
-            .map(launch)
-            .map(|(map, state)| map.unwrap().impact(state.unwrap()).next)
-            .collect();
+        let expected: Vec<PartState> = (0..1000).map(impact).collect();
         let (phases, speeds) = (phase.as_mut_ptr(), speed.as_mut_ptr());
         // SAFETY: each array has 1000 elements.
         let code = unsafe {
@@ -138,11 +110,8 @@ mod tests {
         assert_eq!(code, Code::Ok);
         for (n, state) in expected.iter().enumerate() {
             let found = [phase[n], speed[n]].map(f64::to_bits);
-            assert_eq!(
-                found,
-                [state.phase, state.velocity].map(f64::to_bits),
-                "{n}"
-            );
+            let due = [state.phase, state.velocity].map(f64::to_bits);
+            assert_eq!(found, due, "{n}");
         }
     }
 }

@@ -1,11 +1,13 @@
 //! Bands and the plan for gear.
 
+use std::mem::MaybeUninit;
+
 use kband::feeder::Restitution;
 use kband::impact::ContactTime;
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner};
 
-use crate::failure::{Code, Failure, call, object, put};
+use crate::failure::{Code, Failure, call, there};
 
 /// Band of k in which a whole lot has the lock.
 #[repr(C)]
@@ -25,7 +27,12 @@ pub struct BandOfLot {
 /// # Safety
 /// `band` may be written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_band(low: f64, high: f64, order: u32, band: *mut BandOfLot) -> Code {
+pub extern "C" fn kband_band(
+    low: f64,
+    high: f64,
+    order: u32,
+    band: Option<&mut MaybeUninit<BandOfLot>>,
+) -> Code {
     call(|| {
         let found = match Band::common(Restitution::interval(low, high)?, order) {
             Ok(found) => found,
@@ -34,13 +41,12 @@ pub unsafe extern "C" fn kband_band(low: f64, high: f64, order: u32, band: *mut 
                 return Err(Failure::new(Code::None, format_args!("{none}")));
             }
         };
-        let found = BandOfLot {
+        there(band, "band")?.write(BandOfLot {
             low: found.low(),
             high: found.high(),
             setpoint: found.setpoint(),
-        };
-        // SAFETY: as the caller says.
-        unsafe { put(band, "band", found) }
+        });
+        Ok(())
     })
 }
 
@@ -99,10 +105,12 @@ const SLICE: u32 = 10_000;
 /// # Safety
 /// `lot` may be read and `choice` written to.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn kband_gear_plan(lot: *const GearLot, choice: *mut GearChoice) -> Code {
+pub extern "C" fn kband_gear_plan(
+    lot: Option<&GearLot>,
+    choice: Option<&mut MaybeUninit<GearChoice>>,
+) -> Code {
     call(|| {
-        // SAFETY: as the caller says; it is only read.
-        let lot = *unsafe { object(lot.cast_mut(), "lot")? };
+        let lot = there(lot, "lot")?;
         let mut planner = GearPlanner::new(GearPlanSettings {
             restitution: Restitution::interval(lot.restitution_low, lot.restitution_high)?,
             scatter: lot.scatter,
@@ -115,14 +123,12 @@ pub unsafe extern "C" fn kband_gear_plan(lot: *const GearLot, choice: *mut GearC
         })?;
         while planner.advance(SLICE) {}
         let plan = planner.plan().filter(|plan| plan.settled).ok_or_else(|| {
-            Failure::new(
-                Code::None,
-                format_args!("no k of these throws the parts so far"),
-            )
+            let message = format_args!("no k of these throws the parts so far");
+            Failure::new(Code::None, message)
         })?;
         let [[second_tone, second_angle], [third_tone, third_angle]] = plan.tones;
         let [band_low, band_high] = plan.band;
-        let found = GearChoice {
+        there(choice, "choice")?.write(GearChoice {
             k: plan.k,
             second_tone,
             second_angle,
@@ -131,8 +137,7 @@ pub unsafe extern "C" fn kband_gear_plan(lot: *const GearLot, choice: *mut GearC
             band_low,
             band_high,
             share: plan.share,
-        };
-        // SAFETY: as the caller says.
-        unsafe { put(choice, "choice", found) }
+        });
+        Ok(())
     })
 }

@@ -3,7 +3,7 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::ptr::null_mut;
+use std::mem::MaybeUninit;
 
 use kband_c::failure::Code;
 use kband_c::feeder::*;
@@ -33,72 +33,59 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-fn done(code: Code) {
-    assert_eq!(code, Code::Ok);
+/// What a call that succeeds writes.
+fn given<T>(call: impl FnOnce(Option<&mut MaybeUninit<T>>) -> Code) -> T {
+    let mut place = MaybeUninit::uninit();
+    assert_eq!(call(Some(&mut place)), Code::Ok);
+    // SAFETY: the call has written it.
+    unsafe { place.assume_init() }
 }
 
 #[test]
 fn controller_allocates_nothing_and_gives_the_loops_bits() {
     let text = kband_scene::DEFAULT;
     let mut closed = ClosedLoop::build(&SceneFile::parse(text).unwrap().scene).unwrap();
-    let (mut scene, mut plant) = (null_mut(), null_mut());
-    let (mut signal, mut controller) = (null_mut(), null_mut());
-    // SAFETY: every pointer is that of a local, or of a handle created here and freed at the end.
-    unsafe {
-        done(kband_scene_parse(
-            text.as_ptr().cast(),
-            text.len(),
-            &mut scene,
-        ));
-        done(kband_plant_new(scene, &mut plant));
-        done(kband_signal_new(scene, &mut signal));
-        done(kband_controller_new(scene, &mut controller));
-        let mut cycles = 0;
-        while cycles < 120 {
-            let (mut code, mut current) = (0, 0);
-            done(kband_plant_sample(plant, &mut code, &mut current));
-            let mut output = SignalOutput::default();
-            let before = ALLOCATIONS.get();
-            done(kband_signal_sample(signal, code, current, &mut output));
-            assert_eq!(ALLOCATIONS.get(), before);
-            done(kband_plant_hold(plant, output.output, output.step));
-            if !output.wrapped {
-                continue;
-            }
-            cycles += 1;
-            let (mut inputs, mut report) = (BoardInputs::default(), CycleReport::default());
-            done(kband_plant_inputs(plant, &mut inputs));
-            let before = ALLOCATIONS.get();
-            done(kband_controller_cycle(
-                controller,
-                signal,
-                &inputs,
-                &mut report,
-            ));
-            let mut more = true;
-            for _ in 0..PLAN_SLICES {
-                if more {
-                    done(kband_controller_plan(controller, &mut more));
-                }
-            }
-            assert_eq!(ALLOCATIONS.get(), before);
-            let expected = closed.cycle().report;
-            assert_eq!(
-                [report.amplitude, report.k, report.in_gear, report.output].map(f32::to_bits),
-                [
-                    expected.amplitude,
-                    expected.k,
-                    expected.in_gear,
-                    expected.command.amplitude
-                ]
-                .map(f32::to_bits),
-                "cycle {cycles}"
-            );
-            assert_eq!(report.state, expected.state.number());
+    // SAFETY: the text has this length.
+    let scene = given(|to| unsafe { kband_scene_parse(text.as_ptr().cast(), text.len(), to) });
+    let mut plant = given(|to| kband_plant_new(Some(&scene), to));
+    let mut signal = given(|to| kband_signal_new(Some(&scene), to));
+    let mut controller = given(|to| kband_controller_new(Some(&scene), to));
+    let mut cycles = 0;
+    while cycles < 120 {
+        let mut current = MaybeUninit::uninit();
+        let code = given(|to| kband_plant_sample(Some(&mut plant), to, Some(&mut current)));
+        // SAFETY: the call has written it.
+        let current = unsafe { current.assume_init() };
+        let before = ALLOCATIONS.get();
+        let output = given(|to| kband_signal_sample(Some(&mut signal), code, current, to));
+        assert_eq!(ALLOCATIONS.get(), before);
+        let held = kband_plant_hold(Some(&mut plant), output.output, output.step);
+        assert_eq!(held, Code::Ok);
+        if !output.wrapped {
+            continue;
         }
-        kband_controller_free(controller);
-        kband_signal_free(signal);
-        kband_plant_free(plant);
-        kband_scene_free(scene);
+        cycles += 1;
+        let inputs = given(|to| kband_plant_inputs(Some(&plant), to));
+        let before = ALLOCATIONS.get();
+        let report = given(|to| {
+            kband_controller_cycle(Some(&mut controller), Some(&mut signal), Some(&inputs), to)
+        });
+        for _ in 0..PLAN_SLICES {
+            if !given(|to| kband_controller_plan(Some(&mut controller), to)) {
+                break;
+            }
+        }
+        assert_eq!(ALLOCATIONS.get(), before);
+        let due = closed.cycle().report;
+        assert_eq!(
+            [report.amplitude, report.k, report.in_gear, report.output].map(f32::to_bits),
+            [due.amplitude, due.k, due.in_gear, due.command.amplitude].map(f32::to_bits),
+            "cycle {cycles}"
+        );
+        assert_eq!(report.state, due.state.number());
     }
+    kband_controller_free(Some(controller));
+    kband_signal_free(Some(signal));
+    kband_plant_free(Some(plant));
+    kband_scene_free(Some(scene));
 }

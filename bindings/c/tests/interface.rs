@@ -2,16 +2,16 @@
 //!
 //! `KBAND_ACCEPT=1` rewrites header and symbols.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-const FOLDER: &str = env!("CARGO_MANIFEST_DIR");
 /// Environment variable that makes these tests rewrite the accepted files.
 const ACCEPT: &str = "KBAND_ACCEPT";
 
 fn folder() -> &'static Path {
-    Path::new(FOLDER)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
 fn root() -> &'static Path {
@@ -30,22 +30,21 @@ fn library(name: &str) -> PathBuf {
     found
 }
 
-/// Output of a command that succeeds within two minutes.
-fn output(command: &str, arguments: &[&dyn AsRef<std::ffi::OsStr>]) -> String {
-    let ran = Command::new("timeout")
-        .args(["--kill-after=5", "120", command])
-        .args(arguments.iter().map(|argument| argument.as_ref()))
-        .env_remove("LD_PRELOAD")
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
+/// A command that may take two minutes.
+fn limited(program: impl AsRef<OsStr>) -> Command {
+    let mut command = Command::new("timeout");
+    command.args(["--kill-after=5", "120"]).arg(program);
+    command.env_remove("LD_PRELOAD").stdin(Stdio::null());
+    command
+}
+
+/// Output of a command that succeeds.
+fn output(command: &mut Command) -> String {
+    let ran = command.output().unwrap();
     let text = String::from_utf8_lossy(&ran.stdout).into_owned();
     let errors = String::from_utf8_lossy(&ran.stderr);
-    assert!(
-        ran.status.success(),
-        "{command}: {}\n{text}{errors}",
-        ran.status
-    );
+    let status = ran.status;
+    assert!(status.success(), "{command:?}: {status}\n{text}{errors}");
     text
 }
 
@@ -74,11 +73,8 @@ fn header_is_up_to_date() {
 
 #[test]
 fn exported_symbols_are_the_listed_ones() {
-    let library = library("libkband_c.so");
-    let listed = output(
-        "nm",
-        &[&"-D", &"--defined-only", &"--format=posix", &library],
-    );
+    let options = ["-D", "--defined-only", "--format=posix"];
+    let listed = output(limited("nm").args(options).arg(library("libkband_c.so")));
     let mut names: Vec<&str> = listed
         .lines()
         .filter_map(|line| line.split(' ').next())
@@ -87,47 +83,27 @@ fn exported_symbols_are_the_listed_ones() {
     accepted("symbols.txt", &(names.join("\n") + "\n"));
 }
 
-/// Compiles a program against a library with more options of the compiler.
-fn compiled(source: &Path, library: &Path, options: &[&str], into: &Path) {
-    let mut arguments: Vec<&dyn AsRef<std::ffi::OsStr>> =
-        vec![&"-std=c11", &"-Wall", &"-Wextra", &"-Werror", &"-O1", &"-g"];
-    arguments.extend(
-        options
-            .iter()
-            .map(|option| option as &dyn AsRef<std::ffi::OsStr>),
-    );
-    let include = folder().join("include");
-    let parent = library.parent().unwrap();
-    let rpath = format!("-Wl,-rpath,{}", parent.display());
-    arguments.extend([
-        &"-I" as &dyn AsRef<std::ffi::OsStr>,
-        &include,
-        &source,
-        &library,
-        &rpath,
-    ]);
-    arguments.extend([
-        &"-lm" as &dyn AsRef<std::ffi::OsStr>,
-        &"-lpthread",
-        &"-ldl",
-        &"-o",
-        &into,
-    ]);
-    output("gcc", &arguments);
-}
-
+/// Compiles the program against a library with more options of the compiler; then `run` gets it.
 fn program(name: &str, library_name: &str, options: &[&str], run: impl Fn(&Path)) {
     let made = tempfile::tempdir().unwrap();
     let file = made.path().join(name);
-    let source = folder().join("tests/program.c");
-    compiled(&source, &library(library_name), options, &file);
+    let library = library(library_name);
+    let rpath = format!("-Wl,-rpath,{}", library.parent().unwrap().display());
+    let mut gcc = limited("gcc");
+    gcc.args(["-std=c11", "-Wall", "-Wextra", "-Werror", "-O1", "-g"])
+        .args(options)
+        .arg("-I")
+        .args([folder().join("include"), folder().join("tests/program.c")])
+        .args([library.as_os_str(), rpath.as_ref()])
+        .args(["-lm", "-lpthread", "-ldl", "-o"]);
+    output(gcc.arg(&file));
     run(&file);
 }
 
 #[test]
 fn a_program_in_c_runs_with_the_shared_library() {
     program("shared", "libkband_c.so", &[], |file| {
-        let said = output(file.to_str().unwrap(), &[&scene(), &"2"]);
+        let said = output(limited(file).arg(scene()).arg("2"));
         assert!(
             said.contains("fault none") && said.contains("holding after"),
             "{said}"
@@ -143,7 +119,7 @@ fn the_address_sanitizer_finds_nothing() {
         "-fno-sanitize-recover=all",
     ];
     program("sanitized", "libkband_c.a", &options, |file| {
-        output(file.to_str().unwrap(), &[&scene(), &"2"]);
+        output(limited(file).arg(scene()).arg("2"));
     });
 }
 
@@ -156,25 +132,16 @@ fn valgrind_finds_nothing() {
             "--error-exitcode=9",
             "--errors-for-leak-kinds=definite",
         ];
-        output(
-            "valgrind",
-            &[
-                &options[0],
-                &options[1],
-                &options[2],
-                &options[3],
-                &file,
-                &scene(),
-                &"1",
-            ],
-        );
+        let mut valgrind = limited("valgrind");
+        output(valgrind.args(options).arg(file).arg(scene()).arg("1"));
     });
 }
 
 #[test]
 fn python_calls_it_through_ctypes() {
     let script = folder().join("tests/ctypes_use.py");
-    let said = output("python3", &[&script, &library("libkband_c.so"), &scene()]);
+    let arguments = [script, library("libkband_c.so"), scene()];
+    let said = output(limited("python3").args(arguments));
     assert!(said.contains("ctypes: ok"), "{said}");
 }
 
@@ -200,15 +167,12 @@ fn the_program_of_the_manual_runs() {
     let made = tempfile::tempdir().unwrap();
     let there = |name: &str| made.path().join(name);
     fs::create_dir_all(there("target/release")).unwrap();
-    fs::copy(
-        library("libkband_c.a"),
-        there("target/release/libkband_c.a"),
-    )
-    .unwrap();
+    let library = library("libkband_c.a");
+    fs::copy(library, there("target/release/libkband_c.a")).unwrap();
     for folder in ["bindings", "host"] {
         std::os::unix::fs::symlink(root().join(folder), there(folder)).unwrap();
     }
     fs::write(there("feeder.c"), &programs[0]).unwrap();
     let script = format!("set -e\ncd '{}'\n{use_it}", made.path().display());
-    assert_eq!(output("sh", &[&"-c", &script]), shown[0]);
+    assert_eq!(output(limited("sh").args(["-c", &script])), shown[0]);
 }

@@ -7,15 +7,14 @@ use std::time::{Duration, Instant};
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Fault, State};
 use kband_link::{BoardSettings, Emulated, Link, Unsolicited};
-use kband_plant::Change;
+use kband_scene::describe;
 use kband_scene::refusal::Refusal;
-use kband_scene::{change, describe};
 use pyo3::exceptions::PyConnectionError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::refused::Refused;
-use crate::scenes::table_of;
+use crate::scenes::target;
 
 /// Longest time for which telemetry is collected at once.
 const LISTEN: Duration = Duration::from_millis(200);
@@ -120,12 +119,9 @@ impl Board {
 
     /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
     fn set_target(&mut self, py: Python<'_>, given: &Bound<'_, PyDict>) -> PyResult<()> {
-        let mut table = toml::Table::new();
-        table.insert("target".into(), toml::Value::Table(table_of(given)?));
-        let wanted = change(table).map_err(Refused::from)?;
-        self.with(py, |link| match wanted {
-            Change::Target(target) => link.tell(&Request::Target(target)),
-            _ => Ok(()),
+        let wanted = target(given)?;
+        self.with(py, |link| {
+            wanted.map_or(Ok(()), |target| link.tell(&Request::Target(target)))
         })
     }
 

@@ -26,12 +26,9 @@ impl Workers for Threads<'_> {
         work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
     ) -> Result<Vec<T>, Refusal> {
         let all = work::map(self.py, &[], count, self.count, |n, stop| {
-            let go_on = || {
-                if stop.is_requested() {
-                    Err(Refusal::interrupted())
-                } else {
-                    Ok(())
-                }
+            let go_on = || match stop.is_requested() {
+                true => Err(Refusal::interrupted()),
+                false => Ok(()),
             };
             Ok(work(n, &go_on)?)
         });
@@ -69,21 +66,13 @@ pub fn design(
 ) -> PyResult<Found> {
     let file = scene(&given)?;
     let of_scene = Ranges::of(&file);
-    let [
-        frequency,
-        amplitude,
-        throw_angle,
-        phase_lead,
-        incline,
-        tones,
-    ] = ranges;
     let ranges = Ranges {
-        frequency: frequency.unwrap_or(of_scene.frequency),
-        amplitude: amplitude.unwrap_or(of_scene.amplitude),
-        throw_angle: throw_angle.unwrap_or(of_scene.throw_angle),
-        phase_lead: phase_lead.unwrap_or(of_scene.phase_lead),
-        incline: incline.unwrap_or(of_scene.incline),
-        tones: tones.unwrap_or(of_scene.tones),
+        frequency: ranges[0].unwrap_or(of_scene.frequency),
+        amplitude: ranges[1].unwrap_or(of_scene.amplitude),
+        throw_angle: ranges[2].unwrap_or(of_scene.throw_angle),
+        phase_lead: ranges[3].unwrap_or(of_scene.phase_lead),
+        incline: ranges[4].unwrap_or(of_scene.incline),
+        tones: ranges[5].unwrap_or(of_scene.tones),
         candidates,
         least_share,
         checked,
@@ -100,28 +89,15 @@ pub fn design(
     }
     let found = found.map_err(Refused::from)?;
     let gravity = f64::from(file.scene.settings.gravity);
-    let numbers = |feeder: &Feeder| {
-        let [[e, th], [e3, th3]] = feeder.tones;
-        vec![
-            feeder.frequency,
-            feeder.amplitude(gravity),
-            feeder.throw_angle,
-            feeder.phase_lead,
-            feeder.incline,
-            feeder.k,
-            e,
-            th,
-            e3,
-            th3,
-        ]
+    let numbers = |of: &Feeder| {
+        let mut row = vec![of.frequency, of.amplitude(gravity), of.throw_angle];
+        row.extend([of.phase_lead, of.incline, of.k]);
+        row.extend(of.tones.as_flattened());
+        row
     };
     let conveyed = |of: Option<Conveyed>| {
-        of.map_or([f64::NAN; 3], |of| {
-            [
-                of.share,
-                1e-3 * of.speed,
-                60.0 * of.speed / file.part_length,
-            ]
+        of.map_or([f64::NAN; 3], |Conveyed { share, speed }| {
+            [share, 1e-3 * speed, 60.0 * speed / file.part_length]
         })
     };
     let whole = |of: &Designed| {
@@ -138,17 +114,12 @@ pub fn design(
         row.extend([f64::NAN; 9]);
         row
     });
-    let error = &found.error;
+    let of = &found.error;
     Ok((
         found.today.as_ref().map(whole),
         found.best.iter().map(whole).collect(),
         front.collect(),
         [found.tried, found.within],
-        [
-            error.share_rms,
-            error.share_max,
-            error.speed_rms,
-            error.speed_max,
-        ],
+        [of.share_rms, of.share_max, of.speed_rms, of.speed_max],
     ))
 }

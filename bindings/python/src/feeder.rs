@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::refused::Refused;
-use crate::scenes::{Given, report, scene, table_of};
+use crate::scenes::{Given, impact, report, scene, target};
 
 /// An input of the board: its name and its place.
 type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
@@ -84,9 +84,7 @@ impl Plant {
 
     /// Impacts since the last call: number of the part, phase in rad, speed in m/s.
     fn impacts(&mut self) -> Vec<(u8, f64, f64)> {
-        let strikes = self.0.strikes().iter();
-        let impacts = strikes.map(|strike| (strike.part, strike.phase, strike.speed));
-        let impacts = impacts.collect();
+        let impacts = self.0.strikes().iter().map(impact).collect();
         self.0.forget_strikes();
         impacts
     }
@@ -161,10 +159,7 @@ impl Controller {
 
     /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
     fn set_target(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
-        let mut table = toml::Table::new();
-        table.insert("target".into(), toml::Value::Table(table_of(given)?));
-        let change = kband_scene::change(table).map_err(Refused::from)?;
-        if let kband_plant::Change::Target(target) = change {
+        if let Some(target) = target(given)? {
             self.control.set_target(target).map_err(Refused::from)?;
         }
         Ok(())

@@ -12,7 +12,7 @@ use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
 
 use crate::refused::Refused;
-use crate::work;
+use crate::work::{self, Stop};
 
 /// Amplitude over the first tone and angle in rad of the second and the third tone.
 pub type Tones = [[f64; 2]; 2];
@@ -71,13 +71,9 @@ impl Launches<'_> {
             return Ok(None);
         };
         // Without short cuts, in SIMD registers.
-        let plain = phases
-            .iter()
-            .fold(true, |all, t| all & (*t >= 0.0) & (*t < TAU))
-            & speeds
-                .iter()
-                .fold(true, |all, v| all & (*v >= 0.0) & (*v <= 1e3));
-        if !plain {
+        let phased = |all, t: &f64| all & (*t >= 0.0) & (*t < TAU);
+        let fast = |all, v: &f64| all & (*v >= 0.0) & (*v <= 1e3);
+        if !(phases.iter().fold(true, phased) & speeds.iter().fold(true, fast)) {
             return Ok(None);
         }
         Ok(Some((maps.of(self, first)?, phases, speeds)))
@@ -144,9 +140,8 @@ fn fly(
                 Some(Impact { flight, next, .. }) if flight > 0.0 => next,
                 // The block leaves out parts that rest, or chatter with a closed form.
                 _ => {
-                    maps.of(launches, first + lane)?
-                        .impact(launches.state(first + lane)?)
-                        .next
+                    let map = maps.of(launches, first + lane)?;
+                    map.impact(launches.state(first + lane)?).next
                 }
             };
             (*phase, *speed) = (next.phase, next.velocity);
@@ -221,6 +216,20 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
+    /// Takes the impacts of an orbit, until the work is to end.
+    fn take_all(&mut self, orbit: impl Iterator<Item = OrbitEvent>, stop: &Stop) {
+        for event in orbit {
+            if !self.take(event) || stop.is_requested() {
+                return;
+            }
+        }
+        // A part that rests for ever makes no more impacts.
+        for column in &mut self.columns {
+            column[self.at..].fill(f64::NAN);
+        }
+        self.rested[self.at..].fill(true);
+    }
+
     /// Whether more impacts are wanted.
     fn take(&mut self, event: OrbitEvent) -> bool {
         match event {
@@ -237,14 +246,6 @@ impl Row<'_> {
             }
         }
         self.at < self.rested.len()
-    }
-
-    /// A part that rests for ever makes no more impacts.
-    fn end(&mut self) {
-        for column in &mut self.columns {
-            column[self.at..].fill(f64::NAN);
-        }
-        self.rested[self.at..].fill(true);
     }
 }
 
@@ -305,23 +306,12 @@ pub fn orbits(
             || Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row);
         if wave.is_sine() {
             let map = Map::build(k, restitution).map_err(of_row)?;
-            let orbit = Orbit::new(&map, start)
-                .scattering(scatter()?)
-                .map_err(of_row)?;
-            for event in orbit {
-                if !row.take(event) || stop.is_requested() {
-                    return Ok(());
-                }
-            }
+            let orbit = Orbit::new(&map, start).scattering(scatter()?);
+            row.take_all(orbit.map_err(of_row)?, stop);
         } else {
             let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
-            for event in WaveOrbit::new(&map, start).scattering(scatter()?) {
-                if !row.take(event) || stop.is_requested() {
-                    return Ok(());
-                }
-            }
+            row.take_all(WaveOrbit::new(&map, start).scattering(scatter()?), stop);
         }
-        row.end();
         Ok(())
     })?;
     Ok(())

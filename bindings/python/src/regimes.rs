@@ -207,12 +207,9 @@ pub fn basins(
         }) as u16
     });
     let numbers = numbers.collect();
-    let names = known.iter().map(|regime| describe_regime(*regime, impacts));
-    Ok((
-        names.collect(),
-        numbers,
-        describe_regime(endings.from_rest(), impacts),
-    ))
+    let name = |regime| describe_regime(regime, impacts);
+    let names = known.into_iter().map(name).collect();
+    Ok((names, numbers, name(endings.from_rest())))
 }
 
 /// Phase and speed of the impacts of a part from rest at each k, after those that settle; not a
@@ -307,11 +304,8 @@ pub fn capture_plan(
         let kick = kick.settings();
         (kick.factor, kick.hold, kick.descent, kick.release)
     });
-    Ok((
-        k,
-        kicks.collect(),
-        plan.best().map_or(0.0, |best| best.share()),
-    ))
+    let share = plan.best().map_or(0.0, |best| best.share());
+    Ok((k, kicks.collect(), share))
 }
 
 /// Exponent per impact with its error, the same per drive cycle, mean flight in drive cycles, and
@@ -350,8 +344,7 @@ pub fn exponents(
             Dynamics::Undecided => "undecided",
             Dynamics::Rest { .. } => "rest",
         };
-        let [impact, cycle] =
-            [found.per_impact, found.per_cycle].map(|estimate| [estimate.value, estimate.error]);
+        let [impact, cycle] = [found.per_impact, found.per_cycle].map(|of| [of.value, of.error]);
         Ok((impact, cycle, found.flight, dynamics))
     })
 }
@@ -422,11 +415,8 @@ pub fn transport_speeds(
             Motion::Hopping => "hops",
         };
         let unit = track.velocity_unit(track.amplitude(k[n]));
-        let time = conveyed.flying + conveyed.resting;
-        Ok((
-            unit * conveyed.time_mean().unwrap_or(f64::NAN),
-            conveyed.flying / time,
-            motion,
-        ))
+        let speed = unit * conveyed.time_mean().unwrap_or(f64::NAN);
+        let share = conveyed.flying / (conveyed.flying + conveyed.resting);
+        Ok((speed, share, motion))
     })
 }

@@ -2,7 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use kband_plant::Moment;
+use kband_control::{Event, Fault, Target};
+use kband_plant::{Change, Moment, Strike};
 use kband_scene::refusal::Refusal;
 use kband_scene::{Engine, Fidelity, Outcome, SceneFile, Watch, at_line, change, table};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -40,10 +41,8 @@ fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
 
 /// A dict as a table of TOML.
 pub fn table_of(dict: &Bound<'_, PyDict>) -> PyResult<Table> {
-    let pairs = dict
-        .iter()
-        .map(|(key, item)| Ok((key.extract::<String>()?, value(&item)?)));
-    pairs.collect()
+    let pair = |(key, item): (Bound<'_, PyAny>, _)| Ok((key.extract()?, value(&item)?));
+    dict.iter().map(pair).collect()
 }
 
 /// A scene: its text in TOML, or a dict.
@@ -62,6 +61,21 @@ pub fn scene(given: &Given<'_>) -> PyResult<SceneFile> {
         Given::Dict(dict) => SceneFile::from_table(table_of(dict)?),
     };
     Ok(read.map_err(Refused::from)?)
+}
+
+/// The target in a dict, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
+pub fn target(given: &Bound<'_, PyDict>) -> PyResult<Option<Target>> {
+    let mut table = Table::new();
+    table.insert("target".into(), Value::Table(table_of(given)?));
+    Ok(match change(table).map_err(Refused::from)? {
+        Change::Target(target) => Some(target),
+        _ => None,
+    })
+}
+
+/// An impact: number of the part, phase in rad, speed in m/s.
+pub fn impact(strike: &Strike) -> (u8, f64, f64) {
+    (strike.part, strike.phase, strike.speed)
 }
 
 /// The fidelity of a name, or that of the scene.
@@ -100,22 +114,16 @@ pub fn report<'py>(
     shown.set_item("in_gear", report.in_gear)?;
     shown.set_item("in_gear_error", report.in_gear_error)?;
     shown.set_item("expected_in_gear", report.expected_in_gear)?;
-    shown.set_item(
-        "restitution",
-        report.margin.map(|margin| margin.restitution),
-    )?;
-    shown.set_item("scatter", report.margin.map(|margin| margin.scatter))?;
+    let margin = report.margin;
+    shown.set_item("restitution", margin.map(|margin| margin.restitution))?;
+    shown.set_item("scatter", margin.map(|margin| margin.scatter))?;
     shown.set_item("mass", report.load.map(|load| 1e-3 * f64::from(load.mass)))?;
     shown.set_item("flow", report.load.map(|load| 1e-3 * f64::from(load.flow)))?;
     shown.set_item("frequency", report.frequency)?;
     shown.set_item("output", report.command.amplitude)?;
     shown.set_item("state", report.state.name())?;
-    shown.set_item("fault", report.fault.map(kband_control::Fault::name))?;
-    let events: Vec<&str> = report
-        .events
-        .iter()
-        .map(kband_control::Event::name)
-        .collect();
+    shown.set_item("fault", report.fault.map(Fault::name))?;
+    let events: Vec<&str> = report.events.iter().map(Event::name).collect();
     shown.set_item("events", PyTuple::new(py, events)?)?;
     Ok(shown)
 }
@@ -174,13 +182,11 @@ fn summary<'py>(
     let (last, record) = (outcome.last(), outcome.record());
     let shown = PyDict::new(py);
     shown.set_item("state", last.state.name())?;
-    shown.set_item("fault", last.fault.map(kband_control::Fault::name))?;
+    shown.set_item("fault", last.fault.map(Fault::name))?;
     shown.set_item("limits", PyTuple::new(py, outcome.limits())?)?;
-    let events: Vec<(f64, &str)> = outcome
-        .events()
-        .map(|happened| (happened.time, happened.event.name()))
-        .collect();
-    shown.set_item("events", PyTuple::new(py, events)?)?;
+    let events = outcome.events();
+    let events = events.map(|happened| (happened.time, happened.event.name()));
+    shown.set_item("events", PyTuple::new(py, events.collect::<Vec<_>>())?)?;
     shown.set_item("amplitude", outcome.amplitude())?;
     shown.set_item("k", outcome.k())?;
     shown.set_item("speed", outcome.speed())?;
@@ -190,11 +196,8 @@ fn summary<'py>(
     shown.set_item("regime", outcome.regime())?;
     let identified = outcome.identified();
     shown.set_item("restitution", identified.map(|found| found.restitution))?;
-    let unmet = outcome
-        .unmet()
-        .map(|unmet| PyTuple::new(py, unmet))
-        .transpose()?;
-    shown.set_item("unmet", unmet)?;
+    let unmet = outcome.unmet().map(|unmet| PyTuple::new(py, unmet));
+    shown.set_item("unmet", unmet.transpose()?)?;
     shown.set_item("seed", outcome.file().scene.seed)?;
     shown.set_item("fidelity", fidelity.name())?;
     Ok(shown)
@@ -239,16 +242,13 @@ impl Loop {
 
     /// Impacts of the last cycle: number of the part, phase in rad, speed in m/s.
     fn impacts(&mut self) -> Vec<(u8, f64, f64)> {
-        let strikes = self.engine().strikes().iter();
-        strikes
-            .map(|strike| (strike.part, strike.phase, strike.speed))
-            .collect()
+        self.engine().strikes().iter().map(impact).collect()
     }
 
     /// Changes something about the scene from the next cycle on.
     fn apply(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
-        self.engine()
-            .apply(change(table_of(given)?).map_err(Refused::from)?);
+        let change = change(table_of(given)?).map_err(Refused::from)?;
+        self.engine().apply(change);
         Ok(())
     }
 }

@@ -155,7 +155,7 @@ fn finite(moment: &Moment) -> bool {
 }
 
 /// Runs a feeder for some cycles. `cycle` returns the moment, READY, the amplitude in m, and the
-/// peaks of displacement and acceleration over it.
+/// peaks of displacement in m and of acceleration over the square of the angular frequency.
 fn run(
     scene: &Scene,
     cycles: usize,
@@ -169,13 +169,10 @@ fn run(
     for _ in 0..cycles {
         let (moment, ready, amplitude, [peak, push]) = cycle();
         came.broken |= !finite(&moment);
-        let far = amplitude * peak * 1e3 / settings.amplitude_limit;
-        let hard = amplitude * push * square / settings.acceleration_limit;
+        let far = peak * 1e3 / settings.amplitude_limit;
+        let hard = push * square / settings.acceleration_limit;
         came.most = came.most.max(far).max(hard);
-        came.fault = moment
-            .report
-            .fault
-            .map_or(came.fault, |fault| fault.number());
+        came.fault = moment.report.fault.map_or(came.fault, Fault::number);
         if !ready || moment.report.reference != reference {
             window.clear();
         }
@@ -198,25 +195,18 @@ fn run(
 /// Runs a feeder in waveform and envelope; `None` if settings or target are rejected. Heavy parts
 /// on several tones are run in the waveform only, because the envelope lacks their overtones.
 fn come(scene: &Scene, cycles: usize) -> Option<Vec<Came>> {
-    let (mut closed, mut envelope) = (
-        ClosedLoop::build(scene).ok()?,
-        EnvelopeLoop::build(scene).ok()?,
-    );
+    let mut closed = ClosedLoop::build(scene).ok()?;
+    let mut envelope = EnvelopeLoop::build(scene).ok()?;
     let slow = run(scene, cycles, || {
         let mut far = 0.0_f32;
         let moment = closed.cycle_shown(|sample| far = far.max(sample.displacement.abs()));
         let (amplitude, shape) = closed.plant().tones();
         let [_, push] = shape.peaks();
-        let peak = if amplitude > 0.0 {
-            far / amplitude
-        } else {
-            0.0
-        };
         (
             moment,
             closed.controller().is_ready(),
             amplitude,
-            [peak, push],
+            [far, amplitude * push],
         )
     });
     if scene.has_mass() {
@@ -230,7 +220,7 @@ fn come(scene: &Scene, cycles: usize) -> Option<Vec<Came>> {
             moment,
             envelope.controller().is_ready(),
             amplitude,
-            [1.0; 2],
+            [amplitude; 2],
         )
     });
     Some([slow, fast].into())
@@ -257,11 +247,8 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
         };
         done += 1;
         for (n, came) in came.iter().enumerate() {
-            let most = if came.fault == Fault::SensorSaturated.number() {
-                MAX_EXCESS_SATURATED
-            } else {
-                MAX_EXCESS
-            };
+            let saturated = came.fault == Fault::SensorSaturated.number();
+            let most = [MAX_EXCESS, MAX_EXCESS_SATURATED][usize::from(saturated)];
             let steady = MAX_VARIATION[usize::from(scene.has_mass())];
             if came.broken || came.most > most || came.swing > steady || came.off > MAX_MEAN_ERROR {
                 wrong.push(std::format!("scene {drawn}, fidelity {n}: {came:?}"));

@@ -156,27 +156,18 @@ fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
         let [k, restitution, .., amplitude, angle] = orbit;
         let third = Tone::new(0.07, 5.74);
         let three = K::on_tones([Tone { amplitude, angle }, third], k, restitution);
-        hash(
-            &three.expect("parameters within range"),
-            start,
-            count / 2,
-            sum,
-        )
+        let three = three.expect("parameters within range");
+        hash(&three, start, count / 2, sum)
     })
 }
 
-/// Random number generator for states (splitmix64).
-pub struct Random(pub u64);
-
-impl Random {
-    /// A number in 0..1.
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
-    }
+/// A random number in 0..1 (splitmix64).
+fn uniform(state: &mut u64) -> f64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut z = *state;
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
 }
 
 /// k of eight tracks.
@@ -204,10 +195,10 @@ pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
 /// # Panics
 /// The kernel refuses them.
 pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
-    let mut random = Random(1);
+    let mut random = 1;
     core::array::from_fn(|i| {
-        let phase = random.uniform() * core::f64::consts::TAU;
-        let velocity = random.uniform() * top;
+        let phase = uniform(&mut random) * core::f64::consts::TAU;
+        let velocity = uniform(&mut random) * top;
         let state = K::state(phase, velocity).expect("a state within range");
         (state, (i & 7) as u8)
     })

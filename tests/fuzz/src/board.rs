@@ -21,6 +21,14 @@ use crate::desk;
 use crate::frames::{framed, framed_update, inside};
 use crate::store::Flash;
 
+/// Dictionary of events.
+pub const WORDS: &[&[u8]] = &[
+    b"amplitude_limit",
+    b"gain",
+    b"output_maximum",
+    b"stm32f405rg",
+];
+
 static EXCHANGE: Exchange = Exchange::empty();
 
 const IMAGE: Image = Image {
@@ -101,10 +109,8 @@ impl Board {
                 assert!(command.amplitude == 0.0 && command.immediate);
             }
             // If it acknowledges another fault, this one is reported in the next cycle.
-            let acknowledged = report
-                .events
-                .iter()
-                .any(|event| event == Event::Acknowledged);
+            let mut events = report.events.iter();
+            let acknowledged = events.any(|event| event == Event::Acknowledged);
             assert!(!inputs.stack_low || report.state == State::Fault || acknowledged);
             assert!(!(acknowledged && inputs.enable));
         }
@@ -115,13 +121,10 @@ impl Board {
 
     /// The frame that answers these bytes, if any.
     fn take(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
-        let mut answer = None;
-        for byte in bytes {
-            if let Some(frame) = block_on(self.service.take(*byte, &self.station)) {
-                answer = Some(frame.to_vec());
-            }
-        }
-        answer
+        bytes.iter().fold(None, |answer, byte| {
+            let frame = block_on(self.service.take(*byte, &self.station));
+            frame.map(<[u8]>::to_vec).or(answer)
+        })
     }
 
     /// A frame with a valid checksum: it is counted, and a refused one has no effect.
@@ -138,10 +141,8 @@ impl Board {
         let answer = self.take(&frame);
         let (station, service) = (&self.station, &self.service);
         assert_eq!(service.counters().frames(), counted + 1);
-        station
-            .settings()
-            .check()
-            .expect("settings in use are accepted");
+        let in_use = station.settings().check();
+        in_use.expect("settings in use are accepted");
         let saves = matches!(
             read_request(&inside(&frame)),
             Ok(Incoming::Request {
@@ -203,11 +204,8 @@ pub fn service(input: &[u8]) -> bool {
             }
             1..=4 => {
                 let piece = input.piece().unwrap_or(&[]);
-                let frame = if what % 16 == 12 {
-                    framed_update
-                } else {
-                    framed
-                };
+                let update = what % 16 == 12;
+                let frame = if update { framed_update } else { framed };
                 known |= board.ask(what, frame(what, piece));
             }
             5 => {

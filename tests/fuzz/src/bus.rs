@@ -1,13 +1,14 @@
 //! Requests on the fieldbus: raw frames, and requests behind a valid checksum, to a board at rest.
 
-use std::cell::RefCell;
-
 use kband_bus::rtu::{self, crc};
 use kband_bus::{Answer, Authority, Exception, Machine, Seen, Server, tcp};
 use kband_control::wire::Record;
 use kband_control::{Settings, Target};
 
 use crate::Taker;
+
+/// Dictionary of requests.
+pub const WORDS: &[&[u8]] = &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14, 1, 0]];
 
 /// Unit of the board.
 const UNIT: u8 = 17;
@@ -18,7 +19,6 @@ struct Drive {
     running: bool,
     settings: Settings,
     target: Target,
-    commands: RefCell<u32>,
 }
 
 impl Machine for Drive {
@@ -46,7 +46,6 @@ impl Machine for Drive {
     fn command(&mut self, _run: bool, acknowledge: bool) {
         assert!(self.authority >= Authority::Command);
         assert!(!acknowledge || self.authority == Authority::Acknowledge);
-        *self.commands.borrow_mut() += 1;
     }
 
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
@@ -59,15 +58,8 @@ impl Machine for Drive {
         assert!(self.authority >= Authority::Command && !self.running);
         settings.check().map_err(|_| Exception::Value)?;
         let bus = |settings: &Settings| {
-            let of = |key: &str| settings.get(key).map(f32::to_bits);
-            [
-                "bus",
-                "bus_address",
-                "bus_baud",
-                "bus_parity",
-                "bus_timeout",
-            ]
-            .map(of)
+            let of = |key: &str| settings.get(&format!("bus{key}")).map(f32::to_bits);
+            ["", "_address", "_baud", "_parity", "_timeout"].map(of)
         };
         assert_eq!(bus(settings), bus(&self.settings));
         self.settings = *settings;
@@ -103,7 +95,6 @@ pub fn bus(input: &[u8]) -> bool {
         running: false,
         settings: Settings::default(),
         target: Target::K(0.5),
-        commands: RefCell::new(0),
     };
     while let Some(what) = input.byte() {
         let piece = input.piece().unwrap_or(&[]);

@@ -64,22 +64,19 @@ pub const ELF: &[&[u8]] = &[b"stm32f405rg", b"stm32g474re", b".chip", b".vector_
 /// Length in bytes: longest message for a person.
 const READABLE: usize = 10_000;
 
-/// A refusal is one readable message.
-fn said(refusal: &Refusal) {
-    let message = refusal.to_string();
-    assert!(message.len() < READABLE, "{} bytes", message.len());
-    assert!(message.starts_with("error: ") && message.contains("next: "));
-    assert_eq!(refusal.status(), 2);
+/// What was accepted; a refusal is one readable message.
+fn accepted<T>(read: Result<T, Refusal>) -> Option<T> {
+    let check = |refusal: Refusal| {
+        let message = refusal.to_string();
+        assert!(message.len() < READABLE, "{} bytes", message.len());
+        assert!(message.starts_with("error: ") && message.contains("next: "));
+        assert_eq!(refusal.status(), 2);
+    };
+    read.map_err(check).ok()
 }
 
 fn text<T>(input: &[u8], read: impl FnOnce(&str) -> Result<T, Refusal>) -> Option<T> {
-    match read(std::str::from_utf8(input).ok()?) {
-        Ok(read) => Some(read),
-        Err(refusal) => {
-            said(&refusal);
-            None
-        }
-    }
+    accepted(read(std::str::from_utf8(input).ok()?))
 }
 
 /// A scene: parsed, and started in both fidelities.
@@ -171,32 +168,22 @@ pub fn record(input: &[u8]) -> bool {
         count += 1;
         Ok(true)
     });
-    match remains {
-        Ok(remains) => {
-            assert!(count + remains.unreadable <= bytes.len() as u64);
-            assert!(remains.cut <= bytes.len() as u64);
-            true
-        }
-        Err(refusal) => {
-            said(&refusal);
-            false
-        }
+    let remains = accepted(remains);
+    if let Some(remains) = &remains {
+        assert!(count + remains.unreadable <= bytes.len() as u64);
+        assert!(remains.cut <= bytes.len() as u64);
     }
+    remains.is_some()
 }
 
 /// An image for a board.
 pub fn elf(input: &[u8]) -> bool {
-    match Image::parse(input) {
-        Ok(image) => {
-            let written: u32 = image.chip().sectors().map(|s| image.bytes_in(&s)).sum();
-            assert_eq!(written, image.size(), "each byte lies in one sector");
-            let free = image.chip().memory.end - image.chip().memory.start;
-            assert!(image.memory() <= free);
-            true
-        }
-        Err(refusal) => {
-            said(&refusal);
-            false
-        }
+    let image = accepted(Image::parse(input));
+    if let Some(image) = &image {
+        let written: u32 = image.chip().sectors().map(|s| image.bytes_in(&s)).sum();
+        assert_eq!(written, image.size(), "each byte lies in one sector");
+        let free = image.chip().memory.end - image.chip().memory.start;
+        assert!(image.memory() <= free);
     }
+    image.is_some()
 }

@@ -31,72 +31,31 @@ pub struct Target {
 
 /// All targets.
 pub const TARGETS: &[Target] = &[
-    Target {
-        name: "scene",
-        run: desk::scene,
-        short: 3000,
-        words: desk::SCENE,
-    },
-    Target {
-        name: "settings",
-        run: desk::settings,
-        short: 40_000,
-        words: desk::SETTINGS,
-    },
-    Target {
-        name: "recipes",
-        run: board::recipes,
-        short: 5000,
-        words: desk::RECIPES,
-    },
-    Target {
-        name: "rows",
-        run: desk::rows,
-        short: 40_000,
-        words: desk::ROWS,
-    },
-    Target {
-        name: "record",
-        run: desk::record,
-        short: 40_000,
-        words: &[],
-    },
-    Target {
-        name: "elf",
-        run: desk::elf,
-        short: 40_000,
-        words: desk::ELF,
-    },
-    Target {
-        name: "frames",
-        run: frames::frames,
-        short: 200_000,
-        words: &[b"amplitude_limit", b"frequency", b"stm32f405rg"],
-    },
-    Target {
-        name: "bus",
-        run: bus::bus,
-        short: 100_000,
-        words: &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14, 1, 0]],
-    },
-    Target {
-        name: "service",
-        run: board::service,
-        short: 10_000,
-        words: &[
-            b"amplitude_limit",
-            b"gain",
-            b"output_maximum",
-            b"stm32f405rg",
-        ],
-    },
-    Target {
-        name: "store",
-        run: store::store,
-        short: 3000,
-        words: &[],
-    },
+    target("scene", desk::scene, 3000, desk::SCENE),
+    target("settings", desk::settings, 40_000, desk::SETTINGS),
+    target("recipes", board::recipes, 5000, desk::RECIPES),
+    target("rows", desk::rows, 40_000, desk::ROWS),
+    target("record", desk::record, 40_000, &[]),
+    target("elf", desk::elf, 40_000, desk::ELF),
+    target("frames", frames::frames, 200_000, frames::WORDS),
+    target("bus", bus::bus, 100_000, bus::WORDS),
+    target("service", board::service, 10_000, board::WORDS),
+    target("store", store::store, 3000, &[]),
 ];
+
+const fn target(
+    name: &'static str,
+    run: fn(&[u8]) -> bool,
+    short: u32,
+    words: &'static [&'static [u8]],
+) -> Target {
+    Target {
+        name,
+        run,
+        short,
+        words,
+    }
+}
 
 impl Target {
     /// The target of a name.

@@ -112,11 +112,8 @@ impl Browser {
 
     /// Presses keys on an element.
     pub fn press(&self, selector: &str, keys: &str) {
-        let element = self.element(selector);
-        self.command(
-            &format!("/element/{element}/value"),
-            &json!({ "text": keys }),
-        );
+        let path = format!("/element/{}/value", self.element(selector));
+        self.command(&path, &json!({ "text": keys }));
     }
 
     /// Clicks on an element.
@@ -129,10 +126,8 @@ impl Browser {
     pub fn point(&self, selector: &str, x: i32, y: i32) {
         let origin = json!({ ELEMENT: self.element(selector) });
         let moved = json!({"type": "pointerMove", "duration": 0, "x": x, "y": y, "origin": origin});
-        self.command(
-            "/actions",
-            &json!({"actions": [{"type": "pointer", "id": "mouse", "actions": [moved]}]}),
-        );
+        let pointer = json!({"type": "pointer", "id": "mouse", "actions": [moved]});
+        self.command("/actions", &json!({ "actions": [pointer] }));
     }
 
     /// Sets the size of the window, pixels.
@@ -149,22 +144,15 @@ impl Browser {
     /// Warnings and errors of the browser's log.
     pub fn complaints(&self) -> Vec<String> {
         let log = self.command("/se/log", &json!({"type": "browser"}));
-        let entries = log.as_array().cloned().unwrap_or_default();
-        entries
-            .iter()
-            .map(|entry| entry["message"].to_string())
-            .collect()
+        let entries = log.as_array().into_iter().flatten();
+        entries.map(|entry| entry["message"].to_string()).collect()
     }
 
     fn element(&self, selector: &str) -> String {
-        let found = self.command(
-            "/element",
-            &json!({"using": "css selector", "value": selector}),
-        );
-        found[ELEMENT]
-            .as_str()
-            .unwrap_or_else(|| panic!("no {selector} on the page"))
-            .into()
+        let wanted = json!({"using": "css selector", "value": selector});
+        let found = self.command("/element", &wanted);
+        let found = found[ELEMENT].as_str().map(str::to_owned);
+        found.unwrap_or_else(|| panic!("no {selector} on the page"))
     }
 
     fn command(&self, path: &str, body: &Json) -> Json {
@@ -189,11 +177,8 @@ impl Browser {
     /// Value of an answer; an error of the driver panics with its message.
     fn ask(&self, request: &str) -> Json {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the driver listens");
-        stream
-            .set_read_timeout(Some(PATIENCE))
-            .expect("a time limit");
-        stream
-            .write_all(request.as_bytes())
+        let sent = stream.set_read_timeout(Some(PATIENCE));
+        sent.and_then(|()| stream.write_all(request.as_bytes()))
             .expect("the driver reads");
         let mut reader = BufReader::new(stream);
         let mut length = 0;
@@ -209,17 +194,12 @@ impl Browser {
             }
         }
         let mut body = vec![0; length];
-        reader
-            .read_exact(&mut body)
-            .expect("the driver's answer is whole");
+        let read = reader.read_exact(&mut body);
+        read.expect("the driver's answer is whole");
         let answer: Json = serde_json::from_slice(&body).expect("the driver's answer is JSON");
         let value = answer["value"].clone();
-        assert!(
-            value["error"].is_null(),
-            "{}: {}",
-            value["error"],
-            value["message"]
-        );
+        let (error, message) = (&value["error"], &value["message"]);
+        assert!(error.is_null(), "{error}: {message}");
         value
     }
 }

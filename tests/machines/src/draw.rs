@@ -103,6 +103,10 @@ pub fn failure(draw: &mut Draw) -> Failure {
     let at = f64::from(draw.unit()) * 1.5 * ready;
     let kind = draw.below(6);
     let low = draw.unit() * draw.unit();
+    let steps = |pace: f64, share: &dyn Fn(i32) -> f32| {
+        let step = |n| (at + f64::from(n) * pace, Change::Sensitivity(share(n)));
+        (0..32).map(step).collect()
+    };
     let changes = match kind {
         0 => vec![(at, Change::SensorLost(true))],
         1 => vec![(at, Change::Sensitivity(low))],
@@ -110,18 +114,9 @@ pub fn failure(draw: &mut Draw) -> Failure {
         // Each change comes after 0.5 to 20 cycles.
         3 => {
             let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
-            let share = |n| if n % 2 == 0 { low } else { 1.0 };
-            (0..32)
-                .map(|n| (at + f64::from(n) * period, Change::Sensitivity(share(n))))
-                .collect()
+            steps(period, &|n| if n % 2 == 0 { low } else { 1.0 })
         }
-        4 => {
-            let share = |n| 1.0 - (1.0 - low) * n as f32 / 31.0;
-            let pace = ready / 16.0;
-            (0..32)
-                .map(|n| (at + f64::from(n) * pace, Change::Sensitivity(share(n))))
-                .collect()
-        }
+        4 => steps(ready / 16.0, &|n| 1.0 - (1.0 - low) * n as f32 / 31.0),
         _ => vec![
             (at, Change::SensorLost(true)),
             (at + 0.05, Change::SensorLost(false)),

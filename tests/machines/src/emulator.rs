@@ -94,13 +94,9 @@ impl Output {
 /// # Panics
 /// There is no emulator; one line names the command that installs it.
 pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
-    let clock = match options.clock {
-        Clock::Free => "free",
-        Clock::Steady => "steady",
-        Clock::Instructions => "instructions",
-    };
+    let clock = format!("{:?}", options.clock).to_lowercase();
     let ran = Command::new(root().join("tests/emulator"))
-        .args(["--machine", options.machine.name(), "--clock", clock])
+        .args(["--machine", options.machine.name(), "--clock", &clock])
         .args(["--limit", &limit.as_secs_f64().to_string()])
         .args(options.word.into_iter().flat_map(|word| ["--word", word]))
         .arg(image)

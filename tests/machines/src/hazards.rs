@@ -116,32 +116,29 @@ impl Hazard {
 
     /// A board with this chip at the first failure. The common part of scenarios runs once.
     pub fn before(&self, kind: Kind) -> Rig {
-        let Self { scene, target, .. } = self;
-        cached_rig(
-            format!("{kind:?} {scene:?} {target:?} {}", self.from),
-            || {
-                let mut rig = self.commissioned(kind);
-                self.run_to_failure(&mut rig);
-                rig
-            },
-        )
+        cached_rig(format!("{} {}", self.machine(kind), self.from), || {
+            let mut rig = self.commissioned(kind);
+            self.run_to_failure(&mut rig);
+            rig
+        })
     }
 
     /// A commissioned board with this chip; made once for each machine and target.
     pub fn commissioned(&self, kind: Kind) -> Rig {
+        cached_rig(self.machine(kind), || self.commission(kind))
+    }
+
+    /// Name of its machine and target.
+    fn machine(&self, kind: Kind) -> String {
         let Self { scene, target, .. } = self;
-        cached_rig(format!("{kind:?} {scene:?} {target:?}"), || {
-            self.commission(kind)
-        })
+        format!("{kind:?} {scene:?} {target:?}")
     }
 
     /// Sends a frame of the desk every 0.3 s between two times.
     fn send_alive(rig: &mut Rig, from: f64, to: f64) {
         let times = (0..).map(|n| COMMISSIONED_TIME + 0.3 * f64::from(n));
+        let times = times.take_while(|time| *time < to);
         for time in times.skip_while(|time| *time < from) {
-            if time >= to {
-                break;
-            }
             let frame = rig.frame(&Request::Alive);
             rig.at(time, Act::Link(frame));
         }
@@ -194,6 +191,8 @@ pub fn plant(time: f64, change: Change) -> (f64, Act) {
 
 /// Failures of the sensor and of its supply on a strong drive with a narrow limit.
 pub fn of_the_sensor() -> [Hazard; 3] {
+    let weak = plant(FAILURE_TIME, Change::Sensitivity(0.2));
+    let supply = |share| (FAILURE_TIME, Act::SensorSupply(share));
     let strong_drive = |name| {
         Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
             scene.settings.gain = 5.0;
@@ -202,12 +201,11 @@ pub fn of_the_sensor() -> [Hazard; 3] {
         })
     };
     [
-        strong_drive("sensitivity falls to 0.2")
-            .acts([plant(FAILURE_TIME, Change::Sensitivity(0.2))]),
+        strong_drive("sensitivity falls to 0.2").acts([weak]),
         strong_drive("its supply falls to half")
-            .acts([(FAILURE_TIME, Act::SensorSupply(0.5))])
+            .acts([supply(0.5)])
             .end(5.5),
-        strong_drive("its supply is gone").acts([(FAILURE_TIME, Act::SensorSupply(0.0))]),
+        strong_drive("its supply is gone").acts([supply(0.0)]),
     ]
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The cargo that runs the tests may hold the lock of its own folder.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -19,10 +19,8 @@ use crate::root;
 // Name that tests/setup.sh gives Debian's toolchain where rustup cannot install the targets.
 const LINKED: &str = "kband-thumb";
 
-/// Package, binary, machine, and the features that replace the default ones.
-type Key = (String, String, Machine, Option<String>);
-
-static BUILT: Mutex<Option<HashMap<Key, PathBuf>>> = Mutex::new(None);
+/// Images by package, binary, machine, and the features that replace the default ones.
+static BUILT: Mutex<BTreeMap<String, PathBuf>> = Mutex::new(BTreeMap::new());
 
 /// Builds the binary `bin` of `package` for a machine, if it is not up to date.
 ///
@@ -59,29 +57,20 @@ pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) ->
 
 fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-    let key = (
-        package.to_owned(),
-        bin.to_owned(),
-        machine,
-        features.map(str::to_owned),
-    );
-    built
-        .get_or_insert_default()
-        .entry(key)
-        .or_insert_with(|| keep(package, bin, machine, features))
-        .clone()
+    let image = built.entry(format!("{package} {bin} {machine:?} {features:?}"));
+    let image = image.or_insert_with(|| keep(package, bin, machine, features));
+    image.clone()
 }
 
 /// Builds an image and copies it to a place of its own. Cargo writes all feature sets to one file,
 /// while other tests may run it.
 fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
-    let kept = images_folder()
-        .join("kept")
-        .join(machine.target())
-        .join(features.unwrap_or("default"));
+    let folder = target_folder().join("emulated/kept");
+    let features_name = features.unwrap_or("default");
+    let kept = folder.join(machine.target()).join(features_name);
     std::fs::create_dir_all(&kept).expect("a folder for the images");
     // The lock covers build and copy: no other test builds meanwhile.
-    let lock = File::create(images_folder().join("kept/lock")).expect("a file to lock");
+    let lock = File::create(folder.join("lock")).expect("a file to lock");
     lock.lock().expect("the lock");
     let image = compile(package, bin, machine, features);
     let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
@@ -97,12 +86,9 @@ fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> P
 /// # Panics
 /// The file is no image or has no such symbol.
 pub fn symbol(image: &Path, name: &str) -> u32 {
-    let bytes = std::fs::read(image).expect("the image is read");
-    let file = object::File::parse(&*bytes).expect("an ELF file");
-    let found = file.symbols().find(|symbol| symbol.name() == Ok(name));
-    found
-        .unwrap_or_else(|| panic!("no {name} in {}", image.display()))
-        .address() as u32
+    let found = symbols(image, |full| full == name).into_iter().next();
+    let found = found.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
+    found.start
 }
 
 /// Content of an image's flash: segments in order of their addresses.
@@ -143,12 +129,21 @@ pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
 /// # Panics
 /// The file is no image.
 pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
-    let bytes = std::fs::read(image).expect("the image is read");
-    let file = object::File::parse(&*bytes).expect("an ELF file");
     // A mangled name has the length of each part before it.
     let part = format!("{}{name}", name.len());
-    file.symbols()
-        .filter(|symbol| symbol.size() > 0 && symbol.name().is_ok_and(|full| full.contains(&part)))
+    let mut found = symbols(image, |full| full.contains(&part));
+    found.retain(|addresses| !addresses.is_empty());
+    found
+}
+
+/// Addresses of the symbols whose full name is wanted.
+fn symbols(image: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
+    let bytes = std::fs::read(image).expect("the image is read");
+    let file = object::File::parse(&*bytes).expect("an ELF file");
+    let wanted = file
+        .symbols()
+        .filter(|symbol| symbol.name().is_ok_and(&is_wanted));
+    wanted
         .map(|symbol| symbol.address() as u32..(symbol.address() + symbol.size()) as u32)
         .collect()
 }
@@ -159,16 +154,14 @@ fn toolchain(target: &str) -> Option<String> {
         return None;
     }
     let linked = format!("+{LINKED}");
-    assert!(
-        compiles_for(&[&linked], target),
-        "no Rust target {target} here; run tests/setup.sh"
-    );
+    let compiles = compiles_for(&[&linked], target);
+    assert!(compiles, "no Rust target {target} here; run tests/setup.sh");
     Some(linked)
 }
 
 fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let target = machine.target();
-    let folder = images_folder();
+    let folder = target_folder().join("emulated");
     let output = limited("900", "cargo", |cargo| {
         cargo
             .args(toolchain(target))
@@ -184,31 +177,27 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
             cargo.env_remove(flags);
         }
     });
-    assert!(
+    let (built, said) = (
         output.status.success(),
-        "image {bin} does not build for {target}:\n{}",
-        String::from_utf8_lossy(&output.stderr)
+        String::from_utf8_lossy(&output.stderr),
     );
+    assert!(built, "image {bin} does not build for {target}:\n{said}");
     folder.join(target).join("firmware").join(bin)
 }
 
 fn compiles_for(toolchain: &[&str], target: &str) -> bool {
     let output = limited("60", "rustc", |rustc| {
-        rustc
-            .args(toolchain)
-            .args(["--print", "target-libdir", "--target", target]);
+        rustc.args(toolchain).args(["--print", "target-libdir"]);
+        rustc.args(["--target", target]);
     });
     let library = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    let mut files = Path::new(&library)
+        .read_dir()
+        .into_iter()
+        .flatten()
+        .flatten();
     output.status.success()
-        && Path::new(&library).read_dir().is_ok_and(|mut files| {
-            files.any(|file| {
-                file.is_ok_and(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
-            })
-        })
-}
-
-fn images_folder() -> PathBuf {
-    target_folder().join("emulated")
+        && files.any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
 }
 
 /// The folder that cargo builds into.
@@ -219,12 +208,9 @@ pub fn target_folder() -> PathBuf {
 /// Runs a command of the toolchain at the workspace's root on empty input, limited in time.
 fn limited(seconds: &str, program: &str, arguments: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new("timeout");
-    command
-        .args(["--kill-after=5", seconds, program])
-        .current_dir(root())
-        .stdin(Stdio::null());
+    command.args(["--kill-after=5", seconds, program]);
+    command.current_dir(root()).stdin(Stdio::null());
     arguments(&mut command);
-    command
-        .output()
-        .expect("the commands timeout, cargo and rustc are on the path")
+    let output = command.output();
+    output.expect("the commands timeout, cargo and rustc are on the path")
 }

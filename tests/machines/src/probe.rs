@@ -134,7 +134,7 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
         "Gf" => Some("fa0".into()),
         "So" => {
             let count = words.take(2)?;
-            let bits = u64::from(words.rest()?);
+            let bits = u64::from_str_radix(words.0, 16).ok()?;
             (0..count).for_each(|bit| wire.hears(bits >> bit & 1 == 1));
             Some("0".into())
         }
@@ -150,8 +150,10 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
         }
         "AR" => {
             words.skip(4)?;
-            let address = words.take(4)?;
-            port.write(address, words.take(8)?);
+            let (address, value) = (words.take(4)?, words.take(8)?);
+            if address == 0x4 {
+                port.control = value;
+            }
             Some("0".into())
         }
         "Aa" => {
@@ -199,10 +201,6 @@ impl Words<'_> {
     fn skip(&mut self, digits: usize) -> Option<()> {
         self.0 = self.0.get(digits..)?;
         Some(())
-    }
-
-    fn rest(&mut self) -> Option<u32> {
-        u32::from_str_radix(self.0, 16).ok()
     }
 }
 
@@ -273,12 +271,6 @@ impl Port {
             0x0 => PORT,
             0x4 => self.control | (self.control & POWER) << 1,
             _ => 0,
-        }
-    }
-
-    fn write(&mut self, address: u32, value: u32) {
-        if address == 0x4 {
-            self.control = value;
         }
     }
 

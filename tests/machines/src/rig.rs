@@ -187,17 +187,15 @@ impl Rig {
             Act::Plant(change) => board.world.bench.apply(*change),
             Act::Converts(on) => board.converts = *on,
             Act::CrystalStops => board.crystal_stops(),
-            Act::Volts(volts) => self.supply(*volts),
-            Act::Link(bytes) => {
-                let now = board.now;
-                board.serials[1].receive(now, bytes);
-                board.refresh();
+            Act::Volts(volts) => {
+                let was = board.supplied;
+                board.set_volts(*volts);
+                if !was && board.reset.is_none() {
+                    self.chip.supply_returns();
+                }
             }
-            Act::Bus(bytes) => {
-                let now = board.now;
-                board.serials[3].receive(now, bytes);
-                board.refresh();
-            }
+            Act::Link(bytes) => board.serials[1].receive(board.now, bytes),
+            Act::Bus(bytes) => board.serials[3].receive(board.now, bytes),
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
             Act::Jump(address) => self.chip.core.set_next_instruction(*address),
@@ -210,15 +208,6 @@ impl Rig {
         self.chip.board.refresh();
     }
 
-    fn supply(&mut self, volts: f64) {
-        let board = &mut self.chip.board;
-        let was = board.supplied;
-        board.set_volts(volts);
-        if !was && board.reset.is_none() {
-            self.chip.supply_returns();
-        }
-    }
-
     /// Time in s from `seconds` until the bridge opens; 0 where it is open already.
     pub fn opens_after(&self, seconds: f64) -> Option<f64> {
         let from = ticks(seconds);
@@ -228,31 +217,27 @@ impl Rig {
         if !matches!(before, Some((_, Seen::Bridge(true)))) {
             return Some(0.0);
         }
-        let opened = trace
-            .iter()
-            .find(|entry| entry.0 >= from && entry.1 == Seen::Bridge(false));
+        let mut after = trace.iter().filter(|entry| entry.0 >= from);
+        let opened = after.find(|entry| entry.1 == Seen::Bridge(false));
         opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
     }
 
     /// Time in s of the first such event at or after `seconds`.
     pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
         let from = ticks(seconds);
-        let trace = &self.chip.board.world.trace;
-        let found = trace
-            .iter()
-            .find(|entry| entry.0 >= from && entry.1 == *seen);
+        let mut trace = self.chip.board.world.trace.iter();
+        let found = trace.find(|entry| entry.0 >= from && entry.1 == *seen);
         found.map(|(time, _)| *time as f64 / TICKS as f64)
     }
 
     /// Times in s and causes of the resets since the start.
     pub fn resets(&self) -> Vec<(f64, Cause)> {
         let trace = self.chip.board.world.trace.iter();
-        trace
-            .filter_map(|(time, seen)| match seen {
-                Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
-                _ => None,
-            })
-            .collect()
+        let resets = trace.filter_map(|(time, seen)| match seen {
+            Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
+            _ => None,
+        });
+        resets.collect()
     }
 
     /// Amplitude of the track, mm.
@@ -330,9 +315,7 @@ impl Rig {
                 answer,
             } if n == sequence => match answer {
                 UpdateAnswer::Refused(why) => Some(Err(why)),
-                UpdateAnswer::Done | UpdateAnswer::State { .. } | UpdateAnswer::Loader => {
-                    Some(Ok(()))
-                }
+                _ => Some(Ok(())),
             },
             _ => None,
         });

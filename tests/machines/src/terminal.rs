@@ -62,10 +62,8 @@ impl Terminal {
             let mut text = String::new();
             // A file that cannot be read yet counts as empty.
             let _ = File::open(&said).and_then(|mut file| file.read_to_string(&mut text));
-            if let Some(port) = text
-                .split_whitespace()
-                .find(|word| word.starts_with("/dev/"))
-            {
+            let mut words = text.split_whitespace();
+            if let Some(port) = words.find(|word| word.starts_with("/dev/")) {
                 terminal.port = port.into();
                 return terminal;
             }

@@ -18,11 +18,8 @@ pub struct Blanking {
 impl Blanking {
     /// Begins a cycle of `samples` samples at a sample.
     pub fn begin(&mut self, sample: u64, samples: u32) {
-        let most = if self.whole {
-            0
-        } else {
-            (MAX_BLANKED_SHARE * f64::from(samples)) as u64
-        };
+        let most = (MAX_BLANKED_SHARE * f64::from(samples)) as u64;
+        let most = if self.whole { 0 } else { most };
         self.end = sample + u64::from(samples);
         self.samples = self.until.saturating_sub(sample).min(most);
         self.room = most - self.samples;

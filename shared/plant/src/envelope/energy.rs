@@ -73,7 +73,6 @@ impl RingingEnergy {
         response: &[Complex; FILTER_TRANSIENT_SAMPLES],
         steady: &[Complex; FILTER_TRANSIENT_SAMPLES],
     ) -> Self {
-        let one = Complex::new(1.0, 0.0);
         let sample = exp(ringing);
         let decay = Powers::new(ringing);
         Self {
@@ -82,16 +81,16 @@ impl RingingEnergy {
             sample: decay.at(1),
             decay,
             straight: 1.0 / (1.0 - sample.norm_sqr()),
-            across: (one - sample * sample).inv(),
-            left: Complex::new(0.0, 0.0),
-            fresh: Complex::new(0.0, 0.0),
+            across: (Complex::ONE - sample * sample).inv(),
+            left: Complex::ZERO,
+            fresh: Complex::ZERO,
             begun: FILTER_TRANSIENT_SAMPLES,
             at: 0,
             began: 0,
             phase: 0,
             step: 1,
             sector: 1 << SECTOR_SHIFT,
-            wholes: [Complex::new(0.0, 0.0); 2],
+            wholes: [Complex::ZERO; 2],
             sums: [0.0; SECTORS],
             next: 0,
             middles: core::array::from_fn(|n| turn(2.0 * TAU * (n as f64 + 0.5) / SECTORS as f64)),
@@ -180,11 +179,7 @@ impl RingingEnergy {
             }
             samples = samples.saturating_sub(within);
         }
-        self.left = if samples == 0 {
-            left
-        } else {
-            Complex::new(0.0, 0.0)
-        };
+        self.left = if samples == 0 { left } else { Complex::ZERO };
     }
 
     /// Sum of the squares of `Im(left r^n)` for n >= 0; `height` is |left|^2.
@@ -239,7 +234,7 @@ mod tests {
     fn it_is_the_energy_of_the_samples() {
         let sensor = SensorModel::default();
         let mut model = OnsetModel::new(&sensor);
-        let mut ringing = Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
+        let mut ringing = Ringing::of(&sensor);
         let mut passes = [HighPass::default(); 2];
         let mut energy = EnergyHistogram::default();
         let step = u32::MAX / 400 + 1;

@@ -40,8 +40,8 @@ impl TrackLoad {
         Self {
             shares: core::array::from_fn(|part| scene.mass_share(part)),
             angular: 1.0,
-            gathered: [Complex::new(0.0, 0.0); 2],
-            pushing: [Complex::new(0.0, 0.0); 2],
+            gathered: [Complex::ZERO; 2],
+            pushing: [Complex::ZERO; 2],
         }
     }
 
@@ -53,15 +53,13 @@ impl TrackLoad {
     /// Begins a cycle at an angular frequency in rad/s and returns the last cycle's force.
     pub fn begin(&mut self, angular: f64) -> Complex {
         self.angular = angular;
-        let [struck, lain] = self.pushing;
-        struck + lain
+        self.pushing[0] + self.pushing[1]
     }
 
     /// Ends the parts' motion in the cycle and returns their force.
     pub fn settle(&mut self) -> Complex {
         self.pushing = core::mem::take(&mut self.gathered);
-        let [struck, lain] = self.pushing;
-        struck + lain
+        self.pushing[0] + self.pushing[1]
     }
 
     /// Force of the impacts in this cycle.

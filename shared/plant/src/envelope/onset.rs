@@ -115,12 +115,12 @@ struct Ring {
 
 impl Ring {
     const NONE: Self = Self {
-        began: Complex::new(0.0, 0.0),
+        began: Complex::ZERO,
         sample: 0,
-        under: Complex::new(0.0, 0.0),
+        under: Complex::ZERO,
         known: RESIDUAL_SAMPLES,
         memory: 0.0,
-        leak: Complex::new(0.0, 0.0),
+        leak: Complex::ZERO,
         loud: 0.0,
         least: f64::INFINITY,
         out: NO_SAMPLE,
@@ -128,7 +128,7 @@ impl Ring {
 
     /// Whether the earlier ringings have decayed.
     fn is_alone(&self) -> bool {
-        self.under == Complex::new(0.0, 0.0)
+        self.under == Complex::ZERO
     }
 
     /// Updates the detector's decaying peak memory with the residual of the next sample.
@@ -173,7 +173,7 @@ impl Ring {
     fn left(&self, model: &OnsetModel, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         if since >= model.forgotten {
-            return (Complex::new(0.0, 0.0), 0.0);
+            return (Complex::ZERO, 0.0);
         }
         let memory = if self.known < RESIDUAL_SAMPLES {
             let mut whole = *self;
@@ -476,11 +476,8 @@ impl OnsetModel {
             forgotten = forgotten.max(self.open);
         }
         let until = self.blanking.blank(from, forgotten).max(from);
-        let sums = if ring.is_alone() {
-            began
-        } else {
-            self.sums(rings)
-        };
+        let alone = ring.is_alone();
+        let sums = if alone { began } else { self.sums(rings) };
         own - self.tail(sums, since(from)) + self.tail(sums, since(until))
     }
 
@@ -540,7 +537,7 @@ fn logarithm(x: f32) -> f64 {
 
 impl Tuning {
     fn new(ringing: Complex, theta: f64, corner: f64) -> Self {
-        let one = Complex::new(1.0, 0.0);
+        let one = Complex::ONE;
         let turning = Complex::new(0.0, theta);
         // Response of (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
         let back = turn(-theta);
@@ -568,7 +565,7 @@ mod tests {
     fn both(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::new(0.01);
-        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let mut ringing = Ringing::of(&sensor);
         let mut fast = OnsetModel::new(&sensor);
         let mut noise = [Noise::new(3), Noise::new(4)];
         let mut heard = [Vec::new(), Vec::new()];
@@ -628,7 +625,7 @@ mod tests {
     fn on_a_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> ([u32; 2], [f64; 2]) {
         let theta = TAU / 200.0;
         let mut detector = OnsetDetector::new(0.01);
-        let mut ringing = Ringing::new(2400.0, 1e-3);
+        let mut ringing = Ringing::of(&SensorModel::default());
         let mut fast = OnsetModel::new(&SensorModel::default());
         fast.tune(theta);
         let mut noise = [Noise::new(3), Noise::new(4)];
@@ -692,10 +689,8 @@ mod tests {
                 }
                 let [slow, fast] = thresholds;
                 assert!(lowest + step < slow && slow < lowest + 8.0 * step, "{slow}");
-                assert!(
-                    (fast / slow - 1.0).abs() < 0.05,
-                    "{swing} {phase}: {slow} {fast}"
-                );
+                let off = (fast / slow - 1.0).abs();
+                assert!(off < 0.05, "{swing} {phase}: {slow} {fast}");
             }
         }
     }

@@ -103,15 +103,12 @@ impl EnvelopePlant {
             full,
             ..Sense::default()
         };
+        let tones = settings.upper_tones();
         let mut plant = Self {
             drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
-            upper: UpperEnvelope::build(
-                &scene.drive,
-                f64::from(settings.frequency),
-                settings.upper_tones(),
-            ),
+            upper: UpperEnvelope::build(&scene.drive, settings.frequency.into(), tones),
             waves: WaveCache::default(),
-            tones: settings.upper_tones(),
+            tones,
             gain: 1.0,
             full_current: if settings.current_sensitivity > 0.0 {
                 scene.drive.gain / scene.drive.current_gain
@@ -138,7 +135,7 @@ impl EnvelopePlant {
             watched: true,
             strikes: Vec::new(),
             waiting: Vec::new(),
-            shown: Complex::new(0.0, 0.0),
+            shown: Complex::ZERO,
             median: 1.0 / codes,
         };
         plant.sense();
@@ -169,9 +166,9 @@ impl EnvelopePlant {
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
         let driven = self.output(output, told.lead.radians(), step, middle);
-        let pushed = (self.load.as_mut()).map_or(Complex::new(0.0, 0.0), |load| {
-            load.begin(f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN))
-        });
+        let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+        let load = self.load.as_mut();
+        let pushed = load.map_or(Complex::ZERO, |load| load.begin(angular));
         let pushed = pushed * self.drive.per_acceleration();
         self.drive.begin(driven + pushed, step);
         if let Some(upper) = &mut self.upper {
@@ -189,8 +186,10 @@ impl EnvelopePlant {
         }
         let added = self.upper.as_ref().map_or(0.0, UpperEnvelope::loudest);
         let loudest = self.drive.loudest();
-        let clipped =
-            loudest + added + self.ringing() + 4.0 * self.sense.noise > self.sense.headroom;
+        // Upper bound of the summed ringing of this cycle's impacts.
+        let speeds = self.strikes.iter().map(|strike| strike.speed);
+        let ringing = f64::from(self.sensor.ringing) * speeds.sum::<f64>();
+        let clipped = loudest + added + ringing + 4.0 * self.sense.noise > self.sense.headroom;
         let mut cycle = Cycle {
             samples: samples as u16,
             current: self.full_current * libm::sqrt(driven.norm_sqr()) as f32,
@@ -236,7 +235,7 @@ impl EnvelopePlant {
     fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
         let output = output * f64::from(self.gain);
         let ahead = if lead == 0.0 {
-            Complex::new(1.0, 0.0)
+            Complex::ONE
         } else {
             turn(lead)
         };
@@ -273,26 +272,10 @@ impl EnvelopePlant {
         self.shown = shown;
     }
 
-    /// Upper bound of the summed ringing of this cycle's impacts in m/s^2.
-    fn ringing(&self) -> f64 {
-        let speeds = self.strikes().iter().map(|strike| strike.speed);
-        f64::from(self.sensor.ringing) * speeds.sum::<f64>()
-    }
-
-    /// Samples from the start of the cycle to a time of the parts. The state at a sample results
-    /// from the output of the sample before.
-    fn samples_to(&self, time: u64) -> f64 {
-        (time as i64 - self.time) as f64 * self.drive.per_step()
-    }
-
-    /// Time up to which this cycle simulates the parts.
-    fn end(&self) -> u64 {
-        (self.time + i64::from(self.drive.samples()) * i64::from(self.drive.step())).max(0) as u64
-    }
-
     /// Simulates the parts to the end of the cycle.
     fn move_parts(&mut self) {
-        let end = self.end();
+        let (samples, step) = (self.drive.samples(), self.drive.step());
+        let end = (self.time + i64::from(samples) * i64::from(step)).max(0) as u64;
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
         let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
         let track = Track {
@@ -400,7 +383,7 @@ impl EnvelopePlant {
         let (samples, step) = (self.drive.samples(), self.drive.step());
         self.onset
             .begin(self.sample, samples, self.drive.phase_at(0), step);
-        let mut sum = Complex::new(0.0, 0.0);
+        let mut sum = Complex::ZERO;
         let mut index = 0;
         while let Some(&strike) = self.strikes.get(index) {
             // Simultaneous impacts ring as one.
@@ -410,7 +393,8 @@ impl EnvelopePlant {
                 (count + 1, speed + other.speed)
             });
             index += count;
-            let samples = self.samples_to(strike.time);
+            // The state at a sample results from the output of the sample before.
+            let samples = (strike.time as i64 - self.time) as f64 * self.drive.per_step();
             let down = samples as u32;
             let whole = down + u32::from(f64::from(down) < samples);
             let struck = Struck {
@@ -476,7 +460,7 @@ impl EnvelopePlant {
     /// Demodulated part of the mains hum.
     fn hum(&self, samples: f64, middle: f64) -> Complex {
         if self.sensor.hum <= 0.0 {
-            return Complex::new(0.0, 0.0);
+            return Complex::ZERO;
         }
         let drive = f64::from(self.drive.step()) / Phase::TURN;
         // Phase at the middle of the cycle that ended, half a cycle back.
@@ -508,13 +492,8 @@ impl EnvelopePlant {
 
     /// Stores a detected impact for the cycle of its sample; dropped when the list is full.
     fn wait(&mut self, heard: HeardAt) {
-        let waiting = &self.waiting;
-        let at = waiting.partition_point(|other| other.sample <= heard.sample);
-        let _ = if at == waiting.len() {
-            self.waiting.push(heard)
-        } else {
-            self.waiting.insert(at, heard)
-        };
+        let at = (self.waiting).partition_point(|other| other.sample <= heard.sample);
+        let _ = self.waiting.insert(at, heard);
     }
 
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
@@ -538,11 +517,7 @@ impl EnvelopePlant {
                 strength: heard.strength as f32,
             });
         }
-        if due == self.waiting.len() {
-            self.waiting.clear();
-        } else {
-            self.waiting.drain(..due);
-        }
+        self.waiting.drain(..due);
         self.time += i64::from(samples) * i64::from(step);
     }
 

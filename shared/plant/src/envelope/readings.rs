@@ -43,7 +43,7 @@ impl Readings {
     /// Initial state without readings.
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
-            ringing: Ringing::new(sensor.ringing_frequency, sensor.ringing_decay * 1e-3),
+            ringing: Ringing::of(sensor),
             detector: OnsetDetector::new(sense.floor as f32),
             fold: Fold::EMPTY,
             folds: false,

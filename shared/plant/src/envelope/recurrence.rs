@@ -56,18 +56,6 @@ fn angle(z: Complex) -> Phase {
     phase_of(libm::atan2f(z.im as f32, z.re as f32))
 }
 
-fn power(base: Complex, exponent: u32) -> Complex {
-    let (mut result, mut square, mut left) = (Complex::new(1.0, 0.0), base, exponent);
-    while left > 0 {
-        if left & 1 == 1 {
-            result *= square;
-        }
-        square *= square;
-        left >>= 1;
-    }
-    result
-}
-
 /// Modal constants of the drive, which do not depend on the drive frequency.
 ///
 /// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector
@@ -159,7 +147,7 @@ struct Whole {
 impl Whole {
     fn new(mode: &Mode, sample: Complex, samples: u32) -> Self {
         let sums = |ratio: Complex| {
-            let last = power(ratio, samples);
+            let last = ratio.powu(samples);
             // At an undamped resonance at exactly this frequency all terms are equal.
             let sum = if (ratio - 1.0).norm_sqr() < 1e-24 {
                 Complex::new(f64::from(samples) - 1.0, 0.0)
@@ -170,7 +158,7 @@ impl Whole {
         };
         Self {
             samples,
-            decay: power(mode.sample, samples),
+            decay: mode.sample.powu(samples),
             ahead: sums(mode.sample * sample),
             back: sums(mode.sample.conj() * sample),
         }
@@ -252,17 +240,16 @@ impl Recurrence {
     /// The drive of a model at rest, for a phase step per sample.
     pub fn new(model: &DriveModel, step: u32) -> Self {
         let mode = Mode::new(model);
-        let zero = Complex::new(0.0, 0.0);
         Self {
             mode,
             tuning: Tuning::new(&mode, step.max(1)),
-            state: zero,
-            transient: zero,
-            steady: [zero; 2],
-            reading: [zero; 2],
+            state: Complex::ZERO,
+            transient: Complex::ZERO,
+            steady: [Complex::ZERO; 2],
+            reading: [Complex::ZERO; 2],
             phase: 0,
-            began: Complex::new(1.0, 0.0),
-            squared: Complex::new(1.0, 0.0),
+            began: Complex::ONE,
+            squared: Complex::ONE,
             longer: 0,
         }
     }
@@ -368,18 +355,13 @@ impl Recurrence {
 
     /// `e^(i phase)` of the output, `samples` after the first sample of this cycle.
     pub fn at(&self, samples: u32) -> Complex {
-        turned(
-            self.phase
-                .wrapping_add(samples.wrapping_mul(self.tuning.step)),
-        )
+        turned(self.phase_at(samples).bits())
     }
 
     /// Output phase, `samples` after the first sample of this cycle.
     pub fn phase_at(&self, samples: u32) -> Phase {
-        Phase::from_bits(
-            self.phase
-                .wrapping_add(samples.wrapping_mul(self.tuning.step)),
-        )
+        let ahead = samples.wrapping_mul(self.tuning.step);
+        Phase::from_bits(self.phase.wrapping_add(ahead))
     }
 
     /// Samples per phase step of 2^-32 turns.
@@ -484,13 +466,10 @@ mod tests {
                     if f64::from(slow.amplitude) > 0.01 * full {
                         assert!(apart.abs() / Phase::TURN * TAU < 100.0 * share);
                     }
-                    let seen = fast.acceleration(n);
-                    let most = fast.loudest();
-                    assert!(
-                        (seen - reading).abs() < (2e-4 + rounding) * most + 1e-6
-                            && seen.abs() <= most,
-                        "cycle {cycle}: {seen} {reading} {most}"
-                    );
+                    let (seen, most) = (fast.acceleration(n), fast.loudest());
+                    let near = (seen - reading).abs() < (2e-4 + rounding) * most + 1e-6;
+                    let what = std::format!("cycle {cycle}: {seen} {reading} {most}");
+                    assert!(near && seen.abs() <= most, "{what}");
                 }
                 if n < fast.samples() {
                     held = amplitude * sine;
@@ -507,10 +486,8 @@ mod tests {
             // at most 0.7 at phase theta, in one of N readings.
             let theta = f64::from(step) / Phase::TURN * TAU;
             let held = 0.7 * fast.mode.direct * theta * 2.0 / weight;
-            assert!(
-                off < (1e-4 + rounding) * largest.max(1.0) + held,
-                "cycle {cycle}: {off} of {largest}"
-            );
+            let room = (1e-4 + rounding) * largest.max(1.0) + held;
+            assert!(off < room, "cycle {cycle}: {off} of {largest}");
         }
         assert!(largest > 1.0);
     }

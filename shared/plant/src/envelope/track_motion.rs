@@ -67,9 +67,10 @@ impl<'a> TrackMotion<'a> {
 
     /// A rest between two times, on the moving track.
     pub fn rest(&self, from: u64, until: u64) -> Rest {
-        let swing = self.swing(from + until.saturating_sub(from) / 2);
-        let middle = self.output_phase(from + until.saturating_sub(from) / 2);
-        let half = 0.5 * until.saturating_sub(from) as f64 / Phase::TURN * TAU;
+        let duration = until.saturating_sub(from);
+        let swing = self.swing(from + duration / 2);
+        let middle = self.output_phase(from + duration / 2);
+        let half = 0.5 * duration as f64 / Phase::TURN * TAU;
         Rest {
             phases: [middle - half, middle + half],
             amplitude: f64::from(swing.amplitude),
@@ -85,9 +86,7 @@ impl<'a> TrackMotion<'a> {
         from: u64,
         end: u64,
     ) -> Option<(Swing, u64)> {
-        let k = |swing: &Swing| {
-            track.normal_gravity / (f64::from(swing.amplitude) * track.angular * track.angular)
-        };
+        let k = |swing: &Swing| track.k(swing.amplitude.into());
         let began = self.swing(from);
         if self.tones > 0 {
             let after = |swing: Swing, waves: &mut WaveCache| {

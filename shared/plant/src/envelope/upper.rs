@@ -97,17 +97,11 @@ impl UpperEnvelope {
         if tones == 0 && modes.is_empty() {
             return None;
         }
-        let quality = f64::from(model.quality);
-        let resonance = UpperMode {
-            frequency: f64::from(model.resonance),
-            quality,
-            force: f64::from(model.gain) * 1e-3 / quality,
-        };
-        let zero = Complex::new(0.0, 0.0);
-        let modes = core::iter::once(resonance).chain(modes).map(|model| Mode {
+        let resonance = core::iter::once(UpperMode::resonance(model));
+        let modes = resonance.chain(modes).map(|model| Mode {
             model,
-            answer: zero,
-            surge: zero,
+            answer: Complex::ZERO,
+            surge: Complex::ZERO,
             tones: [Driven::default(); UPPER],
         });
         Some(Self {
@@ -115,7 +109,7 @@ impl UpperEnvelope {
             tones,
             step: 0,
             angular: 0.0,
-            added: zero,
+            added: Complex::ZERO,
         })
     }
 
@@ -143,7 +137,7 @@ impl UpperEnvelope {
     /// tone. Values are cosine and sine parts in m/s^2, at the drive's frequency and its multiples.
     pub fn end(&mut self, samples: u32) -> ([f64; 2], [[f64; 2]; UPPER]) {
         let count = f64::from(samples);
-        let mut found = [Complex::new(0.0, 0.0); UPPER];
+        let mut found = [Complex::ZERO; UPPER];
         for mode in &mut self.modes {
             let tones = mode.tones.iter_mut().zip(&mut found).take(self.tones);
             for (n, (tone, found)) in tones.enumerate() {
@@ -198,7 +192,7 @@ impl UpperEnvelope {
         if size <= 0.0 {
             return swing;
         }
-        let mut upper = [Complex::new(0.0, 0.0); UPPER];
+        let mut upper = [Complex::ZERO; UPPER];
         for (_, n, tone) in self.driven() {
             if let Some(sum) = upper.get_mut(n) {
                 *sum += tone.at(samples);
@@ -210,10 +204,8 @@ impl UpperEnvelope {
             power *= first;
             long *= size;
             let shape = tone * power.conj() / long;
-            UpperTone::new(
-                libm::sqrt(shape.norm_sqr()) as f32,
-                libm::atan2(shape.im, shape.re) as f32,
-            )
+            let ratio = libm::sqrt(shape.norm_sqr()) as f32;
+            UpperTone::new(ratio, libm::atan2(shape.im, shape.re) as f32)
         });
         Swing {
             amplitude: size as f32,

@@ -8,7 +8,7 @@ use num_complex::{Complex32 as Complex, Complex64};
 
 use heapless::Vec;
 
-use super::scene::DriveModel;
+use super::scene::{DriveModel, SensorModel};
 use kband::arithmetic::Phase;
 use kband::arithmetic::sine_cosine_single;
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
@@ -30,18 +30,15 @@ pub struct Resonator {
 impl Resonator {
     /// Resonator of a drive model at rest.
     pub fn new(model: &DriveModel) -> Self {
-        // At resonance the displacement is Q times the static one.
-        let force = f64::from(model.gain) * 1e-3 / f64::from(model.quality);
-        Self::of(f64::from(model.resonance), f64::from(model.quality), force)
+        Self::of(&UpperMode::resonance(model))
     }
 
-    /// Resonator at rest with a frequency in Hz, a quality factor and a static displacement `force`
-    /// in m at full output.
-    pub fn of(resonance: f64, quality: f64, force: f64) -> Self {
+    /// Resonator of a mode at rest.
+    pub fn of(mode: &UpperMode) -> Self {
         // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta
         // y).
-        let w0 = resonance * core::f64::consts::TAU;
-        let zeta = 0.5 / quality;
+        let w0 = mode.frequency * core::f64::consts::TAU;
+        let zeta = 0.5 / mode.quality;
         let h = 1.0 / f64::from(SAMPLE_RATE);
         let damped = libm::sqrt(1.0 - zeta * zeta);
         let decay = libm::exp(-zeta * w0 * h);
@@ -54,7 +51,7 @@ impl Resonator {
         let input = [1.0 - matrix[0][0], -matrix[1][0]];
         Self {
             matrix: matrix.map(|row| row.map(|entry| entry as f32)),
-            input: input.map(|entry| (entry * force) as f32),
+            input: input.map(|entry| (entry * mode.force) as f32),
             state: [0.0; 2],
             natural: w0 as f32,
             damping: (2.0 * zeta) as f32,
@@ -146,8 +143,8 @@ impl Swing {
     }
 }
 
-/// A mode above the resonance, fitted to the configured response at a multiple of the drive's
-/// frequency.
+/// A mode: the resonance, or one above it, fitted to the configured response at a multiple of the
+/// drive's frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpperMode {
     /// Frequency in Hz.
@@ -163,6 +160,17 @@ pub struct UpperMode {
 const FIT_ROUNDS: usize = 12;
 
 impl UpperMode {
+    /// The resonance of a model.
+    pub fn resonance(model: &DriveModel) -> Self {
+        let quality = f64::from(model.quality);
+        Self {
+            frequency: model.resonance.into(),
+            quality,
+            // At resonance the displacement is Q times the static one.
+            force: f64::from(model.gain) * 1e-3 / quality,
+        }
+    }
+
     /// Modes of a model at a drive frequency in Hz; none if the resonance alone gives the
     /// configured response.
     pub fn of(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
@@ -183,17 +191,12 @@ impl UpperMode {
                 let (sine, cosine) = libm::sincos(lag);
                 let told = Complex64::new(cosine, -sine) * (f64::from(gain) * 1e-3);
                 let at = harmonic * frequency;
-                let mut missing = told - response(model, at);
-                for (other, mode) in modes.iter().enumerate() {
-                    if other != n
-                        && let Some(mode) = mode
-                    {
-                        missing -= mode.answer(at);
-                    }
+                let mut missing = told - Self::resonance(model).answer(at);
+                modes[n] = None;
+                for mode in modes.iter().flatten() {
+                    missing -= mode.answer(at);
                 }
-                if let Some(own) = modes.get_mut(n) {
-                    *own = Self::fitted(missing, at, f64::from(model.second_quality));
-                }
+                modes[n] = Self::fitted(missing, at, f64::from(model.second_quality));
             }
         }
         modes.into_iter().flatten().collect()
@@ -225,16 +228,6 @@ impl UpperMode {
         let x = frequency / self.frequency;
         Complex64::new(1.0 - x * x, x / self.quality).inv() * self.force
     }
-}
-
-/// Response of a model's resonance to full output at a frequency in Hz, in m.
-fn response(model: &DriveModel, frequency: f64) -> Complex64 {
-    let (quality, x) = (
-        f64::from(model.quality),
-        frequency / f64::from(model.resonance),
-    );
-    let force = f64::from(model.gain) * 1e-3 / quality;
-    Complex64::new(1.0 - x * x, x / quality).inv() * force
 }
 
 /// Separates the upper tones of the track's motion. It estimates the tones of the output and
@@ -323,8 +316,9 @@ pub struct Ringing {
 }
 
 impl Ringing {
-    /// Ringing at a frequency in Hz with a decay time in s.
-    pub fn new(frequency: f32, decay: f32) -> Self {
+    /// Ringing in a sensor.
+    pub fn of(sensor: &SensorModel) -> Self {
+        let (frequency, decay) = (sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
         let h = 1.0 / SAMPLE_RATE as f32;
         let angle = TAU * frequency * h;
         let keep = libm::expf(-h / decay);

@@ -239,12 +239,11 @@ impl Scene {
     /// commissioning.
     pub(crate) fn rest(&self) -> f32 {
         let settings = &self.settings;
-        if settings.sensor_rest > 0.0 {
-            (settings.sensor_rest - settings.sensor_zero) / settings.sensitivity
-                * STANDARD_GRAVITY as f32
-        } else {
-            0.0
+        if settings.sensor_rest <= 0.0 {
+            return 0.0;
         }
+        let seen = settings.sensor_rest - settings.sensor_zero;
+        seen / settings.sensitivity * STANDARD_GRAVITY as f32
     }
 
     /// The target, and those that disturbances set later, as listed.
@@ -296,55 +295,35 @@ impl Scene {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
         };
         let (drive, sensor) = (&self.drive, &self.sensor);
+        let (quality, current) = (drive.second_quality, drive.current_gain);
+        let (ringing, decay) = (sensor.ringing_frequency, sensor.ringing_decay);
         let degrees = ([-180.0, 180.0], "-180..180 degrees");
         let millimetres = ([0.0, 100.0], "0..100 mm");
+        let hertz = ([5.0, 500.0], "5..500 Hz");
+        let amperes = ([1e-3, 100.0], "0.001..100 mm/A");
+        let noisy = ([0.0, 100.0], "0..100 m/s^2");
+        let sensitive = ([0.1, 10.0], "0.1..10");
+        let loud = ([0.0, 1e5], "0..100000 1/s");
+        let high = ([500.0, 9000.0], "500..9000 Hz");
         for (parameter, value, (range, accepted)) in [
-            (
-                "drive resonance",
-                drive.resonance,
-                ([5.0, 500.0], "5..500 Hz"),
-            ),
+            ("drive resonance", drive.resonance, hertz),
             ("drive quality", drive.quality, ([1.0, 200.0], "1..200")),
             ("drive gain", drive.gain, ([1e-3, 100.0], "0.001..100 mm")),
             ("drive second_gain", drive.second_gain, millimetres),
             ("drive second_lag", drive.second_lag, degrees),
             ("drive third_gain", drive.third_gain, millimetres),
             ("drive third_lag", drive.third_lag, degrees),
-            (
-                "drive second_quality",
-                drive.second_quality,
-                ([0.5, 200.0], "0.5..200"),
-            ),
+            ("drive second_quality", quality, ([0.5, 200.0], "0.5..200")),
             ("drive mains", drive.mains, ([10.0, 400.0], "10..400 Hz")),
             ("drive ripple", drive.ripple, ([0.0, 0.5], "0..0.5")),
             ("drive mass", drive.mass, ([0.001, 1e5], "0.001..100000 kg")),
-            (
-                "drive current_gain",
-                drive.current_gain,
-                ([1e-3, 100.0], "0.001..100 mm/A"),
-            ),
-            ("sensor hum", sensor.hum, ([0.0, 100.0], "0..100 m/s^2")),
-            ("sensor noise", sensor.noise, ([0.0, 100.0], "0..100 m/s^2")),
-            (
-                "sensor sensitivity",
-                sensor.sensitivity,
-                ([0.1, 10.0], "0.1..10"),
-            ),
-            (
-                "sensor ringing",
-                sensor.ringing,
-                ([0.0, 1e5], "0..100000 1/s"),
-            ),
-            (
-                "sensor ringing_frequency",
-                sensor.ringing_frequency,
-                ([500.0, 9000.0], "500..9000 Hz"),
-            ),
-            (
-                "sensor ringing_decay",
-                sensor.ringing_decay,
-                ([0.05, 50.0], "0.05..50 ms"),
-            ),
+            ("drive current_gain", current, amperes),
+            ("sensor hum", sensor.hum, noisy),
+            ("sensor noise", sensor.noise, noisy),
+            ("sensor sensitivity", sensor.sensitivity, sensitive),
+            ("sensor ringing", sensor.ringing, loud),
+            ("sensor ringing_frequency", ringing, high),
+            ("sensor ringing_decay", decay, ([0.05, 50.0], "0.05..50 ms")),
         ] {
             within(parameter, value, range, accepted)?;
         }
@@ -359,19 +338,11 @@ impl Scene {
         }
         let together: f32 = self.masses.iter().take(self.parts.len()).sum();
         let accepted = "0..the mass that swings with the track";
-        within(
-            "part mass, of all parts",
-            together,
-            [0.0, 1e3 * drive.mass],
-            accepted,
-        )?;
+        let room = [0.0, 1e3 * drive.mass];
+        within("part mass, of all parts", together, room, accepted)?;
         let count = ([0.0, self.parts.len() as f32], "0..the number of parts");
-        within(
-            "parts in the hopper",
-            f32::from(self.waiting),
-            count.0,
-            count.1,
-        )?;
+        let waiting = f32::from(self.waiting);
+        within("parts in the hopper", waiting, count.0, count.1)?;
         self.contact_time()?;
         if self.contact > 0.0 && self.has_mass() {
             let accepted =
@@ -380,22 +351,13 @@ impl Scene {
         }
         if let Some([sliding, sticking]) = self.friction {
             within("part friction", sliding, [0.0, 10.0], "0..10")?;
-            let accepted = "the friction of sliding..10";
-            within(
-                "part sticking friction",
-                sticking,
-                [sliding, 10.0],
-                accepted,
-            )?;
+            let (range, accepted) = ([sliding, 10.0], "the friction of sliding..10");
+            within("part sticking friction", sticking, range, accepted)?;
         }
-        for disturbance in &self.disturbances {
-            accept(
-                "disturbance at",
-                disturbance.at,
-                (0.0..=1e8).contains(&disturbance.at),
-                "0..100000000 s",
-            )?;
-            let (parameter, value, (range, accepted)) = match disturbance.change {
+        for &Disturbance { at, change } in &self.disturbances {
+            let accepts = (0.0..=1e8).contains(&at);
+            accept("disturbance at", at, accepts, "0..100000000 s")?;
+            let (parameter, value, (range, accepted)) = match change {
                 Change::Gain(gain) => ("disturbance gain", gain, ([0.0, 10.0], "0..10")),
                 Change::Restitution(r) => ("disturbance restitution", r, ([-0.5, 1.0], "-0.5..1")),
                 Change::Scatter(s) => ("disturbance scatter", s, ([0.0, 0.5], "0..0.5")),
@@ -447,10 +409,8 @@ mod tests {
             }
             let expected = libm::hypot(sums[0], sums[1]);
             let found = f64::from(ringing_share(periods as f32));
-            assert!(
-                (found - expected).abs() < 1e-3,
-                "{periods}: {found} {expected}"
-            );
+            let off = (found - expected).abs();
+            assert!(off < 1e-3, "{periods}: {found} {expected}");
         }
     }
 

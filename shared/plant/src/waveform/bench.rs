@@ -108,7 +108,6 @@ impl Bench {
         let volts = settings.converter_reference / (full + 1.0);
         let drive = Resonator::new(&scene.drive);
         let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
-        let own = |mode: &UpperMode| Resonator::of(mode.frequency, mode.quality, mode.force);
         let upper = settings.upper_tones();
         let lead = track.phase_lead();
         // The impact map serves all parts, or none if any has mass.
@@ -118,17 +117,13 @@ impl Bench {
             samples: 0,
             apart: (upper > 0).then(|| TonesApart::new(upper)),
             waves: WaveCache::default(),
-            modes: modes
-                .iter()
-                .map(|mode| (own(mode), mode.force as f32))
+            modes: (modes.iter())
+                .map(|mode| (Resonator::of(mode), mode.force as f32))
                 .collect(),
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
             gain: 1.0,
-            ringing: Ringing::new(
-                scene.sensor.ringing_frequency,
-                scene.sensor.ringing_decay * 1e-3,
-            ),
+            ringing: Ringing::of(&scene.sensor),
             sensor: scene.heard_sensor(),
             contact: scene.contact_time()?,
             rest: scene.rest(),

@@ -93,15 +93,41 @@ pub struct Blow {
 enum Motion {
     /// At rest normal to the track, with a velocity along it in m/s relative to it.
     Lying(f64),
-    /// In free fall: height in m, velocities normal to the track and along it in m/s. `left` is the
-    /// track's position along itself at launch and `way` the distance since, both in m.
-    Flying {
-        height: f64,
-        velocity: f64,
-        along: f64,
-        left: f64,
-        way: f64,
-    },
+    /// In free fall.
+    Flying(Fall),
+}
+
+/// Height in m, velocities normal to the track and along it in m/s. `left` is the track's position
+/// along itself at launch and `way` the distance since, both in m.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Fall {
+    height: f64,
+    velocity: f64,
+    along: f64,
+    left: f64,
+    way: f64,
+}
+
+impl Fall {
+    /// Height and velocity after a time in s under gravity (m/s^2).
+    fn normal(&self, gravity: f64, time: f64) -> [f64; 2] {
+        let Self {
+            height, velocity, ..
+        } = *self;
+        [
+            height + time * (velocity - 0.5 * gravity * time),
+            velocity - gravity * time,
+        ]
+    }
+
+    /// Way and velocity along the track after it.
+    fn along(&self, down: f64, time: f64) -> [f64; 2] {
+        let Self { way, along, .. } = *self;
+        [
+            way + time * (along - 0.5 * down * time),
+            along - down * time,
+        ]
+    }
 }
 
 /// A part with mass.
@@ -151,13 +177,10 @@ impl MassivePart {
 
     /// Drops it from a height in m, without initial speed.
     pub fn drop_from(&mut self, height: f64, now: u64) {
-        self.motion = Motion::Flying {
+        self.motion = Motion::Flying(Fall {
             height,
-            velocity: 0.0,
-            along: 0.0,
-            left: 0.0,
-            way: 0.0,
-        };
+            ..Fall::default()
+        });
         (self.began, self.rested) = (now, true);
     }
 
@@ -197,71 +220,52 @@ impl MassivePart {
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
         let [left, carried] = ground.along(track);
         self.began = now;
-        self.motion = Motion::Flying {
+        self.motion = Motion::Flying(Fall {
             height: own[0],
             velocity: own[1],
             along: carried + along,
             left,
             way: 0.0,
-        };
+        });
     }
 
     /// Simulates a sample of flight over a track's stroke, with its impact, whose recoil is added
     /// to the stroke. `times` are those of the sample's ends in steps of 2^-32 turns.
     pub fn fall(&mut self, ground: &Ground, stroke: &mut Stroke, times: [u64; 2]) -> Option<Blow> {
-        let Motion::Flying {
-            height,
-            velocity,
-            along,
-            left,
-            way,
-        } = self.motion
-        else {
+        let Motion::Flying(fall) = self.motion else {
             return None;
         };
         let (sample, [gravity, down]) = (ground.sample, ground.gravity);
-        let fallen = |time: f64| {
-            [
-                height + time * (velocity - 0.5 * gravity * time),
-                velocity - gravity * time,
-            ]
-        };
-        let gone = |time: f64| {
-            [
-                way + time * (along - 0.5 * down * time),
-                along - down * time,
-            ]
-        };
-        let own = fallen(sample);
-        if own[0] >= stroke.to[0] {
-            let [way, along] = gone(sample);
-            self.motion = Motion::Flying {
-                height: own[0],
-                velocity: own[1],
+        let [height, velocity] = fall.normal(gravity, sample);
+        if height >= stroke.to[0] {
+            let [way, along] = fall.along(down, sample);
+            self.motion = Motion::Flying(Fall {
+                height,
+                velocity,
                 along,
-                left,
                 way,
-            };
+                ..fall
+            });
             return None;
         }
         let (mut above, mut below) = (0.0, 1.0);
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (above + below);
-            if fallen(middle * sample)[0] < stroke.at(middle, sample)[0] {
+            if fall.normal(gravity, middle * sample)[0] < stroke.at(middle, sample)[0] {
                 below = middle;
             } else {
                 above = middle;
             }
         }
         let [x, v] = stroke.at(below, sample);
-        let own = fallen(below * sample)[1];
+        let own = fall.normal(gravity, below * sample)[1];
         let speed = (v - own).max(0.0);
         let kept = self.restitution.draw();
         let [after, thrown] = struck(v, own, self.share, kept);
         let before = [x, v];
         let [place, carried] = ground.along(before);
-        let [way, along] = gone(below * sample);
-        self.displacement += way - (place - left);
+        let [way, along] = fall.along(down, below * sample);
+        self.displacement += way - (place - fall.left);
         let relative = along - carried;
         let relative = match ground.law {
             Law::Restitution(tangential) => tangential.restitution * relative,
@@ -295,17 +299,9 @@ impl MassivePart {
                 Law::Friction(_) => relative,
             };
             self.motion = Motion::Lying(kept);
-        } else if let Motion::Flying {
-            height,
-            velocity,
-            along,
-            way,
-            ..
-        } = &mut self.motion
-        {
-            [*height, *velocity] = end;
-            *way = rest * (*along - 0.5 * down * rest);
-            *along -= down * rest;
+        } else if let Motion::Flying(fall) = &mut self.motion {
+            [fall.height, fall.velocity] = end;
+            [fall.way, fall.along] = fall.along(down, rest);
         }
         Some(blow)
     }

@@ -44,19 +44,15 @@ fn deaf_board_holds_and_captures_after_recovery() {
         assert!(deaf > 900, "{disturbed:?}: {deaf}");
         assert_eq!(kicks, 0, "{disturbed:?}");
         let last = (0..1000).map(|_| closed.cycle().report).last().unwrap();
-        assert_eq!(
-            (last.state, last.limits),
-            (State::Locked, Limits::default())
-        );
+        assert_eq!(last.state, State::Locked);
+        assert_eq!(last.limits, Limits::default());
     }
     // No impact is detected at all: the setpoint is held.
     let mut empty = Scene::default();
     empty.parts.clear();
     let mut closed = EnvelopeLoop::build(&empty).unwrap();
     let last = (0..3000).map(|_| closed.cycle().report).last().unwrap();
-    assert_eq!(
-        (last.state, last.limits, last.attempts),
-        (State::Limiting, Limits::DEAF, 0)
-    );
+    assert_eq!((last.state, last.attempts), (State::Limiting, 0));
+    assert_eq!(last.limits, Limits::DEAF);
     assert!((last.amplitude / last.setpoint - 1.0).abs() < 0.01);
 }

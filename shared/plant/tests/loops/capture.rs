@@ -41,24 +41,15 @@ fn scene(number: u64, parts: Parts) -> Scene {
             Parts::Tumbling => tumbles,
         } as f32;
     }
-    let scatter = if parts == Parts::Tumbling {
-        scatters
-    } else {
-        0.0
-    };
+    let tumbling = parts == Parts::Tumbling;
+    let scatter = if tumbling { scatters } else { 0.0 };
     scene.scatter = core::iter::repeat_n(scatter as f32, scene.parts.len()).collect();
     scene
 }
 
-/// How a capture ended, and after how many kicks.
-struct Ended {
-    captured: bool,
-    kicks: u8,
-}
-
-/// Runs a feeder to the end of its first capture, and five seconds on where that failed; `None`
-/// where a limit holds the drive back.
-fn end(scene: &Scene) -> Option<Ended> {
+/// Runs a feeder to the end of its first capture, and five seconds on where that failed. Returns
+/// whether it captured the parts, and the kicks; `None` where a limit holds the drive back.
+fn end(scene: &Scene) -> Option<(bool, u8)> {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     // The last two cycles in which each part was thrown from rest.
     let mut thrown = vec![[0_u32; 2]; scene.parts.len()];
@@ -89,21 +80,16 @@ fn end(scene: &Scene) -> Option<Ended> {
             failed = None;
             break;
         }
-        if report
-            .events
-            .iter()
-            .any(|event| event == Event::NotCaptured)
-        {
+        let mut events = report.events.iter();
+        if events.any(|event| event == Event::NotCaptured) {
             failed = Some((cycle, report.attempts));
         }
         if report.limits != Limits::default() && cycle > 1000 {
             return None;
         }
     }
-    Some(Ended {
-        captured: failed.is_none(),
-        kicks: failed.map_or(closed.controller().report().attempts, |(_, kicks)| kicks),
-    })
+    let kicks = closed.controller().report().attempts;
+    Some(failed.map_or((true, kicks), |(_, kicks)| (false, kicks)))
 }
 
 /// Of 507 such captures none was given up that eight kicks would have won.
@@ -111,13 +97,11 @@ fn end(scene: &Scene) -> Option<Ended> {
 fn lots_that_fit_are_captured() {
     let (mut captured, mut lost) = (0, Vec::new());
     for number in 0..150 {
-        let Some(ended) = end(&scene(number, Parts::Fitting)) else {
-            continue;
-        };
-        captured += u32::from(ended.captured);
-        // A plan may lack any kick.
-        if !ended.captured && ended.kicks > 0 {
-            lost.push(number);
+        match end(&scene(number, Parts::Fitting)) {
+            Some((true, _)) => captured += 1,
+            // A plan may lack any kick.
+            Some((false, 1..)) => lost.push(number),
+            _ => {}
         }
     }
     // The eight kicks of this one miss, too.
@@ -130,11 +114,8 @@ fn kicks_of_parts_outside_the_lot_end_early() {
     let (mut kicks, mut captures) = (0, 0);
     for number in 0..40 {
         for parts in [Parts::Livelier, Parts::Deader, Parts::Tumbling] {
-            let Some(ended) = end(&scene(number, parts)) else {
-                continue;
-            };
-            if !ended.captured && ended.kicks > 0 {
-                kicks += u32::from(ended.kicks);
+            if let Some((false, tried @ 1..)) = end(&scene(number, parts)) {
+                kicks += u32::from(tried);
                 captures += 1;
             }
         }
@@ -148,6 +129,6 @@ fn kicks_of_parts_outside_the_lot_end_early() {
 #[test]
 fn landings_from_rest_are_no_lock() {
     for parts in [Parts::Tumbling, Parts::Livelier] {
-        assert!(end(&scene(29, parts)).is_some_and(|ended| !ended.captured));
+        assert!(end(&scene(29, parts)).is_some_and(|(captured, _)| !captured));
     }
 }

@@ -1,6 +1,6 @@
 //! Plausibility of gain and sensor: drives that are sharper, blunter or stronger than configured.
 
-use kband_control::{Fault, Settings, Target};
+use kband_control::{Fault, Target};
 use kband_plant::{ClosedLoop, DriveModel, EnvelopeLoop, Scene};
 
 /// Fault that stops a scene in the envelope plant within some cycles.
@@ -32,20 +32,11 @@ fn gain_error_selects_the_sensor_fault() {
 #[test]
 fn any_quality_starts_captures_and_stops_without_fault() {
     for (quality, lot) in [(5.0, 0.2), (25.0, 0.2), (120.0, 0.2), (25.0, 0.5)] {
-        let scene = Scene {
-            settings: Settings {
-                quality,
-                restitution_low: lot - 0.01,
-                restitution_high: lot + 0.01,
-                ..Settings::default()
-            },
-            drive: DriveModel {
-                quality,
-                ..DriveModel::default()
-            },
-            parts: core::iter::repeat_n(lot, 24).collect(),
-            ..Scene::default()
-        };
+        let mut scene = Scene::default();
+        scene.settings.restitution_low = lot - 0.01;
+        scene.settings.restitution_high = lot + 0.01;
+        (scene.settings.quality, scene.drive.quality) = (quality, quality);
+        scene.parts = core::iter::repeat_n(lot, 24).collect();
         let mut closed = ClosedLoop::build(&scene).unwrap();
         for _ in 0..600 {
             assert_eq!(closed.cycle().report.fault, None, "Q {quality} R {lot}");

@@ -88,7 +88,7 @@ pub const CYCLES: usize = 3000;
 pub const SETTLED: usize = 250;
 
 /// True and estimated share in gear of a minute: means from 5 s on.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Heard {
     pub truth: f64,
     pub heard: f64,

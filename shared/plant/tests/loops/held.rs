@@ -4,7 +4,7 @@
 //! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
 //! of the same loop.
 
-use kband_control::{Settings, State, Target};
+use kband_control::{State, Target};
 use kband_plant::{EnvelopeLoop, Scene};
 
 /// Result of a start.
@@ -58,13 +58,8 @@ fn machine(
 }
 
 fn start(scene: &Scene, wanted: f32) -> Start {
-    let Settings {
-        frequency,
-        resonance,
-        quality,
-        ..
-    } = scene.settings;
-    let cycles = quality / std::f32::consts::PI * frequency / resonance;
+    let settings = &scene.settings;
+    let cycles = settings.quality / std::f32::consts::PI * settings.frequency / settings.resonance;
     let mut looped = EnvelopeLoop::build(scene).unwrap();
     let mut arrived = None;
     let (mut peak, mut outside) = (0.0_f32, 0);
@@ -132,9 +127,8 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
             let (mut scene, wanted) = machine(frequency, quality, detuned, wrong, 2.0, share);
             scene.settings.soft_start = soft;
             let came = start(&scene, wanted);
-            let told = format!(
-                "{frequency} Hz, Q {quality}, {detuned}, gain {wrong}, {soft} s, {share}: {came:?}"
-            );
+            let drive = format!("{frequency} Hz, Q {quality}, {detuned}, gain {wrong}");
+            let told = format!("{drive}, {soft} s, {share}: {came:?}");
             assert_eq!(came.state, State::Holding, "{told}");
             assert!(came.peak < 1.03 && came.settles < 3.0, "{told}");
             assert!(came.swing < 0.005, "{told}");
@@ -150,10 +144,8 @@ fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
             let (mut scene, wanted) = machine(50.0, quality, detuned, wrong, 1.0, 0.4);
             scene.settings.soft_start = soft;
             let came = start(&scene, wanted);
-            assert!(
-                came.peak < 1.02,
-                "Q {quality}, {detuned}, gain {wrong}, {soft} s: {came:?}"
-            );
+            let told = format!("Q {quality}, {detuned}, gain {wrong}, {soft} s: {came:?}");
+            assert!(came.peak < 1.02, "{told}");
         }
     }
 }

@@ -36,10 +36,8 @@ fn final_k_is_just_above_the_end_of_rest() {
             panic!("R {restitution} was not found");
         };
         let k = f64::from(found.k);
-        assert!(
-            rests(0.965 * k, restitution) && !rests(0.91 * k, restitution),
-            "{found:?}"
-        );
+        assert!(rests(0.965 * k, restitution), "{found:?}");
+        assert!(!rests(0.91 * k, restitution), "{found:?}");
     }
 }
 
@@ -96,10 +94,8 @@ fn restitution_is_found_within_0_005_in_noise() {
         let Identification::Found(found) = heard(&[restitution], seed, sensor) else {
             panic!("R {restitution} was not found");
         };
-        assert!(
-            (found.restitution - restitution).abs() < 0.005,
-            "{restitution}: {found:?}"
-        );
+        let off = (found.restitution - restitution).abs();
+        assert!(off < 0.005, "{restitution}: {found:?}");
         assert!(found.hops >= 50 && found.deviation < 0.005);
     }
 }
@@ -107,18 +103,8 @@ fn restitution_is_found_within_0_005_in_noise() {
 #[test]
 fn other_signals_give_no_restitution() {
     let sensor = SensorModel::default();
-    let mute = SensorModel {
-        ringing: 0.0,
-        ..sensor
-    };
-    let lined = SensorModel {
-        ringing: 0.5,
-        ..sensor
-    };
-    let noisy = SensorModel {
-        noise: 5.0,
-        ..sensor
-    };
+    let (mut mute, mut lined, mut noisy) = (sensor, sensor, sensor);
+    (mute.ringing, lined.ringing, noisy.noise) = (0.0, 0.5, 5.0);
     for (parts, sensor, why) in [
         (&[0.0][..], sensor, Unidentified::Dead),
         (&[0.15, 0.35], sensor, Unidentified::Scattered),
@@ -146,22 +132,16 @@ fn scattering_parts_get_no_false_restitution() {
                 let easy = scatter == 0.0 || parts == 1 && scatter < 0.08 && restitution < 0.55;
                 if let Identification::Found(found) = heard {
                     let apart = (found.restitution - restitution).abs();
-                    assert!(apart < 3.0 * found.deviation, "{lot:?}: {found:?}");
-                    assert!(
-                        found.deviation < 0.03 && apart < 0.045,
-                        "{lot:?}: {found:?}"
-                    );
+                    let covered = apart < 3.0 * found.deviation && apart < 0.045;
+                    assert!(covered && found.deviation < 0.03, "{lot:?}: {found:?}");
                     let spread = (found.scatter - scatter).abs();
                     assert!(!easy || spread <= 0.3 * scatter, "{lot:?}: {found:?}");
                 }
                 let answered = matches!(heard, Identification::Found(_));
                 assert!(answered || !easy, "{lot:?}: {heard:?}");
                 // Parts that strike must never be reported as missing.
-                assert_ne!(
-                    heard,
-                    Identification::NotFound(Unidentified::Quiet),
-                    "{lot:?}"
-                );
+                let quiet = Identification::NotFound(Unidentified::Quiet);
+                assert_ne!(heard, quiet, "{lot:?}");
             }
         }
     }

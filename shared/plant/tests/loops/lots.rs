@@ -62,11 +62,8 @@ pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     scene.drive.gain = settings.gain;
     scene.sensor.noise = (1e-3 * unit * square * log_between(noise, 1e-3, 6e-3)) as f32;
     let gain = between(noise, 0.7, 1.4) as f32;
-    scene.sensor.sensitivity = if noise.bits().is_multiple_of(4) {
-        1.0
-    } else {
-        gain
-    };
+    let equal = noise.bits().is_multiple_of(4);
+    scene.sensor.sensitivity = if equal { 1.0 } else { gain };
     let parts = 1 + noise.bits() as usize % 12;
     scene.parts = (0..parts)
         .map(|_| between(noise, middle - half, middle + half) as f32)
@@ -146,7 +143,7 @@ fn configured() -> &'static [Window] {
 
 #[test]
 fn ready_is_off_where_no_part_is_in_gear() {
-    let (mut out_of_gear, mut ready_in_gear, mut wrong) = (0_u32, 0_u32, Vec::new());
+    let (mut out_of_gear, mut ready_in_gear, mut wrong) = (0, 0, Vec::new());
     for window in configured() {
         let Window { share, ready, .. } = *window;
         if share < OUT_OF_GEAR {
@@ -158,20 +155,13 @@ fn ready_is_off_where_no_part_is_in_gear() {
             ready_in_gear += 1;
         }
     }
-    assert!(
-        wrong.is_empty(),
-        "lot, fidelity, window, share, cycles: {wrong:?}"
-    );
+    let none = wrong.is_empty();
+    assert!(none, "lot, fidelity, window, share, cycles: {wrong:?}");
     let lots = lots();
-    assert!(
-        u64::from(out_of_gear) > lots,
-        "{out_of_gear} of {lots} lots"
-    );
+    assert!(out_of_gear > lots, "{out_of_gear} of {lots} lots");
     // READY is rare where most lots are configured wrongly: few lots may be without it.
-    assert!(
-        lots < 40 || u64::from(ready_in_gear) * 20 > lots,
-        "{ready_in_gear} of {lots} lots"
-    );
+    let enough = lots < 40 || ready_in_gear * 20 > lots;
+    assert!(enough, "{ready_in_gear} of {lots} lots");
 }
 
 /// Shares of the reported estimates within 1, 2 and 3 of their errors; and the number of lots among
@@ -192,21 +182,15 @@ fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
         let covers = |(_, apart, error): &&(u64, f64, f64)| apart.abs() <= errors * error;
         reported.iter().filter(covers).count() as f64 / count
     });
-    let mean = reported.iter().map(|(_, apart, _)| apart).sum::<f64>() / count;
-    let square = reported
-        .iter()
-        .map(|(_, apart, _)| apart * apart)
-        .sum::<f64>()
-        / count;
+    let apart = reported.iter().map(|(_, apart, _)| *apart);
+    let mean = apart.clone().sum::<f64>() / count;
+    let rms = (apart.map(|apart| apart * apart).sum::<f64>() / count).sqrt();
     let mut lots: Vec<u64> = reported.iter().map(|(lot, ..)| *lot).collect();
     lots.dedup();
-    println!(
-        "{count} estimates of {} lots: within 1, 2, 3 errors {within:.3?}, bias {mean:.3}, \
-         rms {:.3}",
-        lots.len(),
-        square.sqrt()
-    );
-    (within, lots.len() as f64)
+    let lots = lots.len();
+    println!("{count} estimates of {lots} lots: within 1, 2, 3 errors {within:.3?}");
+    println!("bias {mean:.3}, rms {rms:.3}");
+    (within, lots as f64)
 }
 
 #[test]
@@ -219,10 +203,8 @@ fn reported_errors_cover_the_true_share() {
     for (found, due) in within.into_iter().zip([0.683, 0.954, 0.997]) {
         // Three standard deviations of a binomial count, and one lot.
         let most = 3.0 * (due * (1.0 - due) / lots).sqrt() + 1.0 / lots;
-        assert!(
-            (found - due).abs() <= most,
-            "{found} for {due} of {lots} lots"
-        );
+        let off = (found - due).abs();
+        assert!(off <= most, "{found} for {due} of {lots} lots");
     }
 }
 
@@ -278,14 +260,14 @@ fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scen
     scene
 }
 
-/// The last time in s after the change at which `reported` holds, of a run of 8 s after it; READY is on before the change.
-fn last_report(closed: &mut Loop, reported: impl Fn(&Moment, bool) -> bool) -> f64 {
+/// The last time in s of READY after the change, of a run of 8 s after it; READY is on before.
+fn last_ready(closed: &mut Loop) -> f64 {
     let (mut was_ready, mut last) = (false, 0.0);
     loop {
         let (moment, _, ready) = closed.cycle();
         if moment.time < CHANGED_AT {
             was_ready = ready;
-        } else if reported(&moment, ready) {
+        } else if ready {
             last = moment.time - CHANGED_AT;
         }
         if moment.time > CHANGED_AT + 8.0 {
@@ -311,11 +293,9 @@ fn ready_is_off_a_second_after_parts_fell_out_of_gear() {
         for seed in 100..124 {
             let scene = changing(parts, frequency, seed, &changes);
             let mut closed = Loop::Waveform(Box::new(ClosedLoop::build(&scene).unwrap()));
-            let last = last_report(&mut closed, |_, ready| ready);
-            assert!(
-                last < 1.0,
-                "{parts} of {restitution} at {frequency} Hz, {seed}: {last} s"
-            );
+            let last = last_ready(&mut closed);
+            let lot = format!("{parts} of {restitution} at {frequency} Hz");
+            assert!(last < 1.0, "{lot}, {seed}: {last} s");
         }
     }
 }

@@ -38,64 +38,50 @@ fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
 /// Largest difference of an upper tone of two shapes, over the first tone's amplitude.
 fn apart(a: Shape, b: Shape) -> f32 {
     let part = |tone: UpperTone| {
-        [
-            tone.ratio * libm::cosf(tone.phase),
-            tone.ratio * libm::sinf(tone.phase),
-        ]
+        let (sine, cosine) = libm::sincosf(tone.phase);
+        (tone.ratio * cosine, tone.ratio * sine)
     };
     let distance = |(a, b)| {
-        let ([x, y], [u, v]) = (part(a), part(b));
+        let ((x, y), (u, v)) = (part(a), part(b));
         libm::hypotf(x - u, y - v)
     };
     let pairs = a.tones().into_iter().zip(b.tones());
     pairs.map(distance).fold(0.0, f32::max)
 }
 
-/// Scenes with drives of all kinds.
-fn drives(shape: Shape) -> [(&'static str, Scene); 6] {
-    let scene = |change: &dyn Fn(&mut Settings)| scene_of(shape, change);
-    [
-        ("modes at the multiples of the frequency", scene(&|_| ())),
-        (
-            "modes below them",
-            scene(&|s| (s.second_lag, s.third_lag) = (30.0, 60.0)),
-        ),
-        (
-            "modes that move against it",
-            scene(&|s| (s.second_lag, s.third_lag) = (-150.0, -100.0)),
-        ),
-        (
-            "springs far above",
-            scene(&|s| {
-                (s.quality, s.resonance, s.gain) = (3.0, 150.0, 2.0);
-                (s.second_gain, s.third_gain) = (0.0, 0.0);
-            }),
-        ),
-        (
-            "a voice coil",
-            scene(&|s| {
-                (s.quality, s.resonance, s.gain) = (1.0, 10.0, 30.0);
-                (s.second_gain, s.third_gain) = (0.0, 0.0);
-            }),
-        ),
-        (
-            "300 Hz",
-            scene(&|s| {
-                (s.frequency, s.resonance) = (300.0, 300.0);
-                (s.gain, s.second_gain, s.safe_amplitude) = (0.03, 0.015, 0.005);
-                s.third_gain = 0.0075;
-                s.acceleration_limit = 300.0;
-            }),
-        ),
-    ]
-}
+/// Name of a drive, and what its settings have that the scene's have not.
+type Drive = (&'static str, fn(&mut Settings));
+
+/// Drives of all kinds.
+const DRIVES: [Drive; 6] = [
+    ("modes at the multiples of the frequency", |_| ()),
+    ("modes below them", |s| {
+        (s.second_lag, s.third_lag) = (30.0, 60.0);
+    }),
+    ("modes that move against it", |s| {
+        (s.second_lag, s.third_lag) = (-150.0, -100.0);
+    }),
+    ("springs far above", |s| {
+        (s.quality, s.resonance, s.gain) = (3.0, 150.0, 2.0);
+        (s.second_gain, s.third_gain) = (0.0, 0.0);
+    }),
+    ("a voice coil", |s| {
+        (s.quality, s.resonance, s.gain) = (1.0, 10.0, 30.0);
+        (s.second_gain, s.third_gain) = (0.0, 0.0);
+    }),
+    ("300 Hz", |s| {
+        (s.frequency, s.resonance) = (300.0, 300.0);
+        (s.gain, s.second_gain, s.safe_amplitude) = (0.03, 0.015, 0.005);
+        s.third_gain = 0.0075;
+        s.acceleration_limit = 300.0;
+    }),
+];
 
 #[test]
 fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
-    let every = [TOLD, THREE]
-        .into_iter()
-        .flat_map(|told| drives(told).map(|(name, scene)| (name, told, scene)));
-    for (name, told, scene) in every {
+    let shapes = [TOLD, THREE].into_iter();
+    for (told, (name, change)) in shapes.flat_map(|told| DRIVES.map(|drive| (told, drive))) {
+        let scene = scene_of(told, change);
         let mut closed = ClosedLoop::build(&scene).unwrap();
         let mut envelope = EnvelopeLoop::build(&scene).unwrap();
         let mut most = 0.0_f32;
@@ -110,23 +96,12 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             }
             // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
             // reading's noise.
-            assert!(
-                apart(slow.shape, told) < 3e-3,
-                "{name} {n}: {:?}",
-                slow.shape
-            );
-            assert!(
-                apart(fast.shape, told) < 3e-3,
-                "{name} {n}: {:?}",
-                fast.shape
-            );
+            for shape in [slow.shape, fast.shape] {
+                assert!(apart(shape, told) < 3e-3, "{name} {n}: {shape:?}");
+            }
             // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
             // drives).
-            let Settings {
-                frequency,
-                resonance,
-                ..
-            } = scene.settings;
+            let (frequency, resonance) = (scene.settings.frequency, scene.settings.resonance);
             let stiff = (resonance / frequency) * (resonance / frequency);
             let sample = core::f32::consts::TAU * frequency / 20e3;
             let mut off = told;
@@ -136,10 +111,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             }
             assert!(apart(made, off) < 3e-3, "{name} {n}: {made:?} {off:?}");
             assert!((amplitude / slow.amplitude - 1.0).abs() < 0.06, "{name}");
-            assert_eq!(
-                (slow.state, slow.limits),
-                (State::Holding, Limits::default())
-            );
+            assert_eq!(slow.state, State::Holding);
+            assert_eq!(slow.limits, Limits::default());
         }
         assert!(most < 1.06 * TOLD.second.ratio, "{name}: {most}");
     }
@@ -153,23 +126,15 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
 fn told_wrong(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
     let told = if third { THREE } else { TOLD };
     let mut scene = scene_of(told, |_| ());
-    let (event, gain, lag) = if third {
-        let drive = &mut scene.drive;
-        (
-            Event::ThirdToneUnlike,
-            &mut drive.third_gain,
-            &mut drive.third_lag,
-        )
+    let drive = &mut scene.drive;
+    let (gain, lag) = if third {
+        (&mut drive.third_gain, &mut drive.third_lag)
     } else {
-        let drive = &mut scene.drive;
-        (
-            Event::SecondToneUnlike,
-            &mut drive.second_gain,
-            &mut drive.second_lag,
-        )
+        (&mut drive.second_gain, &mut drive.second_lag)
     };
     *gain *= factor;
     *lag += degrees;
+    let event = [Event::SecondToneUnlike, Event::ThirdToneUnlike][usize::from(third)];
     let tone = usize::from(third);
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let (mut noted, mut most) = (None, 0.0_f32);
@@ -208,15 +173,9 @@ fn told_wrong_is_noticed(third: bool) {
     ] {
         let (noted, most, report) = told_wrong(third, factor, degrees);
         assert_eq!(noted.is_some(), noticed, "{factor} {degrees}: {noted:?}");
-        assert!(
-            noted.is_none_or(|n| n < 150),
-            "{factor} {degrees}: {noted:?}"
-        );
-        assert!(
-            apart(report.shape, told) < 5e-3,
-            "{factor} {degrees}: {:?}",
-            report.shape
-        );
+        let (what, shape) = (format!("{factor} {degrees}: {noted:?}"), report.shape);
+        assert!(noted.is_none_or(|n| n < 150), "{what}");
+        assert!(apart(shape, told) < 5e-3, "{what} {shape:?}");
         assert!(report.limits == Limits::default());
         // During adaptation e may be larger; the peak acceleration stays limited.
         assert!(most < 1.5, "{third} {factor} {degrees}: {most}");
@@ -234,13 +193,12 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
         let mut closed = ClosedLoop::build(scene).unwrap();
         let (mut outputs, mut pushes) = (0.0_f32, 0.0_f32);
         for n in 0..cycles {
-            let shown = closed.cycle_shown(|sample| outputs = outputs.max(sample.output.abs()));
+            closed.cycle_shown(|sample| outputs = outputs.max(sample.output.abs()));
             let (amplitude, tone) = closed.plant().tones();
             if n > 20 {
                 let [_, push] = tone.peaks();
                 pushes = pushes.max(push * amplitude * 98_696.0);
             }
-            let _ = shown;
         }
         (closed.controller().report(), outputs, pushes)
     };
@@ -249,40 +207,31 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
     let (report, most, _) = last(&weak, 300);
     assert!(report.limits.contains(Limits::SECOND_TONE), "{report:?}");
     assert!(!report.limits.contains(Limits::OUTPUT));
-    assert!(
-        most <= 0.35 && (report.k - 0.35).abs() < 0.005,
-        "{most} {report:?}"
-    );
-    assert!(
-        (0.05..0.14).contains(&report.shape.second.ratio),
-        "{:?}",
-        report.shape
-    );
+    let second = report.shape.second;
+    assert!(most <= 0.35, "{most}");
+    assert!((report.k - 0.35).abs() < 0.005, "{report:?}");
+    assert!((0.05..0.14).contains(&second.ratio), "{second:?}");
     // Acceleration limit: 28 m/s^2 with one tone, 43 with both.
     weak = scene(|s| s.acceleration_limit = 36.0);
     let (report, _, push) = last(&weak, 300);
     assert!(report.limits.contains(Limits::SECOND_TONE) && (report.k - 0.35).abs() < 0.005);
-    assert!(
-        (0.03..0.14).contains(&report.shape.second.ratio),
-        "{:?}",
-        report.shape
-    );
+    let second = report.shape.second;
+    assert!((0.03..0.14).contains(&second.ratio), "{second:?}");
     assert!(push < 36.0 * 1.03, "{push}");
     // Link lost: the upper tone is switched off at once, before the amplitude falls.
     let mut lost = scene(|s| s.link_timeout = 0.5);
     lost.disturbances = changes([(4.0, Change::Link(false))]);
     let (report, _, _) = last(&lost, 275);
-    assert!(
-        report.limits.contains(Limits::LINK_LOST) && report.shape.second.ratio < 0.02,
-        "{report:?}"
-    );
+    assert!(report.limits.contains(Limits::LINK_LOST), "{report:?}");
+    assert!(report.shape.second.ratio < 0.02, "{report:?}");
     // Fault: no output of any tone.
     let mut hot = scene(|_| ());
     hot.disturbances = changes([(4.0, Change::OverTemperature(true))]);
     let (report, _, _) = last(&hot, 210);
     assert_eq!(report.state, State::Fault);
+    let command = report.command;
     assert_eq!(
-        (report.command.amplitude, report.command.overtones),
+        (command.amplitude, command.overtones),
         (0.0, Default::default())
     );
 }

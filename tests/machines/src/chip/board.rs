@@ -1,20 +1,21 @@
 //! Model of the chip without its core: memory, peripherals and external connections (RM0090,
-//! chapter 2). Registers have their addresses on the STM32F405; `Kind::place` converts others.
+//! chapter 2).
 
-use super::bridge::{Bridge, Effects};
+use super::bridge::Bridge;
 use super::check::Check;
 use super::clocks::{Cause, Clocks, START_CYCLE, TICKS};
 use super::converter::Converter;
 use super::core::Bus;
 use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
-use super::kind::Kind;
+use super::kind::{Block, Kind};
 use super::power::{Power, Supply};
 use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
-use super::watchdog::{Independent, WINDOW_CONTROL, Window};
+use super::watchdog::{Independent, Window};
 use super::world::{CURRENT, STEP, Seen, World};
+use super::{set_word, word};
 
 /// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
@@ -147,7 +148,7 @@ impl Board {
             serials: std::array::from_fn(|_| Serial::new(kind)),
             watchdog: Independent::default(),
             window: Window::new(kind),
-            system: System::default(),
+            system: System::new(),
             lines: [0; 6],
             monitor: false,
             configuration: [0; 8],
@@ -211,11 +212,7 @@ impl Board {
 
     fn clock_tree(&mut self) {
         let core = self.clock();
-        let cycle = if core == 0 {
-            0
-        } else {
-            TICKS / u64::from(core)
-        };
+        let cycle = TICKS.checked_div(core.into()).unwrap_or(0);
         if cycle != self.cycle {
             self.system.rescale(self.now, self.cycle, cycle);
             self.cycle = cycle;
@@ -321,8 +318,8 @@ impl Board {
                 self.world.advance();
                 self.check_supply(STEP);
             } else if due == bridge {
-                let came = self.bridge.turn();
-                self.came(came, due);
+                let triggers = self.bridge.turn();
+                self.trigger(triggers, due);
                 self.drive(due);
             } else {
                 self.convert(due);
@@ -371,8 +368,9 @@ impl Board {
         }
     }
 
-    fn came(&mut self, came: Effects, at: u64) {
-        if came.trigger && self.converts {
+    /// Triggers the converter at tick `at`, where the bridge does.
+    fn trigger(&mut self, triggers: bool, at: u64) {
+        if triggers && self.converts {
             let upper = self.upper();
             self.converter.trigger(at, upper);
             if self.bridge.driven() {
@@ -521,127 +519,96 @@ impl Board {
         }
     }
 
-    /// Address on the STM32F405 of a register that the program reads or writes, after the events that
-    /// are due; `None` where its peripheral has no clock.
-    fn reach(&mut self, at: u32, what: &str) -> Option<u32> {
+    /// Block and offset of a register that the program reads or writes, after the events that are
+    /// due; `None` where there is no model, or no clock.
+    fn reach(&mut self, at: u32, what: &str) -> Option<(Block, u32)> {
         if self.now >= self.next {
             self.run_events();
         }
-        let address = self.kind.place(at);
-        let clocked = self.clocks.enabled(address);
-        if !clocked {
-            let what = format!("{what} {at:#010x}, whose clock is off");
-            self.world.violate(self.now, what);
-        }
-        clocked.then_some(address)
+        let place = self.kind.place(at);
+        let why = match place {
+            Some((block, _)) if self.clocks.enabled(block) => return place,
+            Some(_) => "whose clock is off",
+            None => "of which there is no model",
+        };
+        let what = format!("{what} {at:#010x}, {why}");
+        self.world.violate(self.now, what);
+        None
     }
 
     fn register(&mut self, at: u32) -> u32 {
-        let Some(address) = self.reach(at, "reads") else {
+        let Some((block, offset)) = self.reach(at, "reads") else {
             return 0;
         };
         let (now, lower) = (self.now, self.lower());
-        let offset = address & 0x3ff;
-        match address {
-            address if address == self.flash.status_address() && self.flash.busy() > now => {
+        match block {
+            Block::Flash if offset == self.flash.status_offset() && self.flash.busy() > now => {
                 self.flash_status_reads = self.flash_status_reads.saturating_add(1);
                 self.attention = true;
             }
-            WINDOW_CONTROL => {}
+            // The window watchdog's count.
+            Block::Window if offset == 0 => {}
             _ => self.flash_status_reads = 0,
         }
-        match address {
-            0x4000_2c00..0x4000_3000 => self.window.read(offset, now, lower),
-            0x4000_3000..0x4000_3400 => self.watchdog.read(offset, now),
-            0x4000_4400..0x4000_5000 => {
-                self.serials[1 + (address - 0x4000_4400) as usize / 0x400].read(offset)
-            }
-            0x4000_7000..0x4000_7400 => self.power.read(offset),
-            0x4000_7400..0x4000_7800 => self.voltage.read(offset),
-            0x4001_0000..0x4001_0400 => self.bridge.read(offset, now),
-            0x4001_1000..0x4001_1400 => self.serials[0].read(offset),
-            0x4001_2000..0x4001_2400 => self.converter.read(offset),
-            0x4001_3800..0x4001_3c00 => self.word(|board| &mut board.configuration, offset),
-            0x4001_3c00..0x4001_4000 => self.word(|board| &mut board.lines, offset),
-            0x4002_0000..0x4002_2400 => {
-                self.ports[(address - 0x4002_0000) as usize / 0x400].read(offset)
-            }
-            0x4002_3000..0x4002_3400 => self.check.read(offset),
-            0x4002_3800..0x4002_3c00 => self.clocks.read(offset, now),
-            0x4002_3c00..0x4002_4000 => self.flash.register(offset, now),
-            _ => {
-                let what = format!("reads {at:#010x}, of which there is no model");
-                self.world.violate(now, what);
-                0
-            }
+        match block {
+            Block::Window => self.window.read(offset, now, lower),
+            Block::Watchdog => self.watchdog.read(offset, now),
+            Block::Serial(number) => self.serials[number].read(offset),
+            Block::Power => self.power.read(offset),
+            Block::Voltage => self.voltage.read(offset),
+            Block::Bridge => self.bridge.read(offset, now),
+            Block::Converter => self.converter.read(offset),
+            Block::Configuration => word(&self.configuration, offset),
+            Block::Lines => word(&self.lines, offset),
+            Block::Port(number) => self.ports[number].read(offset),
+            Block::Check => self.check.read(offset),
+            Block::Clocks => self.clocks.read(offset, now),
+            Block::Flash => self.flash.register(offset, now),
         }
-    }
-
-    fn word<const N: usize>(
-        &mut self,
-        words: impl Fn(&mut Self) -> &mut [u32; N],
-        offset: u32,
-    ) -> u32 {
-        words(self).get(offset as usize / 4).copied().unwrap_or(0)
     }
 
     fn set_register(&mut self, at: u32, value: u32) {
-        let Some(address) = self.reach(at, "writes") else {
+        let Some((block, offset)) = self.reach(at, "writes") else {
             return;
         };
         let (now, lower, upper) = (self.now, self.lower(), self.upper());
         let operations = self.flash.operations;
-        let offset = address & 0x3ff;
-        match address {
-            0x4000_2c00..0x4000_3000 => self.window.write(offset, value, now, lower),
-            0x4000_3000..0x4000_3400 => self.watchdog.write(offset, value, now),
-            0x4000_4400..0x4000_5000 => {
-                self.serials[1 + (address - 0x4000_4400) as usize / 0x400]
-                    .write(offset, value, now);
-            }
-            0x4000_7000..0x4000_7400 => {
+        match block {
+            Block::Window => self.window.write(offset, value, now, lower),
+            Block::Watchdog => self.watchdog.write(offset, value, now),
+            Block::Serial(number) => self.serials[number].write(offset, value, now),
+            Block::Power => {
                 self.power.write(offset, value);
                 self.follow_monitor();
             }
-            0x4000_7400..0x4000_7800 => self.voltage.write(offset, value),
-            0x4001_0000..0x4001_0400 => {
-                let came = self.bridge.write(offset, value, now);
-                self.came(came, now);
+            Block::Voltage => self.voltage.write(offset, value),
+            Block::Bridge => {
+                let triggers = self.bridge.write(offset, value, now);
+                self.trigger(triggers, now);
                 self.break_input(false);
             }
-            0x4001_1000..0x4001_1400 => self.serials[0].write(offset, value, now),
-            0x4001_2000..0x4001_2400 => self.converter.write(offset, value, now, upper),
-            0x4001_3800..0x4001_3c00 => {
-                if let Some(word) = self.configuration.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
+            Block::Converter => self.converter.write(offset, value, now, upper),
+            Block::Configuration => {
+                set_word(&mut self.configuration, offset, value);
                 self.break_input(false);
             }
-            0x4001_3c00..0x4001_4000 => match offset {
+            Block::Lines => match offset {
                 0x14 => self.lines[5] &= !value,
                 0x10 => self.lines[5] |= value & self.lines[0],
-                offset => {
-                    if let Some(word) = self.lines.get_mut(offset as usize / 4) {
-                        *word = value;
-                    }
-                }
+                offset => set_word(&mut self.lines, offset, value),
             },
-            0x4002_0000..0x4002_2400 => {
-                self.ports[(address - 0x4002_0000) as usize / 0x400].write(offset, value);
+            Block::Port(number) => {
+                self.ports[number].write(offset, value);
                 self.break_input(false);
             }
-            0x4002_3000..0x4002_3400 => {
+            Block::Check => {
                 // The bus waits for the unit.
                 self.stall += 4;
                 self.check.write(offset, value);
                 return;
             }
-            0x4002_3800..0x4002_3c00 => self.clocks.write(offset, value, now),
-            0x4002_3c00..0x4002_4000 => self.flash.set_register(offset, value, now),
-            _ => {
-                let what = format!("writes {at:#010x}, of which there is no model");
-                self.world.violate(now, what);
-            }
+            Block::Clocks => self.clocks.write(offset, value, now),
+            Block::Flash => self.flash.set_register(offset, value, now),
         }
         self.operated(operations);
         self.watch();
@@ -665,10 +632,7 @@ impl Board {
             let what = "programs the flash with its data cache on".to_owned();
             self.world.violate(self.now, what);
         }
-        if self
-            .cut_at
-            .is_some_and(|count| self.flash.operations >= count)
-        {
+        if (self.cut_at).is_some_and(|count| self.flash.operations >= count) {
             self.cut_at = None;
             self.reset = Some(Cause::Power);
         }
@@ -703,13 +667,12 @@ impl Board {
 
     #[inline(never)]
     fn load_elsewhere(&mut self, address: u32, size: u32) -> Option<u32> {
+        let lowest = self.lowest();
         match address >> 28 {
             1 if self.system.is_guarded(address) => None,
-            1 if address >= self.lowest() => number(
-                &self.memory_below_ram,
-                (address - self.lowest()) as usize,
-                size,
-            ),
+            1 if address >= lowest => {
+                number(&self.memory_below_ram, (address - lowest) as usize, size)
+            }
             0 if address < 0x0010_0000 || flash::RANGE.contains(&address) => {
                 self.wait_for_flash(address);
                 let at = (address & 0x000f_ffff) as usize;
@@ -745,12 +708,10 @@ impl Board {
         let lowest = self.lowest();
         match address >> 28 {
             1 if self.system.is_guarded(address) => None,
-            1 if address >= lowest => put(
-                &mut self.memory_below_ram,
-                (address - lowest) as usize,
-                size,
-                value,
-            ),
+            1 if address >= lowest => {
+                let at = (address - lowest) as usize;
+                put(&mut self.memory_below_ram, at, size, value)
+            }
             0 if flash::RANGE.contains(&address) => {
                 self.wait_for_flash(address);
                 let (now, before) = (self.now, self.flash.operations);
@@ -759,12 +720,10 @@ impl Board {
                 self.operated(before);
                 Some(())
             }
-            1 => put(
-                &mut self.coupled,
-                address.wrapping_sub(COUPLED) as usize,
-                size,
-                value,
-            ),
+            1 => {
+                let at = address.wrapping_sub(COUPLED) as usize;
+                put(&mut self.coupled, at, size, value)
+            }
             4 | 5 => {
                 let word = address & !3;
                 let value = if size == 4 {

@@ -2,6 +2,7 @@
 
 use super::clocks::START_CYCLE;
 use super::kind::Kind;
+use super::word;
 
 /// Bits of CR1, SR, EGR, BDTR.
 const ENABLE: u32 = 1;
@@ -16,12 +17,6 @@ const BREAK_HIGH: u32 = 1 << 13;
 const AUTOMATIC: u32 = 1 << 14;
 /// Main output enable (17.4.18).
 const MAIN_OUTPUT: u32 = 1 << 15;
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Effects {
-    /// An update on the trigger output (CR2.MMS = 2).
-    pub trigger: bool,
-}
 
 #[derive(Clone, Debug)]
 pub struct Bridge {
@@ -123,7 +118,9 @@ impl Bridge {
         self.since + u64::from(steps) * self.count_ticks()
     }
 
-    pub fn turn(&mut self) -> Effects {
+    /// Turns the counter at its end; returns whether an update comes on the trigger output (CR2.MMS =
+    /// 2).
+    pub fn turn(&mut self) -> bool {
         self.since = self.due();
         if self.centred() {
             self.count = if self.down { 0 } else { self.reload };
@@ -133,19 +130,17 @@ impl Bridge {
         }
         if self.repetition > 0 {
             self.repetition -= 1;
-            return Effects::default();
+            return false;
         }
         if self.word(0) & UPDATE_OFF != 0 {
-            return Effects::default();
+            return false;
         }
         self.update();
         self.words[0x10 / 4] |= UPDATE;
         if self.word(0x44) & AUTOMATIC != 0 && self.word(0x10) & BREAK == 0 {
             self.words[0x44 / 4] |= MAIN_OUTPUT;
         }
-        Effects {
-            trigger: self.word(4) >> 4 & 7 == 2,
-        }
+        self.word(4) >> 4 & 7 == 2
     }
 
     /// Takes over the preloaded values at an update (17.3.1).
@@ -162,35 +157,33 @@ impl Bridge {
             0x14 => 0,
             0x24 => self.place(now),
             0x00 => self.word(0) & !0x10 | u32::from(self.down && self.centred()) << 4,
-            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+            offset => word(&self.words, offset),
         }
     }
 
-    /// Writes a register; returns the effects of a software event.
-    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> Effects {
+    /// Writes a register; returns whether a software event comes on the trigger output.
+    pub fn write(&mut self, offset: u32, value: u32, now: u64) -> bool {
         let Some(&old) = self.words.get(offset as usize / 4) else {
-            return Effects::default();
+            return false;
         };
         self.catch_up(now);
         let lock = self.word(0x44) >> 8 & 3;
         let value = match offset {
             0x10 => old & value,
             0x14 => {
-                let mut came = Effects::default();
                 if value & 1 != 0 {
                     self.update();
                     (self.count, self.down, self.since) = (0, false, now);
                     self.words[0x10 / 4] |= UPDATE;
-                    came.trigger = matches!(self.word(4) >> 4 & 7, 0 | 2);
                 }
                 if value & 0x80 != 0 {
                     self.fail(BREAK);
                 }
-                return came;
+                return value & 1 != 0 && matches!(self.word(4) >> 4 & 7, 0 | 2);
             }
             0x24 => {
                 (self.count, self.since) = (value & 0xffff, now);
-                return Effects::default();
+                return false;
             }
             0x44 => {
                 // Bits that a lock level protects (17.4.18); the level itself is written once.
@@ -215,7 +208,7 @@ impl Bridge {
             0x34 if self.word(0x18) & 8 == 0 => self.compare = value & 0xffff,
             _ => {}
         }
-        Effects::default()
+        false
     }
 
     /// A break: disables the outputs without any clock (17.3.12).
@@ -263,11 +256,8 @@ impl Bridge {
             return 0.0;
         }
         if !self.runs() {
-            return if self.place(now) < self.compare {
-                1.0
-            } else {
-                -1.0
-            };
+            let high = self.place(now) < self.compare;
+            return if high { 1.0 } else { -1.0 };
         }
         (2.0 * f64::from(self.compare.min(self.reload)) / f64::from(self.reload.max(1)) - 1.0)
             as f32

@@ -1,6 +1,7 @@
 //! Model of clocks and resets (RM0090, chapter 7, RCC of the STM32F405; RM0440, chapter 7).
 
-use super::kind::Kind;
+use super::kind::{Block, Kind};
+use super::{set_word, word};
 
 /// Ticks of emulated time per second: every clock of the board has a whole number of them.
 pub const TICKS: u64 = 85_680_000_000;
@@ -36,7 +37,7 @@ struct Layout {
     internal: [u32; 2],
     /// CR, PLLCFGR, CFGR, and a register of clock enables with its offset, after a reset.
     first: [u32; 3],
-    first_enables: (usize, u32),
+    first_enables: (u32, u32),
     /// Code of the internal oscillator in CFGR; crystal and PLL follow it.
     internal_code: u32,
     /// Positions of the dividers of APB1 and APB2 in CFGR.
@@ -127,36 +128,36 @@ pub struct Clocks {
 impl Clocks {
     /// Builds the clocks of a chip after a reset, with a crystal of 8 MHz.
     pub fn new(kind: Kind) -> Self {
-        let mut clocks = Self {
+        let layout = match kind {
+            Kind::Stm32f405 => &STM32F405,
+            Kind::Stm32g474 => &STM32G474,
+        };
+        let [control, pll, configuration] = layout.first;
+        let mut others = [0; 40];
+        let (register, enables) = layout.first_enables;
+        set_word(&mut others, register, enables);
+        Self {
             crystal: 8_000_000,
             kind,
-            layout: match kind {
-                Kind::Stm32f405 => &STM32F405,
-                Kind::Stm32g474 => &STM32G474,
-            },
-            control: 0,
-            pll: 0,
-            configuration: 0,
+            layout,
+            control,
+            pll,
+            configuration,
             interrupts: 0,
             status: 0,
-            others: [0; 40],
+            others,
             crystal_ready: u64::MAX,
             pll_ready: u64::MAX,
-        };
-        clocks.reset();
-        clocks
+        }
     }
 
     /// Resets the registers; the flags of the causes stay.
     pub fn reset(&mut self) {
-        [self.control, self.pll, self.configuration] = self.layout.first;
-        self.interrupts = 0;
-        self.others = [0; 40];
-        let (register, enables) = self.layout.first_enables;
-        self.others[register / 4] = enables;
-        self.status &= !(LSION | LSIRDY);
-        self.crystal_ready = u64::MAX;
-        self.pll_ready = u64::MAX;
+        *self = Self {
+            crystal: self.crystal,
+            status: self.status & !(LSION | LSIRDY),
+            ..Self::new(self.kind)
+        };
     }
 
     /// Sets the flags of a reset's cause.
@@ -175,23 +176,17 @@ impl Clocks {
             0x0c => self.interrupts,
             // CRRCR of the STM32G474: its oscillator of 48 MHz is ready at once.
             0x98 => self.others[0x98 / 4] | (self.others[0x98 / 4] & 1) << 1,
-            offset => self.others.get(offset as usize / 4).copied().unwrap_or(0),
+            offset => word(&self.others, offset),
         }
     }
 
     fn control(&self, now: u64) -> u32 {
         let [on, ready] = self.layout.internal;
-        let mut value = self.control & !(ready | HSERDY | PLLRDY);
-        if value & on != 0 {
-            value |= ready;
-        }
-        if now >= self.crystal_ready {
-            value |= HSERDY;
-        }
-        if now >= self.pll_ready {
-            value |= PLLRDY;
-        }
-        value
+        let flag = |set: bool, bit: u32| u32::from(set) * bit;
+        self.control & !(ready | HSERDY | PLLRDY)
+            | flag(self.control & on != 0, ready)
+            | flag(now >= self.crystal_ready, HSERDY)
+            | flag(now >= self.pll_ready, PLLRDY)
     }
 
     /// Writes a register at tick `now`.
@@ -217,11 +212,7 @@ impl Clocks {
                     self.interrupts &= !CSSF;
                 }
             }
-            offset => {
-                if let Some(place) = self.others.get_mut(offset as usize / 4) {
-                    *place = value;
-                }
-            }
+            offset => set_word(&mut self.others, offset, value),
         }
     }
 
@@ -293,11 +284,8 @@ impl Clocks {
     }
 
     fn pll_out(&self) -> u32 {
-        let source = if self.uses_crystal() {
-            self.crystal
-        } else {
-            INTERNAL
-        };
+        let crystal = self.uses_crystal();
+        let source = if crystal { self.crystal } else { INTERNAL };
         let pll = self.pll;
         let (m, n, p) = match self.kind {
             Kind::Stm32f405 => ((pll & 0x3f).max(2), pll >> 6 & 0x1ff, pll >> 16 & 3),
@@ -322,37 +310,32 @@ impl Clocks {
         }
     }
 
-    /// Whether the peripheral at `address`, that of the STM32F405, has its clock (7.3.10 to 7.3.14;
-    /// RM0440, 7.4.13 to 7.4.19); true for those without a clock enable.
-    pub fn enabled(&self, address: u32) -> bool {
-        let enabled = |register: usize, bit: u32| self.others[register / 4] >> bit & 1 == 1;
-        if self.kind == Kind::Stm32g474 {
-            return match address {
-                0x4000_2c00..0x4000_3000 => enabled(0x58, 11),
-                0x4000_4400..0x4000_5400 => enabled(0x58, 17 + (address - 0x4000_4400) / 0x400),
-                0x4000_7000..0x4000_7400 => enabled(0x58, 28),
-                0x4000_7400..0x4000_7800 => enabled(0x4c, 16),
-                0x4001_0000..0x4001_0400 => enabled(0x60, 11),
-                0x4001_1000..0x4001_1400 => enabled(0x60, 14),
-                0x4001_2000..0x4001_2400 => enabled(0x4c, 13),
-                0x4001_3800..0x4001_3c00 => enabled(0x60, 0),
-                0x4002_0000..0x4002_2400 => enabled(0x4c, (address - 0x4002_0000) / 0x400),
-                0x4002_3000..0x4002_3400 => enabled(0x48, 12),
-                _ => true,
-            };
-        }
-        match address {
-            0x4002_0000..0x4002_2400 => enabled(0x30, (address - 0x4002_0000) / 0x400),
-            0x4002_3000..0x4002_3400 => enabled(0x30, 12),
-            0x4000_2c00..0x4000_3000 => enabled(0x40, 11),
-            0x4000_4400..0x4000_5400 => enabled(0x40, 17 + (address - 0x4000_4400) / 0x400),
-            0x4000_7000..0x4000_7400 => enabled(0x40, 28),
-            0x4000_7400..0x4000_7800 => enabled(0x40, 29),
-            0x4001_0000..0x4001_0400 => enabled(0x44, 0),
-            0x4001_1000..0x4001_1400 => enabled(0x44, 4),
-            0x4001_2000..0x4001_2400 => (8..11).any(|bit| enabled(0x44, bit)),
-            0x4001_3800..0x4001_3c00 => enabled(0x44, 14),
-            _ => true,
-        }
+    /// Whether a block has its clock (7.3.10 to 7.3.14; RM0440, 7.4.13 to 7.4.19); true for those
+    /// without a clock enable.
+    pub fn enabled(&self, block: Block) -> bool {
+        let (register, bits) = match (self.kind, block) {
+            (Kind::Stm32f405, Block::Port(number)) => (0x30, 1 << number),
+            (Kind::Stm32f405, Block::Check) => (0x30, 1 << 12),
+            (Kind::Stm32f405, Block::Window) => (0x40, 1 << 11),
+            (Kind::Stm32f405, Block::Serial(number @ 1..)) => (0x40, 1 << (16 + number)),
+            (Kind::Stm32f405, Block::Power) => (0x40, 1 << 28),
+            (Kind::Stm32f405, Block::Voltage) => (0x40, 1 << 29),
+            (Kind::Stm32f405, Block::Bridge) => (0x44, 1),
+            (Kind::Stm32f405, Block::Serial(0)) => (0x44, 1 << 4),
+            (Kind::Stm32f405, Block::Converter) => (0x44, 7 << 8),
+            (Kind::Stm32f405, Block::Configuration) => (0x44, 1 << 14),
+            (Kind::Stm32g474, Block::Check) => (0x48, 1 << 12),
+            (Kind::Stm32g474, Block::Port(number)) => (0x4c, 1 << number),
+            (Kind::Stm32g474, Block::Converter) => (0x4c, 1 << 13),
+            (Kind::Stm32g474, Block::Voltage) => (0x4c, 1 << 16),
+            (Kind::Stm32g474, Block::Window) => (0x58, 1 << 11),
+            (Kind::Stm32g474, Block::Serial(number @ 1..)) => (0x58, 1 << (16 + number)),
+            (Kind::Stm32g474, Block::Power) => (0x58, 1 << 28),
+            (Kind::Stm32g474, Block::Configuration) => (0x60, 1),
+            (Kind::Stm32g474, Block::Bridge) => (0x60, 1 << 11),
+            (Kind::Stm32g474, Block::Serial(0)) => (0x60, 1 << 14),
+            _ => return true,
+        };
+        word(&self.others, register) & bits != 0
     }
 }

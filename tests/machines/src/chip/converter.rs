@@ -2,6 +2,7 @@
 //! (RM0090, chapter 13; RM0440, chapter 21).
 
 use super::kind::Kind;
+use super::{set_word, word};
 
 /// Bits of SR and CR2.
 const REGULAR_END: u32 = 1 << 1;
@@ -65,15 +66,13 @@ impl Converter {
                 self.words[0] &= !(1 << 2);
                 self.words[0x40 / 4]
             }
-            offset if self.kind == Kind::Stm32g474 => {
-                self.words.get(offset as usize / 4).copied().unwrap_or(0)
-            }
+            offset if self.kind == Kind::Stm32g474 => word(&self.words, offset),
             0x304 => self.prescaler,
             0x4c => {
                 self.words[0] &= !REGULAR_END;
                 self.words[0x4c / 4]
             }
-            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+            offset => word(&self.words, offset),
         }
     }
 
@@ -97,11 +96,7 @@ impl Converter {
                 }
             }
             0x3c..=0x4c => {}
-            offset => {
-                if let Some(word) = self.words.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
-            }
+            offset => set_word(&mut self.words, offset, value),
         }
     }
 
@@ -128,11 +123,7 @@ impl Converter {
                 }
             }
             0x40 | 0x80..=0x8c => {}
-            offset => {
-                if let Some(word) = self.words.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
-            }
+            offset => set_word(&mut self.words, offset, value),
         }
     }
 
@@ -144,11 +135,7 @@ impl Converter {
 
     /// Durations of a channel's sampling and of its conversion, half converter cycles.
     fn half_cycles(&self, channel: u32) -> (u32, u32) {
-        let (number, shift) = if channel >= 10 {
-            (1, 3 * (channel - 10))
-        } else {
-            (0, 3 * channel)
-        };
+        let (number, shift) = (usize::from(channel >= 10), 3 * (channel % 10));
         let code = |registers: [u32; 2]| (registers[number] >> shift & 7) as usize;
         match self.kind {
             Kind::Stm32f405 => {
@@ -204,10 +191,8 @@ impl Converter {
         if self.kind == Kind::Stm32f405 {
             self.words[0] |= INJECTED_START;
         }
-        let times = self
-            .group()
-            .into_iter()
-            .map(|channel| self.time(channel, cycle));
+        let group = self.group().into_iter();
+        let times = group.map(|channel| self.time(channel, cycle));
         self.injected = now + times.sum::<u64>();
     }
 
@@ -235,17 +220,10 @@ impl Converter {
     /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
     pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) {
         let g474 = self.kind == Kind::Stm32g474;
-        let resolution = if g474 {
-            self.words[3] >> 3
-        } else {
-            self.words[1] >> 24
-        };
-        let cut = 2 * (resolution & 3);
-        let left = if !g474 && self.words[2] & RIGHT_TO_LEFT != 0 {
-            4
-        } else {
-            0
-        };
+        let (register, at) = if g474 { (3, 3) } else { (1, 24) };
+        let cut = 2 * (self.words[register] >> at & 3);
+        let to_left = !g474 && self.words[2] & RIGHT_TO_LEFT != 0;
+        let left = if to_left { 4 } else { 0 };
         let mut convert = |channel: u32| u32::from(level(channel)) >> cut << left;
         if now >= self.regular {
             self.regular = u64::MAX;
@@ -271,11 +249,7 @@ impl Converter {
                 self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
             }
         }
-        self.words[0] |= if g474 {
-            INJECTED_END_G474
-        } else {
-            INJECTED_END
-        };
+        self.words[0] |= [INJECTED_END, INJECTED_END_G474][usize::from(g474)];
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.

@@ -14,8 +14,6 @@ pub const START: u32 = 0x0800_0000;
 const SIZE: usize = 1024 * 1024;
 /// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
-/// Addresses of the controller's registers.
-const REGISTERS: Range<u32> = 0x4002_3c00..0x4002_3c18;
 /// Largest number of erasable sectors of a chip.
 const SECTORS: usize = 256;
 
@@ -149,11 +147,12 @@ pub struct Flash {
     current: [u32; 2],
 }
 
-impl Default for Flash {
-    fn default() -> Self {
-        Self {
-            bytes: vec![0xff; SIZE],
-            kind: Kind::default(),
+impl Flash {
+    /// Builds the erased flash of a chip.
+    pub fn new(kind: Kind) -> Self {
+        let mut flash = Self {
+            bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
+            kind,
             operations: 0,
             erasures: [0; SECTORS],
             slow: false,
@@ -167,10 +166,13 @@ impl Default for Flash {
             keys: 0,
             option_keys: 0,
             access: 0,
-            control: LOCKED,
+            control: 0,
             status: 0,
-            option_control: OPTIONS,
-            options: OPTIONS & OPTION_BYTES,
+            option_control: 0,
+            options: match kind {
+                Kind::Stm32f405 => OPTIONS & OPTION_BYTES,
+                Kind::Stm32g474 => pages::OPTIONS,
+            },
             busy: 0,
             half: None,
             torn: BTreeSet::new(),
@@ -178,21 +180,7 @@ impl Default for Flash {
             instructions: Lines::new(LINES[0]),
             data: Lines::new(LINES[1]),
             current: [u32::MAX; 2],
-        }
-    }
-}
-
-impl Flash {
-    /// Builds the erased flash of a chip.
-    pub fn new(kind: Kind) -> Self {
-        let mut flash = Self {
-            kind,
-            bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
-            ..Self::default()
         };
-        if kind == Kind::Stm32g474 {
-            flash.options = pages::OPTIONS;
-        }
         flash.reset();
         flash
     }
@@ -228,13 +216,12 @@ impl Flash {
         self.options & by_software == 0
     }
 
-    /// Address on the STM32F405 of the status register.
-    pub fn status_address(&self) -> u32 {
-        let offset = match self.kind {
+    /// Offset of the status register.
+    pub fn status_offset(&self) -> u32 {
+        match self.kind {
             Kind::Stm32f405 => 0x0c,
             Kind::Stm32g474 => 0x10,
-        };
-        REGISTERS.start + offset
+        }
     }
 
     /// Whether an access of the memory at `offset` waits at tick `now`. A bank of the STM32G474
@@ -310,10 +297,7 @@ impl Flash {
     pub fn read(&mut self, address: u32) -> (u32, bool) {
         let line = address >> 4;
         let at = (address - START) as usize;
-        let old = self
-            .stale
-            .as_ref()
-            .is_some_and(|sector| sector.contains(&at));
+        let old = (self.stale.as_ref()).is_some_and(|sector| sector.contains(&at));
         let last = std::mem::replace(&mut self.current[1], line);
         let [_, _, cached] = self.accelerator();
         if line == last || cached && self.data.has(line) {
@@ -403,35 +387,33 @@ impl Flash {
     }
 
     fn erase(&mut self, now: u64) {
-        let what = if self.control & ERASE_ALL != 0 {
+        let number = self.control as usize >> 3 & 0xf;
+        if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
             self.weak = [false; SECTORS];
-            self.stale = Some(0..SIZE);
-            3
-        } else if self.control & ERASE_SECTOR != 0 {
-            let number = self.control as usize >> 3 & 0xf;
-            let Some(range) = sector(number) else {
-                return self.status |= WRONG_SEQUENCE;
-            };
-            self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
-            self.bytes[range.clone()].fill(0xff);
-            self.erasures[number] += 1;
-            self.weak[number] = false;
-            self.stale = Some(range);
-            match number {
-                0..=3 => 0,
-                4 => 1,
-                _ => 2,
-            }
+            self.begin_erasure(0..SIZE, self.erasure(3), now);
+        } else if self.control & ERASE_SECTOR != 0
+            && let Some(range) = sector(number)
+        {
+            let size = usize::from(number >= 4) + usize::from(number >= 5);
+            self.erase_sector(number, range, self.erasure(size), now);
         } else {
-            return self.status |= WRONG_SEQUENCE;
-        };
-        if self.access & DATA_CACHE == 0 {
-            self.stale = None;
+            self.status |= WRONG_SEQUENCE;
         }
+    }
+
+    fn erase_sector(&mut self, number: usize, range: Range<usize>, takes: u64, now: u64) {
+        self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
+        self.bytes[range.clone()].fill(0xff);
+        self.erasures[number] += 1;
+        self.weak[number] = false;
+        self.begin_erasure(range, takes, now);
+    }
+
+    fn begin_erasure(&mut self, range: Range<usize>, takes: u64, now: u64) {
+        self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
-        self.takes = self.erasure(what);
-        self.busy = now + self.takes;
+        (self.takes, self.busy) = (takes, now + takes);
     }
 
     /// Marks an erasure in progress at tick `now` as incomplete: the supply is too low.
@@ -480,24 +462,16 @@ impl Flash {
             return self.program_word(offset, size, value, now);
         }
         if self.control & (LOCKED | PROGRAM) != PROGRAM {
-            self.status |= WRONG_SEQUENCE;
-            return;
+            return self.status |= WRONG_SEQUENCE;
         }
         if 1 << (self.control >> 8 & 3) != size {
-            self.status |= WRONG_SIZE;
-            return;
+            return self.status |= WRONG_SIZE;
         }
-        let value = value.to_le_bytes();
-        self.programmed_weak |= self
-            .sector_at(offset)
-            .is_some_and(|number| self.weak[number]);
-        let before = &self.bytes[offset..offset + size as usize];
-        self.under_way = Some((offset, before.to_vec()));
-        for (place, byte) in self.bytes[offset..]
-            .iter_mut()
-            .zip(value)
-            .take(size as usize)
-        {
+        let sector = self.sector_at(offset);
+        self.programmed_weak |= sector.is_some_and(|number| self.weak[number]);
+        let places = &mut self.bytes[offset..offset + size as usize];
+        self.under_way = Some((offset, places.to_vec()));
+        for (place, byte) in places.iter_mut().zip(value.to_le_bytes()) {
             *place &= byte;
         }
         self.operations += 1;
@@ -510,7 +484,7 @@ mod tests {
     use super::*;
 
     fn open() -> Flash {
-        let mut flash = Flash::default();
+        let mut flash = Flash::new(Kind::Stm32f405);
         for key in KEYS {
             flash.set_register(0x04, key, 0);
         }

@@ -1,6 +1,7 @@
 //! Model of a port of sixteen pins (RM0090, chapter 8; RM0440, chapter 9).
 
 use super::kind::Kind;
+use super::{set_word, word};
 
 /// External level at a pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,7 +63,7 @@ impl Port {
         match offset {
             0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
             0x18 => 0,
-            offset => self.words.get(offset as usize / 4).copied().unwrap_or(0),
+            offset => word(&self.words, offset),
         }
     }
 
@@ -72,11 +73,7 @@ impl Port {
             0x10 => {}
             // Set wins over reset (8.4.7).
             0x18 => self.words[5] = self.words[5] & !(value >> 16) | value & 0xffff,
-            offset => {
-                if let Some(word) = self.words.get_mut(offset as usize / 4) {
-                    *word = value;
-                }
-            }
+            offset => set_word(&mut self.words, offset, value),
         }
     }
 

@@ -119,35 +119,57 @@ const STM32G474: Facts = Facts {
     flash_word: 8,
 };
 
-/// Blocks of registers of the STM32G474: first address, size, and first address of the same block
-/// on the STM32F405.
-const BLOCKS: [(u32, u32, u32); 13] = [
-    // WWDG and IWDG.
-    (0x4000_2c00, 0x800, 0x4000_2c00),
-    // USART2 and USART3, UART4 and UART5.
-    (0x4000_4400, 0x1000, 0x4000_4400),
-    // PWR.
-    (0x4000_7000, 0x400, 0x4000_7000),
-    // SYSCFG.
-    (0x4001_0000, 0x30, 0x4001_3800),
-    // EXTI.
-    (0x4001_0400, 0x400, 0x4001_3c00),
-    // TIM1.
-    (0x4001_2c00, 0x400, 0x4001_0000),
-    // USART1.
-    (0x4001_3800, 0x400, 0x4001_1000),
-    // RCC.
-    (0x4002_1000, 0x400, 0x4002_3800),
-    // Controller of the flash.
-    (0x4002_2000, 0x400, 0x4002_3c00),
-    // CRC.
-    (0x4002_3000, 0x400, 0x4002_3000),
-    // Ports A to G.
-    (0x4800_0000, 0x1c00, 0x4002_0000),
-    // ADC1, and the registers common to ADC1 and ADC2.
-    (0x5000_0000, 0x400, 0x4001_2000),
-    // DAC1.
-    (0x5000_0800, 0x400, 0x4000_7400),
+/// A block of registers, with its number where there are several.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Block {
+    /// WWDG.
+    Window,
+    /// IWDG.
+    Watchdog,
+    /// USART1 to USART3, UART4, from 0 on.
+    Serial(usize),
+    /// PWR.
+    Power,
+    /// DAC1.
+    Voltage,
+    /// TIM1.
+    Bridge,
+    /// ADC1, and the registers that it shares.
+    Converter,
+    /// SYSCFG.
+    Configuration,
+    /// EXTI.
+    Lines,
+    /// Ports A to I, from 0 on.
+    Port(usize),
+    /// CRC.
+    Check,
+    /// RCC.
+    Clocks,
+    /// Controller of the flash.
+    Flash,
+}
+
+/// Size of a block, bytes.
+const SIZE: u32 = 0x400;
+
+/// Blocks, the number of them in a row, and their first addresses on the STM32F405 and on the
+/// STM32G474.
+const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
+    (Block::Window, 1, [0x4000_2c00, 0x4000_2c00]),
+    (Block::Watchdog, 1, [0x4000_3000, 0x4000_3000]),
+    (Block::Serial(0), 1, [0x4001_1000, 0x4001_3800]),
+    (Block::Serial(1), 3, [0x4000_4400, 0x4000_4400]),
+    (Block::Power, 1, [0x4000_7000, 0x4000_7000]),
+    (Block::Voltage, 1, [0x4000_7400, 0x5000_0800]),
+    (Block::Bridge, 1, [0x4001_0000, 0x4001_2c00]),
+    (Block::Converter, 1, [0x4001_2000, 0x5000_0000]),
+    (Block::Configuration, 1, [0x4001_3800, 0x4001_0000]),
+    (Block::Lines, 1, [0x4001_3c00, 0x4001_0400]),
+    (Block::Port(0), 9, [0x4002_0000, 0x4800_0000]),
+    (Block::Check, 1, [0x4002_3000, 0x4002_3000]),
+    (Block::Clocks, 1, [0x4002_3800, 0x4002_1000]),
+    (Block::Flash, 1, [0x4002_3c00, 0x4002_2000]),
 ];
 
 impl Kind {
@@ -159,30 +181,29 @@ impl Kind {
         }
     }
 
-    /// Address on the STM32F405 of a peripheral's register; 0 where there is no model.
-    pub fn place(self, address: u32) -> u32 {
-        if self == Self::Stm32f405 {
-            return address;
-        }
-        let block = BLOCKS
-            .iter()
-            .find(|(start, size, _)| address.wrapping_sub(*start) < *size);
-        block.map_or(0, |(start, _, same)| address - start + same)
+    /// Block and offset of a register by its address; `None` where there is no model.
+    pub fn place(self, address: u32) -> Option<(Block, u32)> {
+        BLOCKS.iter().find_map(|&(block, count, first)| {
+            let offset = address.wrapping_sub(first[self as usize]);
+            let number = (offset / SIZE) as usize;
+            let block = match block {
+                Block::Serial(first) => Block::Serial(first + number),
+                Block::Port(first) => Block::Port(first + number),
+                block => block,
+            };
+            (offset < count * SIZE).then_some((block, offset % SIZE))
+        })
     }
 
     /// Address of a register of this chip by that on the STM32F405.
     ///
     /// # Panics
-    /// This chip has no such block.
+    /// There is no such block.
     pub fn address(self, same: u32) -> u32 {
-        if self == Self::Stm32f405 {
-            return same;
-        }
-        let block = BLOCKS
-            .iter()
-            .find(|(_, size, first)| same.wrapping_sub(*first) < *size);
-        let (start, _, first) = block.expect("a block of both chips");
-        same - first + start
+        let mut blocks = BLOCKS.iter();
+        let block = blocks.find(|(_, count, [first, _])| same.wrapping_sub(*first) < count * SIZE);
+        let (.., first) = block.expect("a block of both chips");
+        same - first[0] + first[self as usize]
     }
 }
 
@@ -191,15 +212,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_block_of_the_stm32g474_has_one_place() {
-        let kind = Kind::Stm32g474;
-        for (start, size, same) in BLOCKS {
-            for offset in [0, size - 4] {
-                assert_eq!(kind.place(start + offset), same + offset);
-                assert_eq!(kind.address(same + offset), start + offset);
+    fn each_block_has_one_place_on_each_chip() {
+        for (_, count, first) in BLOCKS {
+            for offset in [0, count * SIZE - 4] {
+                let [same, other] = first.map(|first| first + offset);
+                let place = Kind::Stm32f405.place(same);
+                assert_eq!(Kind::Stm32g474.place(other), place);
+                assert_eq!(Kind::Stm32g474.address(same), other);
+                assert_eq!(place.map(|(_, offset)| offset), Some(offset % SIZE));
             }
         }
-        assert_eq!(kind.place(0x4000_2000), 0, "CRS has no model");
-        assert_eq!(Kind::Stm32f405.place(0x4001_0000), 0x4001_0000);
+        assert_eq!(Kind::Stm32g474.place(0x4000_2000), None, "CRS has no model");
+        let bridge = Kind::Stm32f405.place(0x4001_0044);
+        assert_eq!(bridge, Some((Block::Bridge, 0x44)));
     }
 }

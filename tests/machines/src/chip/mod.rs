@@ -391,16 +391,15 @@ impl Chip {
             self.stop(1);
         } else if self.runs == Runs::Halted {
             self.goes();
-            if self.runs == Runs::Unknown {
-                if asked & STEP != 0 {
+            let unknown = self.runs == Runs::Unknown;
+            if asked & STEP != 0 {
+                if !unknown {
+                    self.steps(1);
+                }
+                if matches!(self.runs, Runs::Core | Runs::Unknown) {
                     self.stop(1);
                 }
-            } else if asked & STEP != 0 {
-                self.steps(1);
-                if self.runs == Runs::Core {
-                    self.stop(1);
-                }
-            } else if self.core.r[COUNTER] >= MEMORY {
+            } else if !unknown && self.core.r[COUNTER] >= MEMORY {
                 // A loader: the probe waits for its end.
                 self.steps(MAX_LOADER_INSTRUCTIONS);
             }
@@ -421,7 +420,7 @@ impl Chip {
     fn steps(&mut self, most: u64) {
         let end = self.core.instructions + most;
         while self.runs == Runs::Core && self.core.instructions < end {
-            if self.runs == Runs::Core && !self.is_supplied() {
+            if !self.is_supplied() {
                 return;
             }
             self.step();
@@ -473,8 +472,8 @@ impl Chip {
     /// Runs to tick `until`.
     pub fn run(&mut self, until: u64) {
         while self.board.now < until {
-            if self.board.reset.is_some() {
-                self.resets();
+            if let Some(cause) = self.board.reset {
+                self.resets(cause);
                 continue;
             }
             if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Stopped {
@@ -518,10 +517,8 @@ impl Chip {
     #[cold]
     fn skip_flash_wait(&mut self, until: u64) {
         let now = self.board.now;
-        let before = self
-            .looked
-            .take()
-            .filter(|_| self.board.flash_status_reads > 1);
+        let again = self.board.flash_status_reads > 1;
+        let before = self.looked.take().filter(|_| again);
         let mut took = None;
         if let Some(mut before) = before {
             let rounds = self.core.instructions - before.core.instructions;
@@ -573,9 +570,7 @@ impl Chip {
         let wakes = self.board.system.wakes() && self.awake().is_some()
             || self.core.waits == WaitState::Interrupt && self.board.system.wakes();
         if event || wakes {
-            if event {
-                self.core.event = false;
-            }
+            self.core.event &= !event;
             self.core.waits = WaitState::Not;
         } else {
             let next = self.board.next.min(until);
@@ -589,10 +584,8 @@ impl Chip {
 
     /// The exception that is due.
     fn awake(&self) -> Option<u16> {
-        let core = &self.core;
-        self.board
-            .system
-            .due(core.mask, core.fault_mask, core.base_priority)
+        let (core, system) = (&self.core, &self.board.system);
+        system.due(core.mask, core.fault_mask, core.base_priority)
     }
 
     /// Leaves and enters exceptions.
@@ -672,23 +665,27 @@ impl Chip {
         self.enter(HARD_FAULT);
     }
 
-    fn resets(&mut self) {
-        let Some(cause) = self.board.reset else {
-            return;
-        };
+    fn resets(&mut self, cause: Cause) {
         match cause {
             // The chip waits for its supply.
-            Cause::Power => {
+            Cause::Power | Cause::BrownOut => {
                 self.power_off();
                 self.board.reset = None;
-                self.gone = true;
-            }
-            Cause::BrownOut => {
-                self.power_off();
-                self.board.reset = None;
+                self.gone |= cause == Cause::Power;
             }
             cause => self.reset(cause),
         }
+    }
+}
+
+/// The word of a block of registers at an offset; 0 beyond them.
+fn word(words: &[u32], offset: u32) -> u32 {
+    words.get(offset as usize / 4).copied().unwrap_or(0)
+}
+
+fn set_word(words: &mut [u32], offset: u32, value: u32) {
+    if let Some(word) = words.get_mut(offset as usize / 4) {
+        *word = value;
     }
 }
 

@@ -1,7 +1,6 @@
 //! Model of the core's own peripherals: interrupts, faults, SysTick, cycle counter (ARM DDI 0403E,
 //! chapters B1 to B3, C1).
 
-const EXCEPTIONS: usize = 112;
 pub const NMI: u16 = 2;
 pub const HARD_FAULT: u16 = 3;
 /// Exception number of PendSV.
@@ -21,13 +20,14 @@ pub enum WriteEffect {
     Float(bool),
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct System {
     pending: u128,
     enabled: u128,
     active: u128,
     lines: u128,
-    priorities: [u8; EXCEPTIONS],
+    /// Priority of each exception, sixteen in a row.
+    priorities: [[u8; 16]; 7],
     vectors: u32,
     grouping: u32,
     control: u32,
@@ -58,44 +58,21 @@ pub struct System {
     pub catch: u32,
 }
 
-impl Default for System {
-    fn default() -> Self {
+impl System {
+    pub fn new() -> Self {
         Self {
-            pending: 0,
             enabled: (1 << INTERRUPTS) - 1,
-            active: 0,
-            lines: 0,
-            priorities: [0; EXCEPTIONS],
-            vectors: 0,
-            grouping: 0,
-            control: 0,
             configuration: 0x200,
-            handlers: 0,
-            fault_status: 0,
-            hard_status: 0,
-            fault_address: 0,
-            access: 0,
-            protection: 0,
-            region: 0,
-            regions: [(0, 0); 8],
             float_context: 0xc000_0000,
-            tick_control: 0,
-            tick_reload: 0,
             tick_due: u64::MAX,
-            tick_left: 0,
-            cycles_from: 0,
-            counts: false,
-            trace: 0,
-            catch: 0,
+            ..Self::default()
         }
     }
-}
 
-impl System {
     pub fn reset(&mut self) {
         *self = Self {
             catch: self.catch,
-            ..Self::default()
+            ..Self::new()
         };
     }
 
@@ -118,7 +95,7 @@ impl System {
         match number {
             NMI => -2,
             HARD_FAULT => -1,
-            number => self.priorities[usize::from(number)].into(),
+            number => self.priorities.as_flattened()[usize::from(number)].into(),
         }
     }
 
@@ -205,11 +182,8 @@ impl System {
 
     /// Duration of a SysTick count, ticks: one or eight core cycles.
     fn tick_step(&self, cycle: u64) -> u64 {
-        if self.tick_control & 4 != 0 {
-            cycle
-        } else {
-            8 * cycle
-        }
+        let cycles = if self.tick_control & 4 != 0 { 1 } else { 8 };
+        cycles * cycle
     }
 
     /// Changes the core's cycle at tick `now` from `old` to `new` ticks; 0: it stops.
@@ -219,11 +193,8 @@ impl System {
         }
         let left = self.tick_due.saturating_sub(now);
         self.tick_left = left.checked_div(old).unwrap_or(self.tick_left);
-        self.tick_due = if new > 0 {
-            now + self.tick_left * new
-        } else {
-            u64::MAX
-        };
+        let due = now + self.tick_left * new;
+        self.tick_due = if new > 0 { due } else { u64::MAX };
     }
 
     /// Suspends all counters for some ticks: the core is halted.
@@ -290,7 +261,8 @@ impl System {
 
     fn priority_word(&self, first: u32) -> u32 {
         let at = first as usize;
-        let bytes = [0, 1, 2, 3].map(|n| self.priorities.get(at + n).copied().unwrap_or(0));
+        let all = self.priorities.as_flattened();
+        let bytes = [0, 1, 2, 3].map(|n| all.get(at + n).copied().unwrap_or(0));
         u32::from_le_bytes(bytes)
     }
 
@@ -306,13 +278,10 @@ impl System {
     ) -> WriteEffect {
         let bits = |from: u32| u128::from(value) << (16 + 8 * from);
         let mut set_priorities = |first: u32| {
-            for (at, byte) in (first as usize..)
-                .zip(value.to_le_bytes())
-                .take(size as usize)
-            {
-                if let Some(place) = self.priorities.get_mut(at) {
-                    *place = byte & 0xf0;
-                }
+            let all = self.priorities.as_flattened_mut().iter_mut();
+            let bytes = value.to_le_bytes().into_iter().take(size as usize);
+            for (place, byte) in all.skip(first as usize).zip(bytes) {
+                *place = byte & 0xf0;
             }
         };
         match address {
@@ -325,11 +294,8 @@ impl System {
             }
             0xe000_1004 => {
                 let value = u64::from(value);
-                self.cycles_from = if self.counts {
-                    cycles.wrapping_sub(value)
-                } else {
-                    value
-                };
+                let counted = cycles.wrapping_sub(value);
+                self.cycles_from = if self.counts { counted } else { value };
             }
             0xe000_e010 => {
                 let started = value & 1 == 1 && self.tick_control & 1 == 0;
@@ -391,10 +357,7 @@ impl System {
 
     fn restart_tick(&mut self, now: u64, cycle: u64) {
         let step = self.tick_step(cycle);
-        self.tick_due = if step > 0 {
-            now + (u64::from(self.tick_reload) + 1) * step
-        } else {
-            u64::MAX
-        };
+        let due = now + (u64::from(self.tick_reload) + 1) * step;
+        self.tick_due = if step > 0 { due } else { u64::MAX };
     }
 }

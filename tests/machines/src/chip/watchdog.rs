@@ -3,9 +3,6 @@
 use super::clocks::TICKS;
 use super::kind::Kind;
 
-/// Address of the window watchdog's control register, which has its count.
-pub const WINDOW_CONTROL: u32 = 0x4000_2c00;
-
 /// The independent watchdog, with its own oscillator.
 #[derive(Clone, Debug)]
 pub struct Independent {

@@ -2,7 +2,7 @@
 //! A2.5, A6.4 to A6.7). A NaN that no operand supplies has no sign.
 
 use super::memory::{put, word};
-use super::{Bus, COUNTER, Core, Fault, bit, bits};
+use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
 
 /// NaN that an operation on numbers returns.
 const NAN: u32 = 0x7fc0_0000;
@@ -40,12 +40,7 @@ impl Core {
     }
 
     /// An instruction of the floating-point unit.
-    pub(super) fn coprocessor(
-        &mut self,
-        first: u16,
-        second: u16,
-        bus: &mut impl Bus,
-    ) -> Result<u32, Fault> {
+    pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let double = match bits(second, 8, 4) {
             0b1010 => false,
             0b1011 => true,
@@ -72,13 +67,7 @@ impl Core {
     }
 
     /// Loads and stores of one number, of two or of many.
-    fn memory(
-        &mut self,
-        first: u16,
-        second: u16,
-        double: bool,
-        bus: &mut impl Bus,
-    ) -> Result<u32, Fault> {
+    fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut impl Bus) -> Cycles {
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
         let (base, number) = (bits(first, 0, 4), bits(second, 0, 8));
@@ -118,7 +107,7 @@ impl Core {
     }
 
     /// Moves between the core and this unit.
-    fn transfer(&mut self, first: u16, second: u16, double: bool) -> Result<u32, Fault> {
+    fn transfer(&mut self, first: u16, second: u16, double: bool) -> Cycles {
         let (to_core, kind) = (bit(first, 4), bits(first, 5, 3));
         let (t, n) = (bits(second, 12, 4), bits(first, 0, 4));
         let s = match (double, kind) {
@@ -146,7 +135,7 @@ impl Core {
     }
 
     /// Arithmetic (A6.5). A product is rounded before it is added.
-    fn arithmetic(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn arithmetic(&mut self, first: u16, second: u16) -> Cycles {
         let d = register(bits(second, 12, 4), bit(first, 6), false);
         let n = register(bits(first, 0, 4), bit(second, 7), false);
         let m = register(bits(second, 0, 4), bit(second, 5), false);
@@ -171,11 +160,7 @@ impl Core {
             (true, 0, false) => (plain(one / two), 14),
             (true, 3, false) => {
                 let byte = (bits(first, 0, 4) << 4 | bits(second, 0, 4)) as u32;
-                let exponent = if byte & 0x40 == 0 {
-                    0x4000_0000
-                } else {
-                    0x3e00_0000
-                };
+                let exponent = [0x4000_0000, 0x3e00_0000][(byte >> 6 & 1) as usize];
                 ((byte & 0x80) << 24 | exponent | (byte & 0x3f) << 19, 1)
             }
             (true, 3, true) => match (bits(first, 0, 4), bit(second, 7)) {

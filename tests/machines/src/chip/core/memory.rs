@@ -1,6 +1,6 @@
 //! Loads and stores (ARM DDI 0403E, A5.3.5 to A5.3.10).
 
-use super::{Bus, COUNTER, Core, Fault, REFILL, bit, bits};
+use super::{Bus, COUNTER, Core, Cycles, Fault, REFILL, bit, bits};
 
 /// Size of an access in bytes, and whether a load extends the sign.
 #[derive(Clone, Copy)]
@@ -43,7 +43,7 @@ impl Core {
         target: usize,
         at: u32,
         after: Option<(usize, u32)>,
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         let value = read(bus, width, at)?;
         if let Some((base, value)) = after {
             self.r[base] = value;
@@ -64,18 +64,13 @@ impl Core {
         Width(size, _): Width,
         source: usize,
         at: u32,
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         write(bus, size, at, self.r[source])?;
         Ok(self.access(1))
     }
 
     /// One access (A5.3.7 to A5.3.10).
-    pub(super) fn single(
-        &mut self,
-        first: u16,
-        second: u16,
-        bus: &mut impl Bus,
-    ) -> Result<u32, Fault> {
+    pub(super) fn single(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let (base, target) = (bits(first, 0, 4), bits(second, 12, 4));
         let (load, up) = (bit(first, 4), bit(first, 7));
         let (size, sign) = (1 << bits(first, 5, 2), bit(first, 8));
@@ -114,12 +109,7 @@ impl Core {
     }
 
     /// Two words, exclusive accesses, tables (A5.3.6).
-    pub(super) fn pair(
-        &mut self,
-        first: u16,
-        second: u16,
-        bus: &mut impl Bus,
-    ) -> Result<u32, Fault> {
+    pub(super) fn pair(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let base = bits(first, 0, 4);
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
@@ -128,13 +118,10 @@ impl Core {
         if before || back {
             let by = if up { offset } else { -offset };
             let (at, after) = self.indexed(base, by, before, back);
-            let numbers = [target, further];
             if load {
                 let words = [word(bus, at)?, word(bus, at.wrapping_add(4))?];
                 self.back(base, after);
-                for (number, word) in numbers.into_iter().zip(words) {
-                    self.r[number] = word;
-                }
+                [self.r[target], self.r[further]] = words;
             } else {
                 put(bus, at, self.r[target])?;
                 put(bus, at.wrapping_add(4), self.r[further])?;
@@ -186,26 +173,23 @@ impl Core {
         list: u16,
         down: bool,
         back: bool,
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
         let mut loaded = self.r;
-        let mut at = from;
-        for number in (0..16).filter(|number| bit(list, *number)) {
-            loaded[number as usize] = word(bus, at)?;
-            at = at.wrapping_add(4);
+        for (number, at) in listed(list, from) {
+            loaded[number] = word(bus, at)?;
         }
         if back && !bit(list, base as u32) {
             loaded[base] = after;
         }
         let cycles = 1 + list.count_ones();
-        if bit(list, COUNTER as u32) {
+        let branches = bit(list, COUNTER as u32);
+        if branches {
             let to = std::mem::replace(&mut loaded[COUNTER], self.r[COUNTER]);
             self.exchange(to)?;
-            self.r = loaded;
-            return Ok(cycles + REFILL);
         }
         self.r = loaded;
-        Ok(cycles)
+        Ok(cycles + u32::from(branches) * REFILL)
     }
 
     pub(super) fn store_many(
@@ -215,16 +199,21 @@ impl Core {
         list: u16,
         down: bool,
         back: bool,
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
-        let mut at = from;
-        for number in (0..16).filter(|number| bit(list, *number)) {
-            put(bus, at, self.r[number as usize])?;
-            at = at.wrapping_add(4);
+        for (number, at) in listed(list, from) {
+            put(bus, at, self.r[number])?;
         }
         self.back(base, back.then_some(after));
         Ok(1 + list.count_ones())
     }
+}
+
+/// Registers of a list, and the addresses of their words from one on.
+fn listed(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
+    let numbers = (0..16).filter(move |number| bit(list, *number));
+    let places = (0..16).map(move |n| from.wrapping_add(4 * n));
+    numbers.map(|number| number as usize).zip(places)
 }
 
 #[inline]

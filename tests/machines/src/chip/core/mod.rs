@@ -53,6 +53,9 @@ pub enum Fault {
     Return,
 }
 
+/// Cycles of an instruction, or why it was not executed.
+type Cycles = Result<u32, Fault>;
+
 /// Event that a core waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WaitState {
@@ -77,7 +80,7 @@ pub const LINK: usize = 14;
 pub const COUNTER: usize = 15;
 
 /// Registers and state of the core.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
     pub r: [u32; 16],
@@ -119,41 +122,7 @@ pub struct Core {
     /// Whether this instruction was an access, and the one before it: accesses overlap.
     accessed: bool,
     overlaps: bool,
-    line: u32,
-}
-
-impl Default for Core {
-    fn default() -> Self {
-        Self {
-            r: [0; 16],
-            s: [0; 32],
-            negative: false,
-            zero: false,
-            carry: false,
-            overflow: false,
-            saturated: false,
-            block: 0,
-            inside: false,
-            status: 0,
-            mask: false,
-            fault_mask: false,
-            base_priority: 0,
-            control: 0,
-            other_stack: 0,
-            exception: 0,
-            float: false,
-            event: false,
-            waits: WaitState::Not,
-            attention: false,
-            returning: None,
-            instructions: 0,
-            exclusive: false,
-            next: 0,
-            accessed: false,
-            overlaps: false,
-            line: u32::MAX,
-        }
-    }
+    line: Option<u32>,
 }
 
 impl Core {
@@ -180,8 +149,9 @@ impl Core {
     #[inline(always)]
     pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
         let address = self.r[COUNTER];
-        if address >> 4 != self.line {
-            self.line = address >> 4;
+        let line = Some(address >> 4);
+        if line != self.line {
+            self.line = line;
             bus.line(address);
         }
         let first = bus.fetch(address).ok_or(Fault::Fetch)?;
@@ -197,11 +167,8 @@ impl Core {
         self.inside = block != 0;
         self.instructions += 1;
         if self.inside {
-            self.block = if block & 7 == 0 {
-                0
-            } else {
-                block & 0xe0 | block << 1 & 0x1f
-            };
+            let rest = block & 0xe0 | block << 1 & 0x1f;
+            self.block = if block & 7 == 0 { 0 } else { rest };
             if !self.holds(usize::from(block >> 4)) {
                 self.r[COUNTER] = self.next;
                 return Ok(1);
@@ -284,7 +251,7 @@ impl Core {
         d: usize,
         one: u32,
         (two, carry): (u32, bool),
-    ) -> Result<u32, Fault> {
+    ) -> Cycles {
         let value = match operation {
             0 => one & two,
             1 => one & !two,

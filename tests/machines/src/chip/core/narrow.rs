@@ -1,11 +1,11 @@
 //! Instructions of one halfword (ARM DDI 0403E, A5.2).
 
 use super::memory::{WORD, Width};
-use super::{Bus, COUNTER, Core, Fault, LINK, NONE, REFILL, STACK, bit, bits, signed};
+use super::{Bus, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, STACK, bit, bits, signed};
 
 impl Core {
     #[inline(always)]
-    pub(super) fn narrow(&mut self, code: u16, bus: &mut impl Bus) -> Result<u32, Fault> {
+    pub(super) fn narrow(&mut self, code: u16, bus: &mut impl Bus) -> Cycles {
         // In an IT block only comparisons set the flags.
         let set = !self.inside;
         let (d, n, m) = (bits(code, 0, 3), bits(code, 3, 3), bits(code, 6, 3));
@@ -69,7 +69,7 @@ impl Core {
     }
 
     /// Two of the lower registers (A5.2.2).
-    fn combined(&mut self, kind: usize, set: bool, d: usize, m: usize) -> Result<u32, Fault> {
+    fn combined(&mut self, kind: usize, set: bool, d: usize, m: usize) -> Cycles {
         let (one, two) = (self.r[d], (self.r[m], self.carry));
         match kind {
             0x0 => self.data(0, set, d, one, two),
@@ -96,7 +96,7 @@ impl Core {
     }
 
     /// Any two registers, and branches to one (A5.2.3).
-    fn any_registers(&mut self, code: u16) -> Result<u32, Fault> {
+    fn any_registers(&mut self, code: u16) -> Cycles {
         let (d, m) = (bits(code, 0, 3) | bits(code, 7, 1) << 3, bits(code, 3, 4));
         let (one, two) = (self.r[d], self.r[m]);
         match bits(code, 8, 2) {
@@ -114,7 +114,7 @@ impl Core {
     }
 
     /// Stack, extension, hints and the like (A5.2.5).
-    fn others(&mut self, code: u16, bus: &mut impl Bus) -> Result<u32, Fault> {
+    fn others(&mut self, code: u16, bus: &mut impl Bus) -> Cycles {
         let (d, m) = (bits(code, 0, 3), bits(code, 3, 3));
         let (list, value) = (code & 0xff, self.r[m]);
         let value = match bits(code, 8, 4) {

@@ -1,24 +1,15 @@
 //! Instructions of two halfwords (ARM DDI 0403E, A5.3).
 
-use super::{Bus, COUNTER, Core, Fault, LINK, NONE, REFILL, bit, bits, signed};
+use super::{Bus, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, bit, bits, signed};
 
 /// Fields of registers in an instruction of two halfwords: n, a (or the low half), d, m.
 fn registers(first: u16, second: u16) -> [usize; 4] {
-    [
-        bits(first, 0, 4),
-        bits(second, 12, 4),
-        bits(second, 8, 4),
-        bits(second, 0, 4),
-    ]
+    let [a, d, m] = [12, 8, 0].map(|low| bits(second, low, 4));
+    [bits(first, 0, 4), a, d, m]
 }
 
 impl Core {
-    pub(super) fn wide(
-        &mut self,
-        first: u16,
-        second: u16,
-        bus: &mut impl Bus,
-    ) -> Result<u32, Fault> {
+    pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let kind = bits(first, 4, 7);
         match (bits(first, 11, 2), bit(second, 15)) {
             (0b01 | 0b11, _) if kind & 0b100_0000 != 0 => self.coprocessor(first, second, bus),
@@ -51,19 +42,16 @@ impl Core {
     }
 
     /// The operation that a number and a shifted register share (A5.3.1, A5.3.11).
-    fn operate(&mut self, first: u16, target: usize, operand: (u32, bool)) -> Result<u32, Fault> {
+    fn operate(&mut self, first: u16, target: usize, operand: (u32, bool)) -> Cycles {
         let (operation, set, n) = (bits(first, 5, 4), bit(first, 4), bits(first, 0, 4));
         let moves = matches!(operation, 2 | 3) && n == COUNTER;
         let one = if moves { 0 } else { self.r[n] };
-        let d = if set && target == COUNTER {
-            NONE
-        } else {
-            target
-        };
+        let tests = set && target == COUNTER;
+        let d = if tests { NONE } else { target };
         self.data(operation, set, d, one, operand)
     }
 
-    fn data_shifted(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn data_shifted(&mut self, first: u16, second: u16) -> Cycles {
         let by = bits(second, 12, 3) << 2 | bits(second, 6, 2);
         let [n, _, d, m] = registers(first, second);
         if bits(first, 5, 4) != 0b0110 {
@@ -81,7 +69,7 @@ impl Core {
         Ok(self.set(d, value))
     }
 
-    fn data_number(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn data_number(&mut self, first: u16, second: u16) -> Cycles {
         let code = twelve(first, second);
         let byte = code & 0xff;
         let number = match code >> 8 {
@@ -92,16 +80,13 @@ impl Core {
             _ => (0x80 | code & 0x7f).rotate_right(code >> 7),
         };
         // A turned number sets the carry to its top bit.
-        let carry = if code >> 10 == 0 {
-            self.carry
-        } else {
-            number >> 31 == 1
-        };
+        let turn = code >> 10 != 0;
+        let carry = if turn { number >> 31 == 1 } else { self.carry };
         self.operate(first, bits(second, 8, 4), (number, carry))
     }
 
     /// Plain immediate numbers (A5.3.3).
-    fn plain_number(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn plain_number(&mut self, first: u16, second: u16) -> Cycles {
         let (n, d) = (bits(first, 0, 4), bits(second, 8, 4));
         let number = twelve(first, second);
         let low = bits(second, 12, 3) << 2 | bits(second, 6, 2);
@@ -143,7 +128,7 @@ impl Core {
     }
 
     /// Branches and control (A5.3.4).
-    fn branches(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn branches(&mut self, first: u16, second: u16) -> Cycles {
         let field = |code, low, count| bits(code, low, count) as u32;
         let sign = field(first, 10, 1);
         let (j1, j2) = (field(second, 13, 1), field(second, 11, 1));
@@ -186,7 +171,7 @@ impl Core {
     }
 
     /// Registers only (A5.3.12 to A5.3.15).
-    fn data_register(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn data_register(&mut self, first: u16, second: u16) -> Cycles {
         let [n, fixed, d, m] = registers(first, second);
         let (one, two) = (self.r[n], self.r[m]);
         let (kind, how) = (bits(first, 4, 4), bits(second, 4, 4));
@@ -226,7 +211,7 @@ impl Core {
     }
 
     /// Products of words and of halves (A5.3.16).
-    fn product(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn product(&mut self, first: u16, second: u16) -> Cycles {
         let [n, a, d, m] = registers(first, second);
         let (one, two) = (self.r[n], self.r[m]);
         let added = if a == COUNTER { 0 } else { self.r[a] };
@@ -254,7 +239,7 @@ impl Core {
     }
 
     /// Products of 64 bits, and quotients (A5.3.17).
-    fn long(&mut self, first: u16, second: u16) -> Result<u32, Fault> {
+    fn long(&mut self, first: u16, second: u16) -> Cycles {
         let [n, low, high, m] = registers(first, second);
         let (one, two) = (self.r[n], self.r[m]);
         let target = u64::from(self.r[high]) << 32 | u64::from(self.r[low]);
@@ -301,11 +286,8 @@ fn saturate_lanes(bytes: bool, subtracted: bool, one: u32, two: u32) -> u32 {
     let largest = ones(width);
     (0..32).step_by(width).fold(0, |value, low| {
         let (one, two) = (one >> low & largest, two >> low & largest);
-        let lane = if subtracted {
-            one.saturating_sub(two)
-        } else {
-            (one + two).min(largest)
-        };
+        let (sum, difference) = ((one + two).min(largest), one.saturating_sub(two));
+        let lane = if subtracted { difference } else { sum };
         value | lane << low
     })
 }

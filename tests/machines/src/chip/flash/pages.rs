@@ -63,52 +63,35 @@ impl Flash {
     fn erase_page(&mut self, now: u64) {
         // An erasure does not start with an error set.
         if self.control & ERASE_PAGE == 0 || self.status & ERRORS != 0 || now < self.busy {
-            self.status |= WRONG_SEQUENCE;
-            return;
+            return self.status |= WRONG_SEQUENCE;
         }
         let number = (self.control >> 3 & 0x7f | self.control >> 4 & 0x80) as usize;
         let range = number * SIZE..(number + 1) * SIZE;
-        self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
-        self.bytes[range.clone()].fill(0xff);
         self.torn.retain(|at| !range.contains(at));
-        self.erasures[number] += 1;
-        self.weak[number] = false;
-        self.stale = (self.access & DATA_CACHE != 0).then_some(range);
-        self.operations += 1;
         let usual = ERASE_TIME[usize::from(self.slow)];
-        self.takes = self.erases_in.unwrap_or(usual);
-        self.busy = now + self.takes;
+        self.erase_sector(number, range, self.erases_in.unwrap_or(usual), now);
     }
 
     /// Takes half a word; the second half programs it. A word is programmed once after an erasure,
     /// and then at most to 0 (3.3.8).
     pub(super) fn program_word(&mut self, offset: usize, size: u32, value: u32, now: u64) {
         if self.control & (LOCKED | PROGRAM) != PROGRAM || self.status & ERRORS != 0 {
-            self.status |= WRONG_SEQUENCE;
-            return;
+            return self.status |= WRONG_SEQUENCE;
         }
         if size != 4 {
-            self.status |= WRONG_SIZE;
-            return;
+            return self.status |= WRONG_SIZE;
         }
         let first = match self.half.take() {
-            None if offset.is_multiple_of(WORD) => {
-                self.half = Some((offset, value));
-                return;
-            }
+            None if offset.is_multiple_of(WORD) => return self.half = Some((offset, value)),
             Some((at, first)) if at + 4 == offset => first,
-            _ => {
-                self.status |= ALIGNMENT;
-                return;
-            }
+            _ => return self.status |= ALIGNMENT,
         };
         let at = offset - 4;
         let word = u64::from(first) | u64::from(value) << 32;
         let before = self.bytes[at..at + WORD].to_vec();
         let erased = before == [0xff; WORD] && !self.torn.contains(&at);
         if word != 0 && !erased {
-            self.status |= PROGRAMMED_TWICE;
-            return;
+            return self.status |= PROGRAMMED_TWICE;
         }
         self.programmed_weak |= self.weak[at / SIZE];
         self.programmed_cached |= self.access & DATA_CACHE != 0;

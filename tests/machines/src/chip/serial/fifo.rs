@@ -12,11 +12,8 @@ const CLEARED: u32 = 0x5f;
 
 impl Serial {
     pub(super) fn fifo_depth(&self) -> usize {
-        if self.control[0] & FIFOS != 0 {
-            DEPTH
-        } else {
-            1
-        }
+        let fifos = self.control[0] & FIFOS != 0;
+        if fifos { DEPTH } else { 1 }
     }
 
     pub(super) fn read_fifo(&mut self, offset: u32) -> u32 {
