@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap, WaveOrbit,
+    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap,
 };
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
@@ -315,7 +315,7 @@ pub fn orbits(
             }
         } else {
             let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
-            for event in WaveOrbit::new(&map, start).scattering(scatter()?) {
+            for event in Orbit::new(&map, start).scattering(scatter()?) {
                 if !row.take(event) || stop.is_requested() {
                     return Ok(());
                 }

@@ -132,7 +132,7 @@ impl TrackMap {
     fn tangent(&self, state: PartState, impact: &Impact<PartState>) -> Option<Tangent> {
         match self {
             Self::Sine(map) => Tangent::build(map, state, impact),
-            Self::Tones(map) => Tangent::on_tones(map, state, impact),
+            Self::Tones(map) => Tangent::build(map, state, impact),
         }
     }
 }

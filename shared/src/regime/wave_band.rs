@@ -7,7 +7,7 @@ use core::f64::consts::{PI, TAU};
 
 use super::lock::{ContactTerms, Multipliers, accept_order, accept_restitution, wrap_phase};
 use crate::feeder::{OutOfRange, Restitution};
-use crate::impact::{ContactTime, Kernel, PartState, Wave, WaveMap, WaveOrbit};
+use crate::impact::{ContactTime, Kernel, Orbit, PartState, Wave, WaveMap};
 
 /// The period-1 orbit of one order with a given impact phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -172,7 +172,7 @@ impl WaveLock {
         let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
             return false;
         };
-        let mut orbit = WaveOrbit::from_rest(&map).with_contact(self.contact);
+        let mut orbit = Orbit::from_rest(&map).with_contact(self.contact);
         // At most a rest and a lift-off for each impact.
         for _ in 0..3 * impacts {
             if orbit.next().is_none() {

@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Contact, Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason,
+    Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason,
     Tangential, Tone, Wave,
 };
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
@@ -222,7 +222,7 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
 fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2], Refusal> {
     const FLIGHTS: u64 = 60_000;
     let map = Map::build(k, restitution)?;
-    let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, Contact::new(&map));
+    let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, &map);
     let mut orbit = Orbit::new(&map, start);
     orbit.watch(1000, &mut conveying);
     let mut flights = Vec::new();

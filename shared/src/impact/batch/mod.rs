@@ -132,7 +132,7 @@ impl Block {
     }
 
     /// Whether the orbit in a lane waits: its part rests, or has a closed chatter, see
-    /// [`Contact::time_to_rest`](super::Contact::time_to_rest).
+    /// [`Map::time_to_rest`].
     ///
     /// It waits until it is cleared or replaced. [`Block::advance`] checks a lane at its begin and
     /// after each impact.

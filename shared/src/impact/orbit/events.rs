@@ -1,14 +1,15 @@
 //! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
-use super::contact::Contact;
 use super::observe::Observer;
+use super::orbit_map::OrbitMap;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
-use crate::impact::kernel::{Impact, Kernel, PartState};
+use crate::impact::kernel::{Impact, PartState};
 use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
+use crate::impact::wave_map::{Hop, WaveMap};
 
 /// Smallest mean restitution that can scatter.
 const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
@@ -47,8 +48,8 @@ pub enum StopReason {
     RestsForEver,
 }
 
-/// The orbit of one part: an iterator of events that ends only when the part rests for ever
-/// (k >= 1).
+/// The orbit of one part on a track of one tone ([`Map`]) or of several ([`WaveMap`]): an iterator
+/// of events that ends only when the part rests for ever.
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -62,21 +63,22 @@ pub enum StopReason {
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct Orbit<'a> {
-    map: &'a Map,
-    contact: Contact,
+pub struct Orbit<'a, M = Map> {
+    map: &'a M,
     state: PartState,
     stage: Stage,
-    /// The release of the part, once computed.
+    /// The last release, for which a part is thrown at few phases.
     release: Option<Release<PartState>>,
+    /// Mean restitution, and that of each impact; `None` where it is the mean.
+    restitution: f64,
     scatter: Option<Scatter>,
-    /// The last drawn restitution over that of the map.
+    /// The last factor of [`OrbitMap::kept`].
     drawn: f64,
-    contact_time: ContactTime,
+    contact: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Stage {
+enum Stage {
     /// Just after an impact.
     Hopping,
     /// At rest.
@@ -85,34 +87,12 @@ pub(super) enum Stage {
     Released,
 }
 
-impl<'a> Orbit<'a> {
-    /// The orbit that begins just after an impact with `start`.
-    pub fn new(map: &'a Map, start: PartState) -> Self {
-        Self {
-            map,
-            contact: Contact::new(map),
-            state: start,
-            stage: Stage::Hopping,
-            release: None,
-            scatter: None,
-            drawn: 1.0,
-            contact_time: ContactTime::INSTANT,
-        }
-    }
-
-    /// The orbit that begins at rest; the first lift-off is at `arcsin k`.
-    pub fn from_rest(map: &'a Map) -> Self {
-        let origin = PartState::new(0.0, 0.0);
-        let mut orbit = Self::new(map, origin);
-        orbit.stage = Stage::Resting;
-        orbit
-    }
-
+impl Orbit<'_> {
     /// This orbit with a restitution drawn by `scatter` at each impact, about that of the map.
     ///
     /// A chatter's closed form uses the map's restitution. Errors: `OutOfRange` for a mean
     /// restitution below 1e-6.
-    pub fn scattering(mut self, scatter: Scatter) -> Result<Self, OutOfRange> {
+    pub fn scattering(self, scatter: Scatter) -> Result<Self, OutOfRange> {
         let mean = scatter.mean();
         accept(
             "restitution",
@@ -120,8 +100,57 @@ impl<'a> Orbit<'a> {
             mean >= MIN_SCATTERED_RESTITUTION,
             "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
         )?;
-        self.scatter = Some(scatter);
-        Ok(self)
+        Ok(self.drawing(scatter))
+    }
+}
+
+impl Orbit<'_, WaveMap> {
+    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
+    /// uses its mean.
+    pub fn scattering(self, scatter: Scatter) -> Self {
+        self.drawing(scatter)
+    }
+
+    /// Starts again from rest, phase 0, with a restitution drawn by `scatter` at each impact.
+    pub(crate) fn restart(&mut self, scatter: Scatter) {
+        *self = Self {
+            contact: self.contact,
+            ..Self::from_rest(self.map).drawing(scatter)
+        };
+    }
+}
+
+impl<'a, M: OrbitMap> Orbit<'a, M> {
+    /// The orbit that begins just after an impact with `start`.
+    pub fn new(map: &'a M, start: PartState) -> Self {
+        let [_, restitution] = map.parameters();
+        Self {
+            map,
+            state: start,
+            stage: Stage::Hopping,
+            release: None,
+            restitution,
+            scatter: None,
+            drawn: 1.0,
+            contact: ContactTime::INSTANT,
+        }
+    }
+
+    /// The orbit that begins at rest, phase 0; the first lift-off is where the track's push first
+    /// rises through k (on one tone at `arcsin k`).
+    pub fn from_rest(map: &'a M) -> Self {
+        Self {
+            stage: Stage::Resting,
+            ..Self::new(map, PartState::new(0.0, 0.0))
+        }
+    }
+
+    fn drawing(self, scatter: Scatter) -> Self {
+        Self {
+            restitution: scatter.mean().max(0.0),
+            scatter: Some(scatter),
+            ..self
+        }
     }
 
     /// This orbit with impacts that take time.
@@ -129,34 +158,27 @@ impl<'a> Orbit<'a> {
     /// The flight of an impact then includes its contact, and its next state is the launch after
     /// that. A chatter's closed form neglects the contacts.
     pub fn with_contact(self, contact: ContactTime) -> Self {
-        Self {
-            contact_time: contact,
-            ..self
-        }
+        Self { contact, ..self }
+    }
+
+    /// The map.
+    pub(crate) fn map(&self) -> &M {
+        self.map
+    }
+
+    /// Mean restitution.
+    pub(crate) fn restitution(&self) -> f64 {
+        self.restitution
     }
 
     /// Duration of an impact.
-    pub(crate) fn contact_time(&self) -> ContactTime {
-        self.contact_time
-    }
-
-    /// Contact of the part with the track.
-    pub(crate) fn contact(&self) -> Contact {
+    pub(crate) fn contact(&self) -> ContactTime {
         self.contact
     }
 
     /// The last drawn restitution over that of the map; 1 without scatter.
     pub(crate) fn drawn(&self) -> f64 {
         self.drawn
-    }
-
-    /// `impact` with its velocity scaled to a drawn restitution.
-    fn scatter_impact(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
-        if let Some(scatter) = &mut self.scatter {
-            self.drawn = scatter.draw() / scatter.mean();
-            impact.next.velocity *= self.drawn;
-        }
-        impact
     }
 
     /// The state after the last event.
@@ -169,8 +191,22 @@ impl<'a> Orbit<'a> {
     /// It ends at the second lift-off. An observer of means that restarts at the first
     /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
     pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> StopReason {
-        let mut impacts_seen = 0;
+        let repeats = self.scatter.is_none();
         let mut lift_offs = 0;
+        self.watch_until(impacts, observer, |_| {
+            lift_offs += 1;
+            lift_offs == 2 && repeats
+        })
+    }
+
+    /// The same up to a lift-off at a phase that `ends` accepts.
+    pub(crate) fn watch_until(
+        &mut self,
+        impacts: u64,
+        observer: &mut impl Observer,
+        mut ends: impl FnMut(f64) -> bool,
+    ) -> StopReason {
+        let mut impacts_seen = 0;
         while impacts_seen < impacts {
             let before = self.state;
             match self.next() {
@@ -182,23 +218,13 @@ impl<'a> Orbit<'a> {
                 Some(OrbitEvent::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
                 Some(OrbitEvent::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
-                    lift_offs += 1;
-                    if lift_offs == 2 && self.scatter.is_none() {
+                    if ends(phase) {
                         return StopReason::Repeats;
                     }
                 }
             }
         }
         StopReason::Counted
-    }
-
-    /// The release of the part; `None` where the map finds no flight, for k within rounding
-    /// of 1.
-    fn find_release(&mut self) -> Option<Release<PartState>> {
-        if self.release.is_none() {
-            self.release = Release::build(self.map, self.contact.lift_off()?, 0.0);
-        }
-        self.release
     }
 
     fn begin_rest(&mut self, chatter: f64) -> OrbitEvent {
@@ -209,8 +235,12 @@ impl<'a> Orbit<'a> {
     }
 
     fn lift_off(&mut self) -> Option<OrbitEvent> {
-        let wait = self.contact.wait(self.state.phase)?;
-        self.state = self.find_release()?.launch;
+        let (wait, phase) = self.map.throw(self.state.phase)?;
+        let thrown_there = |release: &Release<PartState>| release.launch.phase == phase;
+        if !self.release.as_ref().is_some_and(thrown_there) {
+            self.release = Some(self.map.release(phase)?);
+        }
+        self.state = self.release?.launch;
         self.stage = Stage::Released;
         Some(OrbitEvent::LiftOff {
             wait,
@@ -219,29 +249,28 @@ impl<'a> Orbit<'a> {
     }
 }
 
-impl Iterator for Orbit<'_> {
+impl<M: OrbitMap> Iterator for Orbit<'_, M> {
     type Item = OrbitEvent;
 
     fn next(&mut self) -> Option<OrbitEvent> {
-        let impact = match self.stage {
+        let mut impact = match self.stage {
             Stage::Resting => return self.lift_off(),
-            Stage::Released => self.find_release()?.impact,
-            Stage::Hopping => {
-                if let Some(chatter) = self.contact.time_to_rest(self.state) {
-                    return Some(self.begin_rest(chatter));
-                }
-                let impact = self.map.impact(self.state);
-                if impact.flight <= 0.0 {
-                    // The sines of map and contact differ by an ulp at sin t = k: the part
-                    // rests.
-                    return Some(self.begin_rest(0.0));
-                }
-                impact
-            }
+            Stage::Released => self.release?.impact,
+            Stage::Hopping => match self.map.hop(self.restitution, self.state) {
+                Hop::Rest(chatter) => return Some(self.begin_rest(chatter)),
+                Hop::Impact(impact) => impact,
+            },
         };
-        let touch = self.scatter_impact(impact);
-        let restitution = self.contact.restitution() * self.drawn;
-        let impact = (self.contact_time).hold(restitution, touch, self.contact.k(), None);
+        if impact.flight <= 0.0 {
+            // Within rounding of lift-off or of the end of a hump: the part rests.
+            return Some(self.begin_rest(0.0));
+        }
+        let drawn = self.scatter.as_mut().map(Scatter::draw);
+        let [factor, restitution] = self.map.kept(self.restitution, drawn);
+        self.drawn = factor;
+        impact.next.velocity *= factor;
+        let [k, _] = self.map.parameters();
+        let impact = self.contact.hold(restitution, impact, k, self.map.wave());
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))
@@ -254,6 +283,7 @@ mod tests {
 
     use super::super::observe::Count;
     use super::*;
+    use crate::impact::kernel::Kernel;
 
     #[test]
     #[expect(

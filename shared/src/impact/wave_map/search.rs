@@ -22,12 +22,12 @@ use crate::impact::wave::motion;
 /// A flight on a track.
 struct Flight<'a, const N: usize> {
     track: &'a Track,
-    launch: &'a Launch<f64>,
+    launch: &'a Launch,
 }
 
 /// The first impact after `launch`, and whether it grazes: another touch is within rounding.
 #[cold]
-pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landing<f64>, bool) {
     let flight = Flight::<N> { track, launch };
     let humps = track.humps();
     let Some(first) = humps.first() else {
@@ -130,7 +130,7 @@ impl<const N: usize> Path for Flight<'_, N> {
         let (track, launch) = (self.track, self.launch);
         let pull = launch.pull(track);
         if d < Self::MAX_SHORT_HOP {
-            let w = deflated::<f64, N>(track, launch, d);
+            let w = deflated::<N>(track, launch, d);
             let forward = launch.phase + d;
             let phase = if forward < TAU {
                 forward
@@ -152,7 +152,7 @@ impl<const N: usize> Path for Flight<'_, N> {
         let arc = Arc::new(x);
         let sine = node.sine + (node.cosine * arc.sine - node.sine * arc.versine);
         let cosine = node.cosine - (node.sine * arc.sine + node.cosine * arc.versine);
-        let at = motion::<f64, N>(&track.wave.parts::<f64, N>(sine, cosine));
+        let at = motion::<N>(&track.wave.parts::<N>(sine, cosine));
         let v = launch.rise();
         let speed = v - track.k * node.distance;
         Gap {

@@ -276,7 +276,7 @@ mod tests {
     use super::super::DriveLagSettings;
     use super::*;
 
-    use crate::impact::{Map, OrbitEvent, WaveMap, WaveOrbit};
+    use crate::impact::{Map, Orbit, OrbitEvent, WaveMap};
 
     /// The orbit in f64 decides, at a constant amplitude.
     #[test]
@@ -301,7 +301,7 @@ mod tests {
             let found = outcome == Some(Outcome::Locked);
             let lock = Lock::with_contact(k, 0.2, 1, contact).unwrap().unwrap();
             let map = WaveMap::build(k, 0.2).unwrap();
-            let mut orbit = WaveOrbit::from_rest(&map).with_contact(contact);
+            let mut orbit = Orbit::from_rest(&map).with_contact(contact);
             let events = orbit.by_ref().take(3000);
             let last = events.filter_map(|event| match event {
                 OrbitEvent::Impact(impact) => Some(impact.next),

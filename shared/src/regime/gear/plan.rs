@@ -1016,9 +1016,14 @@ mod tests {
         };
         let parts: [Scatter; 20] = core::array::from_fn(|n| part(n as u64));
         let mut sum = Share::default();
-        shares_from_rest(&map, &parts, order, 2000.0, |_, share| {
-            sum = sum.plus(&share)
-        })
+        shares_from_rest(
+            &map,
+            ContactTime::INSTANT,
+            &parts,
+            order,
+            2000.0,
+            |_, share| sum = sum.plus(&share),
+        )
         .unwrap();
         sum.share()
     }

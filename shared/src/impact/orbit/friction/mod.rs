@@ -7,7 +7,6 @@ mod push;
 use push::{Push, first_zero};
 
 use super::along::{Along, ContactMotion, accept_motion};
-use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
@@ -383,7 +382,7 @@ impl Along for Friction {
 
     fn move_in_chatter(
         &self,
-        _: &Contact,
+        _: [f64; 2],
         last: PartState,
         chatter: f64,
         velocity: f64,
