@@ -118,9 +118,16 @@ pub fn gear_shares(
                 if stop.is_requested() {
                     break;
                 }
-                shares_from_rest(&map, ContactTime::INSTANT, scatters, order, periods, |_, share| {
-                    shares[part] = shares[part].plus(&share);
-                })?;
+                shares_from_rest(
+                    &map,
+                    ContactTime::INSTANT,
+                    scatters,
+                    order,
+                    periods,
+                    |_, share| {
+                        shares[part] = shares[part].plus(&share);
+                    },
+                )?;
             }
         }
         let all = shares

@@ -38,9 +38,14 @@ fn share(
         .map(|part| Scatter::build(restitution, deviation, seed + part as u64))
         .collect::<Result<_, _>>()?;
     let mut sum = Share::default();
-    shares_from_rest(&map, ContactTime::INSTANT, &scatters, 1, periods, |_, share| {
-        sum = sum.plus(&share)
-    })?;
+    shares_from_rest(
+        &map,
+        ContactTime::INSTANT,
+        &scatters,
+        1,
+        periods,
+        |_, share| sum = sum.plus(&share),
+    )?;
     Ok(sum.share())
 }
 

@@ -7,8 +7,8 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason,
-    Tangential, Tone, Wave,
+    Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason, Tangential,
+    Tone, Wave,
 };
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::classify::Regime;

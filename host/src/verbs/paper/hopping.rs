@@ -3,9 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{
-    Impact, Kernel, Map, Orbit, PartState, Tangential, TangentialSettings,
-};
+use kband::impact::{Impact, Kernel, Map, Orbit, PartState, Tangential, TangentialSettings};
 use kband::regime::band;
 use kband::transport::stationary::{self, PhaseMeans};
 use kband::transport::{Conveyed, Conveying, SampleMean, locked};
@@ -273,7 +271,9 @@ fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
         // The mean of the distribution alone, against the plain mean: half a bin at most.
         let width = LONGEST / BINS;
         let binned = times.iter().filter(|time| **time < LONGEST);
-        let middles: Vec<f64> = binned.map(|time| ((time / width).floor() + 0.5) * width).collect();
+        let middles: Vec<f64> = binned
+            .map(|time| ((time / width).floor() + 0.5) * width)
+            .collect();
         let from_bins = middles.iter().sum::<f64>() / middles.len() as f64;
         rows.compare_in("(30)", from_bins, plain, 0.5 * width);
         // Impacts in each of successive windows of time.

@@ -6,8 +6,8 @@ use super::drive::Swing;
 use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Along, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
-    Tangential, Tone, Wave, WaveMap,
+    ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential, Tone,
+    Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 

@@ -10,10 +10,11 @@ mod release;
 mod tangent;
 mod tangential;
 
-pub use along::{Along, ContactMotion};
+pub(crate) use along::Along;
+pub use along::ContactMotion;
 pub use events::{Orbit, OrbitEvent, StopReason};
 pub use friction::{Friction, FrictionSettings};
-pub use observe::{Count, Observer};
+pub use observe::Observer;
 pub(crate) use orbit_map::OrbitMap;
 pub use release::LIFT_OFF_DELAY;
 pub use release::Release;

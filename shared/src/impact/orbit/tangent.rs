@@ -26,7 +26,7 @@ pub struct Tangent {
     /// The Jacobian, rows (phase', velocity'), columns (phase, velocity).
     pub jacobian: [[f64; 2]; 2],
     /// Derivatives of (phase', velocity') by k.
-    pub by_k: [f64; 2],
+    pub(crate) by_k: [f64; 2],
 }
 
 impl Tangent {

@@ -13,7 +13,7 @@ use super::short::deflated;
 use super::track::{Hump, Track, ahead};
 use crate::arithmetic::lane::{Arc, Node, floor};
 use crate::arithmetic::square_root;
-use crate::impact::double::bracket::{Gap, Path, find_minimum, root};
+use crate::impact::double::bracket::{Gap, Path, impact_at_hump, root};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::double::short::MAX_SHORT_HOP;
 use crate::impact::double::step::Landing;
@@ -71,22 +71,11 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landin
             let hump = humps.get((next + n) % humps.len()).unwrap_or(first);
             let begin = wait(hump) + turns;
             let at_begin = flight.at(begin);
-            if at_begin.value <= 0.0 {
-                return root(&flight, low, begin, grazes);
-            }
             let end = begin + hump.width;
-            if !(above_from <= begin && end <= above_to) && at_begin.slope < 0.0 {
-                let at_end = flight.at(end);
-                let (lowest, at_lowest) = if at_end.slope <= 0.0 {
-                    (end, at_end)
-                } else {
-                    find_minimum(&flight, begin, end)
-                };
-                if at_lowest.value <= 0.0 {
-                    grazes |= -at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
-                    return root(&flight, begin, lowest, grazes);
-                }
-                grazes |= at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
+            let passes = above_from <= begin && end <= above_to;
+            let stretch = [low, begin, end];
+            if let Some(landing) = impact_at_hump(&flight, at_begin, stretch, passes, &mut grazes) {
+                return landing;
             }
             low = end;
             latest = end;

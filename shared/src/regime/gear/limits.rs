@@ -27,7 +27,7 @@ impl GearLimits {
     };
 
     /// Whether all limits hold with these tones at this k.
-    pub fn allow(&self, k: f32, tones: Tones) -> bool {
+    pub(super) fn allow(&self, k: f32, tones: Tones) -> bool {
         k >= self.min_k(tones)
     }
 

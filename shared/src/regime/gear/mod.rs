@@ -130,15 +130,15 @@ pub struct Share {
     /// Time in gear in drive periods.
     pub in_gear: f64,
     /// Observation time in drive periods.
-    pub observed: f64,
+    observed: f64,
     /// Losses of gear in that time.
     pub losses: u64,
     /// Part of the observation time before the first gear, in drive periods.
-    pub before: f64,
+    before: f64,
     /// Time from the start of the simulation to the first gear, or to its end, in drive periods.
-    pub waited: f64,
+    waited: f64,
     /// Number of parts that came into gear.
-    pub captured: u64,
+    captured: u64,
 }
 
 impl Share {

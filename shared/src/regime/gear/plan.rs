@@ -1068,7 +1068,7 @@ mod tests {
             off < 0.04 + 0.01 * f64::from(settings.order - 1),
             "{truth} {plan:?}"
         );
-        let [_, pushed] = super::super::peaks(plan.tones);
+        let [_, pushed] = super::super::limits::peaks(plan.tones);
         assert!(
             settings.limits.acceleration * pushed < plan.k * 1.001,
             "{plan:?}"
