@@ -25,9 +25,9 @@ pub(super) fn deflated<const N: usize>(track: &Track, launch: &Launch, d: f64) -
         let versine = z * (0.5 - z * fourth);
         let sagitta = x * z * third;
         let square = q * q;
-        value = value - (square * x) * (c * third - (s * x) * fourth);
-        slope = slope + q * (c * versine - s * sagitta);
-        curvature = curvature + square * (c * (x - sagitta) - s * versine);
+        value -= (square * x) * (c * third - (s * x) * fourth);
+        slope += q * (c * versine - s * sagitta);
+        curvature += square * (c * (x - sagitta) - s * versine);
     }
     Deflated {
         value: launch.velocity - d * value,
