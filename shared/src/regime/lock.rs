@@ -176,7 +176,7 @@ impl Lock {
     }
 
     /// Duration of an impact.
-    pub fn contact(&self) -> ContactTime {
+    pub(crate) fn contact(&self) -> ContactTime {
         self.contact
     }
 

@@ -5,7 +5,7 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::lock::{ContactTerms, Multipliers, accept_order, accept_restitution, wrap_phase};
+use super::lock::{ContactTerms, accept_order, accept_restitution, wrap_phase};
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{ContactTime, Kernel, Orbit, PartState, Wave, WaveMap};
 
@@ -26,7 +26,7 @@ impl WaveLock {
     ///
     /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
     /// [`WaveLock::is_first_return`] decide whether a part can follow it.
-    pub(crate) fn with_impact_phase(
+    fn with_impact_phase(
         wave: &Wave,
         phase: f64,
         restitution: f64,
@@ -131,18 +131,13 @@ impl WaveLock {
     }
 
     /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`.
-    pub fn trace(&self) -> f64 {
+    fn trace(&self) -> f64 {
         if !self.contact.is_instant() {
             return self.contact_tangent()[0];
         }
         let r = self.restitution;
         let [_, _, push, _] = self.wave.motion(self.state.phase);
         1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k
-    }
-
-    /// Floquet multipliers: growth of a perturbation per impact.
-    pub fn multipliers(&self) -> Multipliers {
-        Multipliers::from_trace(self.trace(), self.determinant())
     }
 
     /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
@@ -154,12 +149,12 @@ impl WaveLock {
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
-    pub fn attracts(&self) -> bool {
+    fn attracts(&self) -> bool {
         libm::fabs(self.trace()) < 1.0 + self.determinant()
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
-    pub fn is_first_return(&self) -> bool {
+    fn is_first_return(&self) -> bool {
         let period = TAU * f64::from(self.order);
         // At the saddle-node the error of the root is the square root of the rounding of t0.
         WaveMap::on(self.wave, self.k, self.restitution)

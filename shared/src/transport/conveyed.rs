@@ -214,7 +214,7 @@ impl<A: Along> Observer for Conveying<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Orbit, StopReason, TangentialSettings};
+    use crate::impact::{Kernel, Map, TangentialSettings};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -230,8 +230,7 @@ mod tests {
             let tangential = Tangential::build(k, SETTINGS).unwrap();
             let mut once = Conveying::new(tangential, &map);
             let mut often = once;
-            let ended = Orbit::from_rest(&map).watch(u64::MAX, &mut once);
-            assert_eq!(ended, StopReason::Repeats);
+            assert!(Orbit::from_rest(&map).watch(u64::MAX, &mut once));
             let period = once.since_lift_off();
             let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
             // From lift-off to lift-off the time is a whole number of drive cycles, summed over at

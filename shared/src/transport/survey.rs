@@ -155,7 +155,7 @@ fn measure_until_steady<A: Along>(
     if !A::REST_ERASES_HISTORY && conveying.can_be_steady() {
         for _ in 0..CONVERGENCE_PERIODS {
             let before = conveying.velocity();
-            let ended = orbit.watch(effort.impacts, conveying);
+            let ended = orbit.watch_period(effort.impacts, conveying);
             conveying.restart();
             steady = ended != StopReason::Repeats || (conveying.velocity() - before).abs() <= 1e-12;
             if steady {
@@ -163,7 +163,10 @@ fn measure_until_steady<A: Along>(
             }
         }
     }
-    (orbit.watch(effort.impacts, &mut (conveying, also)), steady)
+    (
+        orbit.watch_period(effort.impacts, &mut (conveying, also)),
+        steady,
+    )
 }
 
 #[cfg(test)]

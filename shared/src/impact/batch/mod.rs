@@ -36,7 +36,7 @@ pub use lanes::LANES;
 /// for _ in 0..100 {
 ///     state = map.impact(state).next;
 /// }
-/// assert_eq!(block.state(7), Some(state));
+/// assert_eq!(block.impact(7).map(|impact| impact.next), Some(state));
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -114,7 +114,7 @@ impl Block {
 
     /// The state of a lane's orbit; `None` without an orbit.
     #[inline]
-    pub fn state(&self, lane: usize) -> Option<PartState> {
+    fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
             let [phase, velocity] = self.columns.state(lane);
             PartState { phase, velocity }

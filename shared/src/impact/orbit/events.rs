@@ -35,14 +35,12 @@ pub enum OrbitEvent {
     },
 }
 
-/// Why [`Orbit::watch`] stopped.
+/// Why a watched orbit stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StopReason {
+pub(crate) enum StopReason {
     /// The requested number of impacts was reached.
     Counted,
-    /// The part was thrown a second time. The orbit repeats from here for ever.
-    ///
-    /// Velocity and motion along the track restart at each lift-off.
+    /// The part was thrown once more, and the orbit repeats from here for ever.
     Repeats,
     /// The part rests for ever (k >= 1).
     RestsForEver,
@@ -189,8 +187,19 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
     /// Runs the orbit for `impacts` impacts and passes every event to `observer`.
     ///
     /// It ends at the second lift-off. An observer of means that restarts at the first
-    /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
-    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> StopReason {
+    /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit. Returns whether the
+    /// orbit ended so: it then repeats for ever, and velocity and motion along the track restart at
+    /// each lift-off.
+    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> bool {
+        self.watch_period(impacts, observer) == StopReason::Repeats
+    }
+
+    /// [`Orbit::watch`] with the reason of its end.
+    pub(crate) fn watch_period(
+        &mut self,
+        impacts: u64,
+        observer: &mut impl Observer,
+    ) -> StopReason {
         let repeats = self.scatter.is_none();
         let mut lift_offs = 0;
         self.watch_until(impacts, observer, |_| {
@@ -353,7 +362,7 @@ mod tests {
                 assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
             }
             let mut count = Count::default();
-            let ended = Orbit::from_rest(&map).watch(4000, &mut count);
+            let ended = Orbit::from_rest(&map).watch_period(4000, &mut count);
             let [impacts, _, lift_offs] = count.0;
             assert_eq!((ended, lift_offs), (StopReason::Repeats, 2));
             assert!(impacts < 100);
@@ -365,14 +374,17 @@ mod tests {
         let map = Map::build(1.5, 0.5).unwrap();
         let mut count = Count::default();
         let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
-        assert_eq!(orbit.watch(u64::MAX, &mut count), StopReason::RestsForEver);
+        assert_eq!(
+            orbit.watch_period(u64::MAX, &mut count),
+            StopReason::RestsForEver
+        );
         assert_eq!(count.0[1..], [1, 0]);
         assert_eq!(Orbit::from_rest(&map).next(), None);
 
         // docs/theory-reference.md#t11.4: hopping above k = 1.
         let map = Map::build(1.2, 0.8).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
-        assert_eq!(orbit.watch(2000, &mut ()), StopReason::Counted);
+        assert_eq!(orbit.watch_period(2000, &mut ()), StopReason::Counted);
         let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
         assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");

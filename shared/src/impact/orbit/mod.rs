@@ -12,7 +12,8 @@ mod tangential;
 
 pub(crate) use along::Along;
 pub use along::ContactMotion;
-pub use events::{Orbit, OrbitEvent, StopReason};
+pub(crate) use events::StopReason;
+pub use events::{Orbit, OrbitEvent};
 pub use friction::{Friction, FrictionSettings};
 pub use observe::Observer;
 pub(crate) use orbit_map::OrbitMap;

@@ -108,18 +108,13 @@ impl TrialRun {
         })
     }
 
-    /// Cycles since the start of the kick.
-    pub fn time(&self) -> f32 {
-        self.time
-    }
-
     /// Number of impacts and of waits of a resting part so far.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
     /// Number of set-ups of the map so far.
-    pub fn set_ups(&self) -> u32 {
+    pub(super) fn set_ups(&self) -> u32 {
         self.set_ups
     }
 
