@@ -261,6 +261,7 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
 impl<M: OrbitMap> Iterator for Orbit<'_, M> {
     type Item = OrbitEvent;
 
+    #[inline]
     fn next(&mut self) -> Option<OrbitEvent> {
         let mut impact = match self.stage {
             Stage::Resting => return self.lift_off(),

@@ -38,10 +38,12 @@ pub trait OrbitMap: Kernel<State = PartState> {
 }
 
 impl OrbitMap for Map {
+    #[inline]
     fn parameters(&self) -> [f64; 2] {
         [self.k(), self.restitution()]
     }
 
+    #[inline]
     fn wave(&self) -> Option<&Wave> {
         None
     }
@@ -81,10 +83,12 @@ impl OrbitMap for Map {
 }
 
 impl OrbitMap for WaveMap {
+    #[inline]
     fn parameters(&self) -> [f64; 2] {
         [self.k(), self.restitution()]
     }
 
+    #[inline]
     fn wave(&self) -> Option<&Wave> {
         Some(WaveMap::wave(self))
     }
