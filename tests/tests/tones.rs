@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Kernel, OrbitEvent, PartState, Tangent, Wave, WaveMap, WaveOrbit};
+use kband::impact::{Kernel, Orbit, OrbitEvent, PartState, Tangent, Wave, WaveMap};
 use kband_tests::oracle::Track;
 use kband_tests::states::{Random, tones};
 
@@ -33,7 +33,7 @@ fn the_tangent_on_tones_has_its_determinant() {
         let (mut state, mut sum) = (start, 0.0);
         for n in 0..40 {
             let impact = map.impact(state);
-            let Some(tangent) = Tangent::on_tones(&map, state, &impact) else {
+            let Some(tangent) = Tangent::build(&map, state, &impact) else {
                 break;
             };
             if impact.next.velocity < 1e-3 || impact.grazes {
@@ -72,7 +72,7 @@ fn a_resting_part_is_thrown_by_the_next_window() {
         for n in 0..64 {
             let phase = TAU * f64::from(n) / 64.0;
             let velocity = 0.0;
-            let mut orbit = WaveOrbit::new(&map, PartState { phase, velocity });
+            let mut orbit = Orbit::new(&map, PartState { phase, velocity });
             if let Some(OrbitEvent::Impact(_)) = orbit.next() {
                 assert!(excess(phase) > -1e-12);
                 continue;

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use kband::impact::batch::{Block, LANES};
 use kband::impact::{
-    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap, WaveOrbit,
+    Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tone, Wave, WaveMap,
 };
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::prelude::*;
@@ -310,7 +310,7 @@ pub fn orbits(
             row.take_all(orbit.map_err(of_row)?, stop);
         } else {
             let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
-            row.take_all(WaveOrbit::new(&map, start).scattering(scatter()?), stop);
+            row.take_all(Orbit::new(&map, start).scattering(scatter()?), stop);
         }
         Ok(())
     })?;

@@ -118,9 +118,16 @@ pub fn gear_shares(
                 if stop.is_requested() {
                     break;
                 }
-                shares_from_rest(&map, scatters, order, periods, |_, share| {
-                    shares[part] = shares[part].plus(&share);
-                })?;
+                shares_from_rest(
+                    &map,
+                    ContactTime::INSTANT,
+                    scatters,
+                    order,
+                    periods,
+                    |_, share| {
+                        shares[part] = shares[part].plus(&share);
+                    },
+                )?;
             }
         }
         let all = shares
@@ -404,7 +411,7 @@ pub fn transport_speeds(
                 } else {
                     let map = WaveMap::on(wave, k[n], restitution)?;
                     let friction = Friction::on(&wave, k[n], settings)?;
-                    measure_on_tones(Origin::Rest.orbit_on_tones(&map), friction, effort)
+                    measure_on_tones(Origin::Rest.orbit(&map), friction, effort)
                 }
             }
         };

@@ -159,7 +159,11 @@ impl Endings {
     }
 
     /// An impact that ends at the touch, with its contact.
+    #[inline]
     fn hold(&self, touch: Impact<PartState>) -> Impact<PartState> {
+        if self.contact == ContactTime::INSTANT {
+            return touch;
+        }
         let (k, restitution) = (self.map.k(), self.map.restitution());
         self.contact.hold(restitution, touch, k, None)
     }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use kband::impact::{Contact, Kernel, Map, Orbit, OrbitEvent, PartState};
+use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
 
 use crate::random::SplitMix;
 
@@ -51,8 +51,8 @@ fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
     };
     // A chatter with a closed form has no hops.
     let hops = |launch: &Launch| {
-        Contact::build(launch.k, launch.restitution)
-            .is_ok_and(|contact| contact.time_to_rest(launch.state).is_none())
+        Map::build(launch.k, launch.restitution)
+            .is_ok_and(|map| map.time_to_rest(launch.state).is_none())
     };
     std::iter::from_fn(launch)
         .filter(hops)

@@ -7,7 +7,7 @@
 use std::error::Error;
 use std::f64::consts::TAU;
 
-use kband::impact::{Scatter, Tone, Wave, WaveMap};
+use kband::impact::{ContactTime, Scatter, Tone, Wave, WaveMap};
 use kband::regime::gear::{Share, shares_from_rest};
 
 /// k, e, th, e3, th3.
@@ -36,9 +36,14 @@ fn share(
         .map(|part| Scatter::build(restitution, deviation, seed + part as u64))
         .collect::<Result<_, _>>()?;
     let mut sum = Share::default();
-    shares_from_rest(&map, &scatters, 1, periods, |_, share| {
-        sum = sum.plus(&share)
-    })?;
+    shares_from_rest(
+        &map,
+        ContactTime::INSTANT,
+        &scatters,
+        1,
+        periods,
+        |_, share| sum = sum.plus(&share),
+    )?;
     Ok(sum.share())
 }
 

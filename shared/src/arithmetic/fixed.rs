@@ -115,10 +115,10 @@ pub struct Velocity(Fixed<26, u32>);
 
 impl Velocity {
     /// Velocity 0: at rest, if the track does not throw.
-    pub const ZERO: Self = Self(Fixed(0));
+    pub(crate) const ZERO: Self = Self(Fixed(0));
 
     /// Velocity from its bits, in units of 2^-26.
-    pub const fn from_bits(bits: u32) -> Self {
+    pub(crate) const fn from_bits(bits: u32) -> Self {
         Self(Fixed(bits))
     }
 
@@ -133,7 +133,7 @@ impl Velocity {
     }
 
     /// Velocity in `b w`, exact.
-    pub fn value(self) -> f64 {
+    pub(crate) fn value(self) -> f64 {
         f64::from(self.bits()) * (1.0 / steps(26))
     }
 }

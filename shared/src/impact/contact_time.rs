@@ -69,6 +69,7 @@ impl ContactTime {
     }
 
     /// Whether the impact has no duration.
+    #[inline]
     pub fn is_instant(self) -> bool {
         self.radians == 0.0
     }
@@ -97,6 +98,7 @@ impl ContactTime {
     ///
     /// The flight then includes the contact, and the next state is the launch after it. A part that
     /// rests (flight 0) has none.
+    #[inline]
     pub fn hold(
         self,
         restitution: f64,

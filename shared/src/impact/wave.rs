@@ -7,7 +7,7 @@
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
-use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::arithmetic::lane::sine_cosine;
 use crate::feeder::{OutOfRange, accept_in};
 
 /// One harmonic of the track's motion: `amplitude sin(n t + angle)`.
@@ -27,23 +27,23 @@ impl Tone {
     }
 }
 
-/// Motion of the track at a phase, over lanes.
+/// Motion of the track at a phase.
 #[derive(Clone, Copy)]
-pub(super) struct Motion<L> {
+pub(super) struct Motion {
     /// Displacement S.
-    pub height: L,
+    pub height: f64,
     /// S'.
-    pub speed: L,
+    pub speed: f64,
     /// `A = -S''`: a resting part leaves where A rises through k.
-    pub push: L,
+    pub push: f64,
     /// A'.
-    pub surge: L,
+    pub surge: f64,
     /// -A''.
-    pub bend: L,
+    pub bend: f64,
 }
 
 /// Displacement and velocity of each tone over its frequency, at a phase.
-pub(super) type Parts<L> = [[L; 2]; 3];
+pub(super) type Parts = [[f64; 2]; 3];
 
 /// The shape of the track's motion in units of the fundamental's amplitude b,
 /// `S(t) = sin t + e sin(2 t + th) + e3 sin(3 t + th3)` (Hongler & Figour 1989, reference 19 there,
@@ -216,12 +216,12 @@ impl Wave {
     }
 
     /// The track at a phase in 0..2 pi.
-    pub(super) fn at(&self, phase: f64) -> Motion<f64> {
+    pub(super) fn at(&self, phase: f64) -> Motion {
         let (sine, cosine) = sine_cosine(phase);
         if self.is_of_two() {
-            motion::<f64, 2>(&self.parts::<f64, 2>(sine, cosine))
+            motion::<2>(&self.parts::<2>(sine, cosine))
         } else {
-            motion::<f64, 3>(&self.parts::<f64, 3>(sine, cosine))
+            motion::<3>(&self.parts::<3>(sine, cosine))
         }
     }
 
@@ -253,18 +253,21 @@ impl Wave {
 
     /// The first N tones at a phase, from its sine and cosine.
     #[inline(always)]
-    pub(super) fn parts<L: Lane, const N: usize>(&self, sine: L, cosine: L) -> Parts<L> {
+    pub(super) fn parts<const N: usize>(&self, sine: f64, cosine: f64) -> Parts {
         let double = (sine + sine) * cosine;
         let turned = (cosine - sine) * (cosine + sine);
-        let second = mix_tone(self.mixed[0], double, turned);
+        let mix = |[a, b]: [f64; 2], sine: f64, cosine: f64| {
+            [a * sine + b * cosine, a * cosine - b * sine]
+        };
+        let second = mix(self.mixed[0], double, turned);
         let third = if N > 2 {
-            mix_tone(
+            mix(
                 self.mixed[1],
                 double * cosine + turned * sine,
                 turned * cosine - double * sine,
             )
         } else {
-            [L::splat(0.0); 2]
+            [0.0; 2]
         };
         [[sine, cosine], second, third]
     }
@@ -274,7 +277,7 @@ impl Wave {
     ///
     /// It starts where the function is large and takes steps too short to pass a zero. It may miss
     /// pairs of zeros within 1e-7 rad, between which the function is below 1e-14 of `bound`.
-    fn zeros(&self, of: impl Fn(&Motion<f64>) -> [f64; 2], bound: f64) -> Zeros {
+    fn zeros(&self, of: impl Fn(&Motion) -> [f64; 2], bound: f64) -> Zeros {
         const MIN_STEP: f64 = 1e-7;
         let at = |phase: f64| of(&self.at(in_turn(phase)));
         let mut start = 0.0;
@@ -324,33 +327,26 @@ impl Zeros {
     }
 }
 
-/// Displacement and velocity over its frequency of a tone, from its `e cos th` and `e sin th`.
+/// Sum of the first N tones: the motion of the track.
 #[inline(always)]
-fn mix_tone<L: Lane>([a, b]: [f64; 2], sine: L, cosine: L) -> [L; 2] {
-    let (a, b) = (L::splat(a), L::splat(b));
-    [a * sine + b * cosine, a * cosine - b * sine]
-}
-
-/// Sum of the tones: the motion of the track.
-#[inline(always)]
-pub(super) fn motion<L: Lane, const N: usize>(parts: &Parts<L>) -> Motion<L> {
+pub(super) fn motion<const N: usize>(parts: &Parts) -> Motion {
     let [[s, c], [s2, c2], [s3, c3]] = *parts;
     let two = Motion {
         height: s + s2,
         speed: c + (c2 + c2),
-        push: s + L::splat(4.0) * s2,
-        surge: c + L::splat(8.0) * c2,
-        bend: s + L::splat(16.0) * s2,
+        push: s + 4.0 * s2,
+        surge: c + 8.0 * c2,
+        bend: s + 16.0 * s2,
     };
     if N < 3 {
         return two;
     }
     Motion {
         height: two.height + s3,
-        speed: two.speed + L::splat(3.0) * c3,
-        push: two.push + L::splat(9.0) * s3,
-        surge: two.surge + L::splat(27.0) * c3,
-        bend: two.bend + L::splat(81.0) * s3,
+        speed: two.speed + 3.0 * c3,
+        push: two.push + 9.0 * s3,
+        surge: two.surge + 27.0 * c3,
+        bend: two.bend + 81.0 * s3,
     }
 }
 

@@ -87,11 +87,11 @@ pub struct Cascade {
     order: u32,
 }
 
-/// Motion of the track, and restitution.
+/// Motion of the track, `None` for a sine, and restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum MapSettings {
-    Sine { restitution: f64 },
-    Tones { wave: Wave, restitution: f64 },
+struct MapSettings {
+    wave: Option<Wave>,
+    restitution: f64,
 }
 
 /// Impact map on the track.
@@ -106,17 +106,12 @@ enum TrackMap {
 
 impl MapSettings {
     fn map_at(&self, k: f64) -> Option<TrackMap> {
-        match *self {
-            Self::Sine { restitution } => Map::build(k, restitution).ok().map(TrackMap::Sine),
-            Self::Tones { wave, restitution } => {
-                WaveMap::on(wave, k, restitution).ok().map(TrackMap::Tones)
+        match self.wave {
+            None => Map::build(k, self.restitution).ok().map(TrackMap::Sine),
+            Some(wave) => {
+                let map = WaveMap::on(wave, k, self.restitution);
+                map.ok().map(TrackMap::Tones)
             }
-        }
-    }
-
-    fn restitution(&self) -> f64 {
-        match *self {
-            Self::Sine { restitution } | Self::Tones { restitution, .. } => restitution,
         }
     }
 }
@@ -132,7 +127,7 @@ impl TrackMap {
     fn tangent(&self, state: PartState, impact: &Impact<PartState>) -> Option<Tangent> {
         match self {
             Self::Sine(map) => Tangent::build(map, state, impact),
-            Self::Tones(map) => Tangent::on_tones(map, state, impact),
+            Self::Tones(map) => Tangent::build(map, state, impact),
         }
     }
 }
@@ -164,7 +159,10 @@ impl Cascade {
             states: Vec::new(),
             end: CascadeEnd::Complete,
             birth: band::birth(restitution, order)?,
-            track: MapSettings::Sine { restitution },
+            track: MapSettings {
+                wave: None,
+                restitution,
+            },
             order,
         };
         let Some(lock) = Lock::build(flip, restitution, order)? else {
@@ -193,8 +191,8 @@ impl Cascade {
             states: Vec::new(),
             end: CascadeEnd::Complete,
             birth: band.high.k,
-            track: MapSettings::Tones {
-                wave: *wave,
+            track: MapSettings {
+                wave: Some(*wave),
                 restitution,
             },
             order,
@@ -274,7 +272,7 @@ impl Cascade {
             // Each impact has the determinant R^2 psi/psi'. Computed from the entries it would be
             // lost in cancellation.
             let impacts = continuation.impacts;
-            let determinant = libm::pow(self.track.restitution(), 2.0 * f64::from(impacts));
+            let determinant = libm::pow(self.track.restitution, 2.0 * f64::from(impacts));
             Some(DoubledOrbit {
                 k,
                 impacts,
@@ -369,7 +367,7 @@ impl Continuation {
         let mut state = self.solve_orbit(k, self.iterate_to_orbit(k, state)?)?;
         let mut condition = self.flip_condition(k, state)?;
         // The doubled orbit is created with a multiplier of 1.
-        let square = libm::pow(self.track.restitution(), 2.0 * f64::from(self.impacts));
+        let square = libm::pow(self.track.restitution, 2.0 * f64::from(self.impacts));
         let mut slope = (2.0 * (1.0 + square) - condition) / first_offset;
         for _ in 0..60 {
             // The condition is nearly linear in k and falls to 0 at the flip.
@@ -527,7 +525,7 @@ impl Continuation {
     /// Return map: one period of the orbit, with its derivatives.
     fn return_map(&self, map: &TrackMap, start: PartState) -> Option<ReturnMap> {
         let mut state = start;
-        let mut product = [[1.0, 0.0], [0.0, 1.0]];
+        let mut jacobian = [[1.0, 0.0], [0.0, 1.0]];
         let mut by_k = [0.0, 0.0];
         let mut flights = 0.0;
         for _ in 0..self.impacts {
@@ -537,11 +535,7 @@ impl Continuation {
             }
             let tangent = map.tangent(state, &impact)?;
             let [[a, b], [c, d]] = tangent.jacobian;
-            let [[e, f], [g, h]] = product;
-            product = [
-                [a * e + b * g, a * f + b * h],
-                [c * e + d * g, c * f + d * h],
-            ];
+            jacobian = product(tangent.jacobian, jacobian);
             let [x, y] = by_k;
             by_k = [
                 a * x + b * y + tangent.by_k[0],
@@ -559,7 +553,7 @@ impl Continuation {
                 wrap_phase(state.phase - start.phase),
                 state.velocity - start.velocity,
             ),
-            jacobian: product,
+            jacobian,
             by_k,
         })
     }

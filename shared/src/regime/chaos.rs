@@ -19,8 +19,6 @@ pub struct ChaoticBand {
     /// Share of the scanned k with an exponent above 0 by three standard errors; the others are
     /// periodic windows.
     pub chaotic: f64,
-    /// Step of the scan in k.
-    pub step: f64,
     /// Impacts simulated at each k.
     pub impacts: u32,
 }
@@ -48,7 +46,6 @@ impl ChaoticBand {
             low: f64::NAN,
             high: limit.value,
             chaotic: 0.0,
-            step,
             impacts,
         };
         let (mut steps_without_rest, mut chaotic, mut steps_with_rest) = (0_u32, 0_u32, 0_u32);

@@ -176,7 +176,7 @@ impl Lock {
     }
 
     /// Duration of an impact.
-    pub fn contact(&self) -> ContactTime {
+    pub(crate) fn contact(&self) -> ContactTime {
         self.contact
     }
 
@@ -360,7 +360,7 @@ impl ContactTerms {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{OrbitEvent, Tangent, WaveMap, WaveOrbit};
+    use crate::impact::{Orbit, OrbitEvent, Tangent, WaveMap};
 
     #[test]
     fn orbit_closes_with_the_stated_tangent() {
@@ -428,7 +428,7 @@ mod tests {
                 .unwrap()
                 .unwrap();
             let map = WaveMap::build(k, restitution).unwrap();
-            let next = |state| match WaveOrbit::new(&map, state).with_contact(contact).next() {
+            let next = |state| match Orbit::new(&map, state).with_contact(contact).next() {
                 Some(OrbitEvent::Impact(impact)) => impact,
                 other => panic!("{k} {restitution}: {other:?}"),
             };

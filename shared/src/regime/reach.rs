@@ -5,47 +5,23 @@ use super::lock::Lock;
 use crate::feeder::OutOfRange;
 use crate::impact::{Kernel, Map, Orbit, OrbitEvent};
 
-/// Long-term motion of a part from rest at a constant amplitude.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FromRest {
-    /// It locks.
-    Locks,
-    /// It rests again. Each rest leads to the same orbit, so it never locks.
-    Rests,
-    /// Neither within 5000 events.
-    Elsewhere,
-}
-
-/// Simulates a part from rest at `k` until it locks in `order` or rests again.
-///
-/// ```
-/// use kband::regime::reach::{FromRest, from_rest};
-///
-/// // Both are in the band of R = 0.2, 0.3787..0.4775.
-/// assert_eq!(from_rest(0.40, 0.2, 1)?, FromRest::Locks);
-/// assert_ne!(from_rest(0.45, 0.2, 1)?, FromRest::Locks);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
-pub fn from_rest(k: f64, restitution: f64, order: u32) -> Result<FromRest, OutOfRange> {
+/// Whether a part from rest at `k` locks in `order` within 5000 events.
+fn locks_from_rest(k: f64, restitution: f64, order: u32) -> Result<bool, OutOfRange> {
     let lock = Lock::build(k, restitution, order)?.filter(Lock::attracts);
     let map = Map::build(k, restitution)?;
     for event in Orbit::from_rest(&map).take(5000) {
         match event {
             OrbitEvent::LiftOff { .. } => {}
-            OrbitEvent::Rest { .. } => return Ok(FromRest::Rests),
+            // Each rest leads to the same orbit, so the part never locks.
+            OrbitEvent::Rest { .. } => return Ok(false),
             OrbitEvent::Impact(impact) => {
                 if lock.is_some_and(|lock| lock.distance(impact.next) < 1e-3) {
-                    return Ok(FromRest::Locks);
+                    return Ok(true);
                 }
             }
         }
     }
-    // At k >= 1 the part remains at rest.
-    Ok(if k >= 1.0 {
-        FromRest::Rests
-    } else {
-        FromRest::Elsewhere
-    })
+    Ok(false)
 }
 
 /// Range of a band in which a part from rest locks, on a grid of k.
@@ -86,7 +62,7 @@ impl Reach {
             let k = low + (f64::from(sample) + 0.5) * step;
             let mut all = true;
             for &restitution in parts {
-                if from_rest(k, restitution, order)? != FromRest::Locks {
+                if !locks_from_rest(k, restitution, order)? {
                     all = false;
                     break;
                 }
@@ -124,7 +100,7 @@ mod tests {
         let found = Reach::measure(0.394, 0.42, &[0.2], 1, 2600).unwrap();
         let edge = found.edge.unwrap();
         assert!((edge - 0.409_385).abs() < 1e-6, "{found:?}");
-        assert_eq!(from_rest(0.409_395, 0.2, 1).unwrap(), FromRest::Rests);
+        assert!(!locks_from_rest(0.409_395, 0.2, 1).unwrap());
         let highest = found.highest.unwrap();
         assert!((highest - 0.417_865).abs() < 1e-6, "{found:?}");
         let solid = Reach::measure(0.394, 0.411_36, &[0.2], 1, 1000).unwrap();

@@ -1,7 +1,7 @@
 //! Displacement and time of an orbit (equations 10 and 11).
 
 use crate::impact::{
-    Along, Contact, ContactMotion, ContactTime, Impact, Observer, PartState, Tangential,
+    Along, ContactMotion, ContactTime, Impact, Observer, Orbit, OrbitMap, PartState, Tangential,
 };
 
 /// Displacement and time of an orbit along the track.
@@ -100,9 +100,10 @@ impl Conveyed {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conveying<A = Tangential> {
     along: A,
-    contact: Contact,
-    contact_time: ContactTime,
-    velocity: f64,
+    /// k and restitution.
+    part: [f64; 2],
+    contact: ContactTime,
+    pub(super) velocity: f64,
     /// Phase of the last rest.
     rest_phase: f64,
     /// Sums up to the first lift-off.
@@ -113,13 +114,13 @@ pub struct Conveying<A = Tangential> {
 }
 
 impl<A: Along> Conveying<A> {
-    /// Observer with this motion along the track and this contact, initially without velocity along
-    /// the track.
-    pub fn new(along: A, contact: Contact) -> Self {
+    /// Observer with this motion along the track, of an orbit on `map` whose impacts take no time,
+    /// initially without velocity along the track.
+    pub fn new<M: OrbitMap>(along: A, map: &M) -> Self {
         Self {
             along,
-            contact,
-            contact_time: ContactTime::INSTANT,
+            part: map.parameters(),
+            contact: ContactTime::INSTANT,
             velocity: 0.0,
             rest_phase: 0.0,
             before: Conveyed::default(),
@@ -128,12 +129,12 @@ impl<A: Along> Conveying<A> {
         }
     }
 
-    /// Observer of an orbit whose impacts take time.
-    pub(super) fn with_contact(self, contact_time: ContactTime) -> Self {
-        Self {
-            contact_time,
-            ..self
-        }
+    /// Observer of this orbit.
+    pub(super) fn of<M: OrbitMap>(along: A, orbit: &Orbit<'_, M>) -> Self {
+        let mut conveying = Self::new(along, orbit.map());
+        conveying.part[1] = orbit.restitution();
+        conveying.contact = orbit.contact();
+        conveying
     }
 
     /// Sums so far.
@@ -158,27 +159,30 @@ impl<A: Along> Conveying<A> {
 
     /// Clears the sums of the transient; the velocity remains.
     pub fn restart(&mut self) {
-        *self = Self {
-            velocity: self.velocity,
-            rest_phase: self.rest_phase,
-            contact_time: self.contact_time,
-            ..Self::new(self.along, self.contact)
-        };
+        self.before = Conveyed::default();
+        self.has_lifted_off = false;
+        self.conveyed = Conveyed::default();
+    }
+
+    /// [`Conveying::restart`] just after a lift-off.
+    pub(super) fn restart_at_lift_off(&mut self) {
+        self.restart();
+        self.has_lifted_off = true;
     }
 }
 
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let (distance, velocity) = if self.contact_time.is_instant() {
+        let (distance, velocity) = if self.contact.is_instant() {
             self.along.move_in_flight(launch, impact, self.velocity)
         } else {
             self.along.move_through_contact(
                 launch,
                 impact,
                 self.velocity,
-                self.contact_time,
-                self.contact.restitution(),
+                self.contact,
+                self.part[1],
             )
         };
         self.conveyed.add_flight(distance, impact.flight);
@@ -188,7 +192,7 @@ impl<A: Along> Observer for Conveying<A> {
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         let motion = self
             .along
-            .move_in_chatter(&self.contact, last, chatter, self.velocity);
+            .move_in_chatter(self.part, last, chatter, self.velocity);
         self.conveyed.add_chatter(&motion, chatter);
         self.velocity = motion.velocity;
         self.rest_phase = phase;
@@ -210,7 +214,7 @@ impl<A: Along> Observer for Conveying<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{Kernel, Map, Orbit, StopReason, TangentialSettings};
+    use crate::impact::{Kernel, Map, TangentialSettings};
 
     const SETTINGS: TangentialSettings = TangentialSettings {
         restitution: 0.3,
@@ -224,10 +228,9 @@ mod tests {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
             let tangential = Tangential::build(k, SETTINGS).unwrap();
-            let mut once = Conveying::new(tangential, Contact::new(&map));
+            let mut once = Conveying::new(tangential, &map);
             let mut often = once;
-            let ended = Orbit::from_rest(&map).watch(u64::MAX, &mut once);
-            assert_eq!(ended, StopReason::Repeats);
+            assert!(Orbit::from_rest(&map).watch(u64::MAX, &mut once));
             let period = once.since_lift_off();
             let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
             // From lift-off to lift-off the time is a whole number of drive cycles, summed over at
@@ -256,11 +259,10 @@ mod tests {
     #[test]
     fn closed_chatter_has_the_distance_of_its_hops() {
         let map = Map::build(0.9, 0.6).unwrap();
-        let contact = Contact::new(&map);
         let tangential = Tangential::build(0.9, SETTINGS).unwrap();
         let mut state = Map::state(4.0, 1e-6).unwrap();
-        let chatter = contact.time_to_rest(state).unwrap();
-        let mut closed = Conveying::new(tangential, contact);
+        let chatter = map.time_to_rest(state).unwrap();
+        let mut closed = Conveying::new(tangential, &map);
         closed.velocity = 0.8;
         let mut hops = closed;
         closed.rest(state, chatter, 0.0);

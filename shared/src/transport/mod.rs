@@ -6,8 +6,6 @@
 //! [`crate::feeder::Track::velocity_unit`] is in m/s.
 
 mod conveyed;
-mod inelastic;
-mod interval;
 pub mod locked;
 mod sample_mean;
 mod scattered;
@@ -17,8 +15,6 @@ mod survey;
 mod wave_survey;
 
 pub use conveyed::{Conveyed, Conveying};
-pub use inelastic::{Inelastic, InelasticFlight};
-pub use interval::Intervals;
 pub use sample_mean::SampleMean;
 pub use scattered::{WaveLaw, convey_from_rest};
 pub use sensitivity::Sensitivity;

@@ -4,10 +4,9 @@ use core::f64::consts::TAU;
 
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::{
-    Along, ChatterLimits, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
-    WaveOrbit,
+    Along, ContactTime, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
 };
-use crate::regime::gear::{GearWatch, Share, accept_periods};
+use crate::regime::gear::{Share, watch_from_rest};
 
 /// Largest number of laws that one simulation follows.
 const MAX_LAWS: usize = 64;
@@ -54,17 +53,37 @@ impl WaveLaw {
     }
 }
 
-/// Motion along the track by each law: distance in b, velocity in `b w`.
+/// Motion of a part along the track by each law: distance in b, velocity in `b w`.
+type Moved = [(f64, f64); MAX_LAWS];
+
+/// Motion of a part so far.
 #[derive(Clone, Copy)]
-struct Ways<'a> {
-    laws: &'a [WaveLaw],
-    moved: [(f64, f64); MAX_LAWS],
+struct Ways {
+    moved: Moved,
+    /// Phase of the last rest.
+    rested: f64,
+    /// Time and motion where the measurement began.
+    begun: Option<(f64, Moved)>,
 }
 
-impl Ways<'_> {
-    fn advance(&mut self, step: impl Fn(&WaveLaw, f64) -> (f64, f64)) {
-        for (law, (distance, velocity)) in self.laws.iter().zip(&mut self.moved) {
-            let (further, after) = step(law, *velocity);
+impl Ways {
+    const NONE: Self = Self {
+        moved: [(0.0, 0.0); MAX_LAWS],
+        rested: 0.0,
+        begun: None,
+    };
+
+    fn advance(&mut self, laws: &[WaveLaw], before: PartState, event: &OrbitEvent) {
+        let rested = self.rested;
+        if let OrbitEvent::Rest { phase, .. } = event {
+            self.rested = *phase;
+        }
+        for (law, (distance, velocity)) in laws.iter().zip(&mut self.moved) {
+            let (further, after) = match event {
+                OrbitEvent::Impact(impact) => law.fly(before, impact, *velocity),
+                OrbitEvent::Rest { chatter, .. } => law.chatter(before, *chatter, *velocity),
+                OrbitEvent::LiftOff { wait, .. } => law.lie(rested, *wait, *velocity),
+            };
             *distance += further;
             *velocity = after;
         }
@@ -84,7 +103,6 @@ pub fn convey_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share, &[f64]),
 ) -> Result<(), OutOfRange> {
-    accept_periods(periods)?;
     accept(
         "number of laws",
         laws.len() as f64,
@@ -92,58 +110,39 @@ pub fn convey_from_rest(
         "0..64",
     )?;
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
-    let mut orbit = WaveOrbit::from_rest(map).with_chatter(ChatterLimits::COARSE);
-    let mut watch = GearWatch::build(order)?;
-    watch.begin(begin);
-    watch.end(end);
-    for (n, scatter) in scatters.iter().enumerate() {
-        orbit.restart(*scatter);
-        let (mut gear, mut time, mut rested) = (watch, 0.0, 0.0);
-        let mut ways = Ways {
-            laws,
-            moved: [(0.0, 0.0); MAX_LAWS],
-        };
-        let mut begun: Option<(f64, Ways<'_>)> = None;
-        while time < end {
-            let before = orbit.state();
-            let Some(event) = orbit.next() else { break };
-            if begun.is_none() && time >= begin {
-                begun = Some((time, ways));
-            }
-            match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    gear.add_landing(time, impact.flight);
-                    ways.advance(|law, velocity| law.fly(before, &impact, velocity));
-                }
-                OrbitEvent::Rest { chatter, phase } => {
-                    time += chatter;
-                    gear.add_rest(time);
-                    ways.advance(|law, velocity| law.chatter(before, chatter, velocity));
-                    rested = phase;
-                }
-                OrbitEvent::LiftOff { wait, .. } => {
-                    time += wait;
-                    ways.advance(|law, velocity| law.lie(rested, wait, velocity));
-                }
-            }
+    let instant = ContactTime::INSTANT;
+    let watch = |ways: &mut Ways, time: f64, before: PartState, event: &OrbitEvent| {
+        if ways.begun.is_none() && time >= begin {
+            ways.begun = Some((time, ways.moved));
         }
+        ways.advance(laws, before, event);
+    };
+    let each = |n, share, time: f64, ways: Ways| {
         let mut speeds = [0.0; MAX_LAWS];
-        if let Some((from, at)) = begun {
-            let moved = ways.moved.iter().zip(&at.moved);
+        if let Some((from, at)) = ways.begun {
+            let moved = ways.moved.iter().zip(&at);
             for (speed, ((now, _), (then, _))) in speeds.iter_mut().zip(moved) {
                 *speed = (now - then) / (time.max(end) - from);
             }
         }
-        each(n, gear.share(end), &speeds[..laws.len()]);
-    }
-    Ok(())
+        each(n, share, &speeds[..laws.len()]);
+    };
+    watch_from_rest(
+        map,
+        instant,
+        scatters,
+        order,
+        periods,
+        Ways::NONE,
+        watch,
+        each,
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{FrictionSettings, TangentialSettings, Tone, Wave};
+    use crate::impact::{FrictionSettings, Orbit, TangentialSettings, Tone, Wave};
     use crate::transport::{Effort, Motion, measure_on_tones};
 
     fn waves() -> [Wave; 2] {
@@ -172,7 +171,7 @@ mod tests {
                     settle: 1000,
                     impacts: 3000,
                 };
-                let survey = measure_on_tones(WaveOrbit::from_rest(&map), law, effort);
+                let survey = measure_on_tones(Orbit::from_rest(&map), law, effort);
                 assert_eq!(survey.motion, motion, "{k}");
                 let expected = survey.conveyed.time_mean().unwrap();
                 let scatter = [Scatter::build(0.2, 0.0, 1).unwrap()];

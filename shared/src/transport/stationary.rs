@@ -26,7 +26,7 @@ pub fn impact_mean(
 /// (symbol D) and two means over the impact phases.
 ///
 /// ```
-/// use kband::impact::{Contact, Kernel, Map, Orbit, Tangential, TangentialSettings};
+/// use kband::impact::{Kernel, Map, Orbit, Tangential, TangentialSettings};
 /// use kband::transport::{Conveying, stationary::PhaseMeans};
 ///
 /// let along = TangentialSettings {
@@ -34,11 +34,15 @@ pub fn impact_mean(
 ///     amplitude_ratio: 1.7,
 ///     phase_lead: 0.6,
 ///     incline_tangent: 0.07,
-/// }; let map = Map::build(0.34, 0.2)?; let mut seen = (Conveying::new(Tangential::build(0.34,
-/// along)?, Contact::new(&map)), PhaseMeans::default()); Orbit::new(&map, Map::state(0.9,
-/// 0.36)?).watch(20_000, &mut seen); let (measured, exact) = (seen.0.conveyed().impact_mean(),
-/// seen.1.impact_mean(0.34, 0.2, &along)); // The difference comes from the two ends of the run.
-/// assert!((measured.unwrap() - exact.unwrap()).abs() < 1e-3);
+/// };
+/// let map = Map::build(0.34, 0.2)?;
+/// let mut conveying = Conveying::new(Tangential::build(0.34, along)?, &map);
+/// let mut phases = PhaseMeans::default();
+/// let mut orbit = Orbit::new(&map, Map::state(0.9, 0.36)?);
+/// orbit.watch(20_000, &mut (&mut conveying, &mut phases));
+/// let measured = conveying.conveyed().impact_mean().unwrap();
+/// // The difference comes from the two ends of the run.
+/// assert!((measured - phases.impact_mean(0.34, 0.2, &along).unwrap()).abs() < 1e-3);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,7 +1,7 @@
 //! Measurement of the conveying speed of one orbit after its transient.
 
 use super::conveyed::{Conveyed, Conveying};
-use crate::impact::{Along, Map, Observer, Orbit, PartState, StopReason, WaveMap, WaveOrbit};
+use crate::impact::{Along, Observer, Orbit, OrbitMap, PartState, StopReason};
 
 /// Mean time between rests, in rad, from which a part counts as hopping. A rest is shorter than a
 /// drive period, so below 1 % of the time is spent at rest.
@@ -29,19 +29,11 @@ pub enum Origin {
 }
 
 impl Origin {
-    /// The orbit from here on a track with one tone.
-    pub fn orbit(self, map: &Map) -> Orbit<'_> {
+    /// The orbit from here.
+    pub fn orbit<M: OrbitMap>(self, map: &M) -> Orbit<'_, M> {
         match self {
             Self::Rest => Orbit::from_rest(map),
             Self::Hop(state) => Orbit::new(map, state),
-        }
-    }
-
-    /// The orbit from here on a track with several tones.
-    pub fn orbit_on_tones(self, map: &WaveMap) -> WaveOrbit<'_> {
-        match self {
-            Self::Rest => WaveOrbit::from_rest(map),
-            Self::Hop(state) => WaveOrbit::new(map, state),
         }
     }
 }
@@ -105,7 +97,7 @@ pub fn measure(
     effort: Effort,
     also: &mut impl Observer,
 ) -> Measured {
-    let mut conveying = Conveying::new(along, orbit.contact()).with_contact(orbit.contact_time());
+    let mut conveying = Conveying::of(along, &orbit);
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
     let (ended, steady) = measure_until_steady(&mut orbit, &mut conveying, effort, also);
@@ -163,7 +155,7 @@ fn measure_until_steady<A: Along>(
     if !A::REST_ERASES_HISTORY && conveying.can_be_steady() {
         for _ in 0..CONVERGENCE_PERIODS {
             let before = conveying.velocity();
-            let ended = orbit.watch(effort.impacts, conveying);
+            let ended = orbit.watch_period(effort.impacts, conveying);
             conveying.restart();
             steady = ended != StopReason::Repeats || (conveying.velocity() - before).abs() <= 1e-12;
             if steady {
@@ -171,13 +163,16 @@ fn measure_until_steady<A: Along>(
             }
         }
     }
-    (orbit.watch(effort.impacts, &mut (conveying, also)), steady)
+    (
+        orbit.watch_period(effort.impacts, &mut (conveying, also)),
+        steady,
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{ContactTime, Kernel, Tangential, TangentialSettings};
+    use crate::impact::{ContactTime, Kernel, Map, Tangential, TangentialSettings};
     use crate::regime::Lock;
     use crate::transport::locked;
 

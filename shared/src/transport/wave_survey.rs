@@ -1,8 +1,8 @@
 //! Measurement of the conveying speed on a track with several tones and friction.
 
-use super::conveyed::Conveyed;
+use super::conveyed::Conveying;
 use super::survey::{CONVERGENCE_PERIODS, Effort, Measured, classify_run};
-use crate::impact::{Along, Friction, Impact, OrbitEvent, PartState, StopReason, WaveOrbit};
+use crate::impact::{Friction, Orbit, StopReason, WaveMap};
 
 /// Largest number of lift-off phases in a turn; after as many lift-offs the phases repeat.
 const MAX_LIFT_OFF_PHASES: usize = 3;
@@ -12,93 +12,44 @@ const MAX_LIFT_OFF_PHASES: usize = 3;
 ///
 /// A part may have several lift-off phases in a cycle. If it comes to rest, it is measured between
 /// two lift-offs at the same phase, once its velocity there has converged.
-pub fn measure_on_tones(orbit: WaveOrbit<'_>, along: Friction, effort: Effort) -> Measured {
-    let mut run = Run {
-        orbit,
-        along,
-        velocity: 0.0,
-        rested: 0.0,
-        conveyed: Conveyed::default(),
-    };
-    let (ended, steady) = run.measure_until_steady(effort);
-    classify_run(ended, run.conveyed, steady, along)
-}
-
-struct Run<'a> {
-    orbit: WaveOrbit<'a>,
+pub fn measure_on_tones(
+    mut orbit: Orbit<'_, WaveMap>,
     along: Friction,
-    /// Velocity along the track after the last event (symbol phi) in `b w`.
-    velocity: f64,
-    /// Phase of the last rest.
-    rested: f64,
-    conveyed: Conveyed,
+    effort: Effort,
+) -> Measured {
+    let mut conveying = Conveying::of(along, &orbit);
+    let (ended, steady) = measure_until_steady(&mut orbit, &mut conveying, effort);
+    classify_run(ended, conveying.conveyed(), steady, along)
 }
 
-impl Run<'_> {
-    /// Runs the transient, then the measurement; returns whether the velocity along the track has
-    /// converged.
-    fn measure_until_steady(&mut self, effort: Effort) -> (StopReason, bool) {
-        self.simulate(effort.settle, |_| false);
-        self.conveyed = Conveyed::default();
-        let mut phase = None;
-        for _ in 0..MAX_LIFT_OFF_PHASES {
-            match self.simulate(effort.impacts, |_| true) {
-                StopReason::Repeats => phase = Some(self.orbit.state().phase),
-                other => return (other, true),
-            }
+/// Runs the transient, then the measurement; returns whether the velocity along the track has
+/// converged.
+fn measure_until_steady(
+    orbit: &mut Orbit<'_, WaveMap>,
+    conveying: &mut Conveying<Friction>,
+    effort: Effort,
+) -> (StopReason, bool) {
+    orbit.watch_until(effort.settle, conveying, |_| false);
+    conveying.restart_at_lift_off();
+    let mut phase = None;
+    for _ in 0..MAX_LIFT_OFF_PHASES {
+        match orbit.watch_until(effort.impacts, conveying, |_| true) {
+            StopReason::Repeats => phase = Some(orbit.state().phase),
+            other => return (other, true),
         }
-        let mut ended = StopReason::Repeats;
-        for _ in 0..CONVERGENCE_PERIODS {
-            let before = self.velocity;
-            self.conveyed = Conveyed::default();
-            ended = self.simulate(effort.impacts, |lift_off| Some(lift_off) == phase);
-            if ended != StopReason::Repeats || (self.velocity - before).abs() <= 1e-12 {
-                return (ended, true);
-            }
-        }
-        (ended, false)
     }
-
-    /// Distance and velocity along the track at the launch after `impact`.
-    fn move_to_launch(&self, before: PartState, impact: &Impact<PartState>) -> (f64, f64) {
-        let (contact, velocity) = (self.orbit.contact(), self.velocity);
-        if contact.is_instant() {
-            return self.along.move_in_flight(before, impact, velocity);
+    let mut ended = StopReason::Repeats;
+    for _ in 0..CONVERGENCE_PERIODS {
+        let before = conveying.velocity();
+        conveying.restart_at_lift_off();
+        ended = orbit.watch_until(effort.impacts, conveying, |lift_off| {
+            Some(lift_off) == phase
+        });
+        if ended != StopReason::Repeats || (conveying.velocity() - before).abs() <= 1e-12 {
+            return (ended, true);
         }
-        let restitution = self.orbit.restitution();
-        self.along
-            .move_through_contact(before, impact, velocity, contact, restitution)
     }
-
-    /// Simulates this number of impacts, or until a lift-off at a selected phase.
-    fn simulate(&mut self, impacts: u64, until: impl Fn(f64) -> bool) -> StopReason {
-        let last = self.conveyed.impacts + impacts;
-        while self.conveyed.impacts < last {
-            let before = self.orbit.state();
-            match self.orbit.next() {
-                None => return StopReason::RestsForEver,
-                Some(OrbitEvent::Impact(impact)) => {
-                    let (distance, velocity) = self.move_to_launch(before, &impact);
-                    self.conveyed.add_flight(distance, impact.flight);
-                    self.velocity = velocity;
-                }
-                Some(OrbitEvent::Rest { chatter, phase }) => {
-                    let lain = self.along.integrate_chatter(before, chatter, self.velocity);
-                    self.conveyed.add_chatter(&lain, chatter);
-                    (self.velocity, self.rested) = (lain.velocity, phase);
-                }
-                Some(OrbitEvent::LiftOff { wait, phase }) => {
-                    let lain = self.along.move_in_contact(self.rested, wait, self.velocity);
-                    self.conveyed.add_rest(&lain, wait);
-                    self.velocity = lain.velocity;
-                    if until(phase) {
-                        return StopReason::Repeats;
-                    }
-                }
-            }
-        }
-        StopReason::Counted
-    }
+    (ended, false)
 }
 
 #[cfg(test)]
@@ -106,8 +57,8 @@ mod tests {
     use core::f64::consts::TAU;
 
     use super::*;
-    use crate::impact::{ContactTime, FrictionSettings, Kernel, Map, Orbit, Tone, Wave, WaveMap};
-    use crate::transport::{Motion, measure};
+    use crate::impact::{ContactTime, FrictionSettings, Kernel, Map, PartState, Tone, Wave};
+    use crate::transport::{Conveyed, Motion, measure};
 
     fn settings(mu: f64) -> FrictionSettings {
         FrictionSettings {
@@ -141,7 +92,7 @@ mod tests {
             let orbit = Orbit::from_rest(&map).with_contact(contact);
             let one = measure(orbit, along, EFFORT, &mut ());
             let map = WaveMap::build(k, 0.2).unwrap();
-            let orbit = WaveOrbit::from_rest(&map).with_contact(contact);
+            let orbit = Orbit::from_rest(&map).with_contact(contact);
             let same = measure_on_tones(orbit, along, EFFORT);
             assert_eq!(one.motion, same.motion, "{k}");
             motions[one.motion as usize] += 1;
@@ -176,7 +127,7 @@ mod tests {
             let k = (0.45 + 0.5 * part(11)) * wave.highest_throw();
             let along = Friction::on(&wave, k, settings(0.2 + 0.2 * part(13))).unwrap();
             let map = WaveMap::on(wave, k, 0.1).unwrap();
-            let found = measure_on_tones(WaveOrbit::from_rest(&map), along, EFFORT);
+            let found = measure_on_tones(Orbit::from_rest(&map), along, EFFORT);
             if found.motion != Motion::HopAndRest {
                 continue;
             }
@@ -184,7 +135,7 @@ mod tests {
                 settle: 317,
                 impacts: 5000,
             };
-            let again = measure_on_tones(WaveOrbit::from_rest(&map), along, longer);
+            let again = measure_on_tones(Orbit::from_rest(&map), along, longer);
             let time = found.conveyed.flying + found.conveyed.resting;
             let cycles = time / TAU;
             assert!((cycles - cycles.round()).abs() < 1e-9, "{n}: {cycles}");
@@ -217,35 +168,31 @@ mod tests {
             let c = if n % 2 == 0 { 1.0 } else { -1.0 };
             let start = PartState::new(6.0 * part(23), 0.3 + part(29));
             let map = WaveMap::on(wave, k, 0.1 + 0.7 * part(19)).unwrap();
-            let mut run = Run {
-                orbit: WaveOrbit::new(&map, start),
-                along: Friction::on(&wave, k, rub).unwrap(),
-                velocity: 60.0 * c,
-                rested: 0.0,
-                conveyed: Conveyed::default(),
-            };
+            let mut orbit = Orbit::new(&map, start);
+            let mut run = Conveying::new(Friction::on(&wave, k, rub).unwrap(), &map);
+            run.velocity = 60.0 * c;
             // Velocity of the track at a phase, and its part of the invariant.
             let carried = |phase: f64| {
                 let along = wave.motion(phase + rub.phase_lead)[1];
                 rub.amplitude_ratio * along + c * mu * wave.motion(phase)[1]
             };
             let held = k * (rub.incline_tangent + c * mu);
-            let shared = |run: &Run| {
-                let (state, conveyed) = (run.orbit.state(), &run.conveyed);
+            let shared = |state: PartState, run: &Conveying<Friction>| {
+                let conveyed = run.conveyed();
                 let time = conveyed.flying + conveyed.resting;
                 let left = run.velocity + c * mu * state.velocity;
                 left + carried(state.phase) + held * time
             };
-            let begun = shared(&run);
+            let begun = shared(start, &run);
             for _ in 0..30 {
                 // One event at a time: an impact, or a lift-off after a rest.
-                let ended = run.simulate(1, |_| true);
+                let ended = orbit.watch_until(1, &mut run, |_| true);
                 if ended == StopReason::RestsForEver || run.velocity * c <= 0.0 {
                     break;
                 }
-                let conveyed = &run.conveyed;
+                let conveyed = run.conveyed();
                 let clock = conveyed.flying + conveyed.resting;
-                let now = shared(&run);
+                let now = shared(orbit.state(), &run);
                 assert!(
                     (now - begun).abs() < 1e-8 * (1.0 + clock),
                     "{n}: {now} {begun}"
@@ -264,7 +211,7 @@ mod tests {
             let moves = |throw: f64| {
                 let (k, along) = (1.0 / throw, Friction::on(&wave, 1.0 / throw, rub).unwrap());
                 let map = WaveMap::on(wave, k, 0.2).unwrap();
-                measure_on_tones(WaveOrbit::from_rest(&map), along, EFFORT).conveyed
+                measure_on_tones(Orbit::from_rest(&map), along, EFFORT).conveyed
             };
             let hops = 1.0 / wave.highest_throw();
             let first =

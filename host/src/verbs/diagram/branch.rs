@@ -175,19 +175,23 @@ fn classify(
         let of: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
         Endings::of_tracks(&of, FOLLOWED, contact)
     })?;
+    // The orbits of all branches fly together: a full block costs the least per orbit.
+    let mut hopping: Vec<(&mut Column, usize, PartState)> = Vec::new();
     for branch in branches {
-        let from = |n: usize| branch.columns[n].from.map(|from| (n, from));
-        let hopping: Vec<(usize, PartState)> = (0..columns).filter_map(from).collect();
-        let ends = desk.spread("regimes", hopping.len(), TOGETHER, |places| {
-            let starts: Vec<_> = places.iter().map(|n| hopping[*n]).collect();
-            Ok(ending::of_each(&endings, starts.into_iter()))
-        })?;
-        for (column, endings) in branch.columns.iter_mut().zip(&endings) {
-            column.ending = Ending::Regime(endings.from_rest());
+        for (n, column) in branch.columns.iter_mut().enumerate() {
+            match column.from {
+                Some(from) => hopping.push((column, n, from)),
+                None => column.ending = Ending::Regime(endings[n].from_rest()),
+            }
         }
-        for ((n, _), end) in hopping.iter().zip(ends) {
-            branch.columns[*n].ending = Ending::Regime(end);
-        }
+    }
+    let starts: Vec<_> = hopping.iter().map(|(_, n, from)| (*n, *from)).collect();
+    let ends = desk.spread("regimes", starts.len(), TOGETHER, |places| {
+        let starts: Vec<_> = places.iter().map(|place| starts[*place]).collect();
+        Ok(ending::of_each(&endings, starts.into_iter()))
+    })?;
+    for ((column, ..), end) in hopping.into_iter().zip(ends) {
+        column.ending = Ending::Regime(end);
     }
     Ok(())
 }
@@ -213,7 +217,9 @@ fn fly(
     }
     let total = arguments.settle + arguments.impacts;
     let (mut states, mut count, mut last) = (Vec::new(), 0, from);
-    let mut gears = Gears::watched()?;
+    // Without scatter a regime is the ending, which the classifier decides.
+    let scatters = arguments.scatter.scatter > 0.0;
+    let mut gears = scatters.then(Gears::watched).transpose()?;
     let mut take = |before: PartState, event: OrbitEvent| {
         count += usize::from(matches!(event, OrbitEvent::Impact(_)));
         match event {
@@ -221,21 +227,25 @@ fn fly(
                 last = Some(impact.next);
                 if count > arguments.settle {
                     states.push(impact.next);
-                    gears.impact(before, &impact);
+                    if let Some(gears) = &mut gears {
+                        gears.impact(before, &impact);
+                    }
                 }
             }
-            OrbitEvent::Rest { chatter, phase } if count >= arguments.settle => {
-                gears.rest(before, chatter, phase);
+            OrbitEvent::Rest { chatter, phase } => {
+                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
+                    gears.rest(before, chatter, phase);
+                }
             }
-            OrbitEvent::LiftOff { wait, phase } if count >= arguments.settle => {
-                gears.lift_off(wait, phase);
+            OrbitEvent::LiftOff { wait, phase } => {
+                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
+                    gears.lift_off(wait, phase);
+                }
             }
-            _ => {}
         }
         count
     };
     // An orbit without scatter that returns to the bits of a state repeats itself (Brent's method).
-    let repeats = arguments.scatter.scatter == 0.0;
     let (mut kept, mut keep_next, mut since) = (None, 16, Vec::new());
     let mut done = 0;
     while done < total
@@ -243,7 +253,7 @@ fn fly(
         && let Some(event) = orbit.next()
     {
         done = take(before, event);
-        if !repeats {
+        if scatters {
             continue;
         }
         since.push((before, event));
@@ -267,7 +277,7 @@ fn fly(
     Ok(Column {
         from,
         states,
-        ending: Ending::InGear(gears.longest().filter(|_| hops)),
+        ending: Ending::InGear(gears.and_then(|gears| gears.longest()).filter(|_| hops)),
     })
 }
 

@@ -7,7 +7,7 @@
 use kband::feeder::Restitution;
 use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
 use kband::regime::band::{Band, BandError};
-use kband::regime::gear::{Share, shares_with_contact};
+use kband::regime::gear::{Share, shares_from_rest};
 
 use crate::desk::Desk;
 use crate::refusal::Refusal;
@@ -128,7 +128,7 @@ impl Lot {
         let map = WaveMap::on(*wave, k, self.restitutions[0])?;
         let mut shares = vec![Share::default(); self.restitutions.len()];
         let (order, periods) = (settings.order, settings.periods);
-        shares_with_contact(
+        shares_from_rest(
             &map,
             settings.contact,
             &scatters,

@@ -7,8 +7,7 @@
 use std::f64::consts::TAU;
 
 use kband::impact::{
-    Contact, Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, StopReason,
-    Tangential, Tone, Wave,
+    Friction, FrictionSettings, Kernel, Map, Orbit, PartState, Scatter, Tangential, Tone, Wave,
 };
 use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::classify::Regime;
@@ -153,7 +152,7 @@ fn dead_cascade(rows: &mut Ledger) -> Result<(), Refusal> {
     for n in 0..COLUMNS {
         let k = 0.05 + 0.949 * (f64::from(n) + 0.5) / f64::from(COLUMNS);
         let map = Map::build(k, 0.0)?;
-        rests += u32::from(Orbit::from_rest(&map).watch(2000, &mut ()) == StopReason::Repeats);
+        rests += u32::from(Orbit::from_rest(&map).watch(2000, &mut ()));
     }
     let share = f64::from(rests) / f64::from(COLUMNS);
     let flips = Cascade::locate(0.0, 1, 3)?.flips().to_vec();
@@ -222,7 +221,7 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
 fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2], Refusal> {
     const FLIGHTS: u64 = 60_000;
     let map = Map::build(k, restitution)?;
-    let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, Contact::new(&map));
+    let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, &map);
     let mut orbit = Orbit::new(&map, start);
     orbit.watch(1000, &mut conveying);
     let mut flights = Vec::new();

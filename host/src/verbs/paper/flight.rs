@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{Contact, Kernel, Map, Tangential};
+use kband::impact::{Kernel, Map, Tangential};
 
 use super::engine::{Cases, Check, Ledger};
 use super::motion::{Flight, integrated};
@@ -52,7 +52,7 @@ fn laboratory(rows: &mut Ledger) -> Result<(), Refusal> {
         rows.compare_in("(1a)", x, way, b);
         rows.compare_in("(1b)", y, height, b);
         // N = m (g cos(alpha) - b w^2 sin(w t)) at rest, which is zero where the track throws.
-        if let Some(lift_off) = Contact::build(k, 0.5)?.lift_off() {
+        if let Some(lift_off) = Map::build(k, 0.5)?.lift_off() {
             let force = g_normal - b * w * w * lift_off.sin();
             rows.compare_in("(1b)", force, 0.0, b * w * w);
         }

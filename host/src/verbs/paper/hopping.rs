@@ -3,12 +3,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use kband::impact::{
-    Contact, Impact, Kernel, Map, Orbit, PartState, Tangential, TangentialSettings,
-};
+use kband::impact::{Impact, Kernel, Map, Orbit, PartState, Tangential, TangentialSettings};
 use kband::regime::band;
 use kband::transport::stationary::{self, PhaseMeans};
-use kband::transport::{Conveyed, Conveying, Inelastic, Intervals, SampleMean, locked};
+use kband::transport::{Conveyed, Conveying, SampleMean, locked};
 
 use super::engine::{Cases, Check, Flights, Ledger, convey, estimate};
 use super::lock::bands;
@@ -79,7 +77,7 @@ fn hop(settings: TangentialSettings) -> Result<Vec<Run>, Refusal> {
         let map = Map::build(k, restitution)?;
         let tangential = Tangential::build(k, settings)?;
         for run in 0..6 {
-            let mut conveying = Conveying::new(tangential, Contact::new(&map));
+            let mut conveying = Conveying::new(tangential, &map);
             let mut orbit = Orbit::new(&map, Map::state(0.45 + 1e-3 * f64::from(run), 0.45)?);
             orbit.watch(200, &mut conveying);
             let (mut seen, mut phi) = (Flights::default(), conveying.velocity());
@@ -247,7 +245,7 @@ fn mean_cosine(flights: &Flights) -> f64 {
 fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
     const RUNS: u32 = 24;
     const IMPACTS: u64 = 5000;
-    const BINS: usize = 200;
+    const BINS: f64 = 200.0;
     const LONGEST: f64 = 1000.0;
     const WINDOW: f64 = 3000.0;
     let map = Map::build(0.05, 0.9)?;
@@ -256,17 +254,25 @@ fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
         let run = f64::from(run);
         let mut orbit = Orbit::new(&map, Map::state(0.2 * run, 4.0 + 0.3 * run)?);
         orbit.watch(300, &mut ());
-        let mut seen = Intervals::<BINS, 1>::new(0.0, LONGEST, 150.0);
         let mut flights = Flights::default();
-        orbit.watch(IMPACTS, &mut (&mut seen, &mut flights));
+        orbit.watch(IMPACTS, &mut flights);
         cosines.add(mean_cosine(&flights));
-        lag.add(seen.autocorrelation(1).unwrap_or(f64::NAN));
+        // Sums about a rough mean: nothing cancels.
+        let times: Vec<f64> = flights.0.iter().map(|(_, impact)| impact.flight).collect();
+        let (off, all) = (|time: f64| time - 150.0, times.len() as f64);
+        let bias = times.iter().map(|time| off(*time)).sum::<f64>() / all;
+        let square = times.iter().map(|time| off(*time).powi(2)).sum::<f64>() / all - bias * bias;
+        // At this k parts rest once in 40 000 impacts, so nearly every pair is without a rest.
+        let products = times.windows(2).map(|pair| off(pair[0]) * off(pair[1]));
+        lag.add((products.sum::<f64>() / (all - 1.0) - bias * bias) / square);
+        let plain = 150.0 + bias;
         // The mean of the distribution alone, against the plain mean: half a bin at most.
-        let width = LONGEST / BINS as f64;
-        let weighted =
-            (seen.bins().iter().enumerate()).map(|(n, bin)| (n as f64 + 0.5) * width * *bin as f64);
-        let from_bins = weighted.sum::<f64>() / seen.bins().iter().sum::<u64>() as f64;
-        let plain = seen.mean().unwrap_or(f64::NAN);
+        let width = LONGEST / BINS;
+        let binned = times.iter().filter(|time| **time < LONGEST);
+        let middles: Vec<f64> = binned
+            .map(|time| ((time / width).floor() + 0.5) * width)
+            .collect();
+        let from_bins = middles.iter().sum::<f64>() / middles.len() as f64;
         rows.compare_in("(30)", from_bins, plain, 0.5 * width);
         // Impacts in each of successive windows of time.
         let (mut counted, mut time, mut count) = (SampleMean::default(), 0.0, 0.0);
@@ -281,8 +287,7 @@ fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
         let (counts, error) = estimate(&counted);
         rows.compare_in("finding count", counts, WINDOW / plain, 6.0 * error);
         let variance = error * error * counted.count() as f64;
-        let deviation = seen.deviation().unwrap_or(f64::NAN);
-        variances.add(variance / (deviation * deviation * WINDOW / plain.powi(3)));
+        variances.add(variance / (square * WINDOW / plain.powi(3)));
     }
     // Phase-synchronised chaos, where the mean cosine is larger still.
     let narrow = Map::build(0.34, 0.2)?;
@@ -453,8 +458,8 @@ fn dead(rows: &mut Ledger) -> Result<(), Refusal> {
     let mut cases = Cases(11);
     for _ in 0..500 {
         let k = cases.within(0.05, 0.95);
-        let dead = Inelastic::build(k)?;
-        let Some(low) = dead.lift_off() else { continue };
+        let map = Map::build(k, 0.0)?;
+        let Some(low) = map.lift_off() else { continue };
         let margin = 0.01 * (PI - 2.0 * low);
         let phase = cases.within(low + margin, PI - low - margin);
         let (eta, tangent) = (cases.within(0.2, 3.0), cases.within(-0.3, 0.3));
@@ -464,18 +469,14 @@ fn dead(rows: &mut Ledger) -> Result<(), Refusal> {
             phase_lead: 0.0,
             incline_tangent: tangent,
         };
-        let Some(flight) = dead.flight(phase) else {
-            continue;
-        };
-        let d = flight.flight;
-        let impact = Impact {
-            flight: d,
-            next: Map::state(flight.landing, 0.0)?,
-            grazes: false,
-        };
         let launch = Map::state(phase, 0.0)?;
+        let impact = map.impact(launch);
+        let d = impact.flight;
+        if d <= 0.0 {
+            continue;
+        }
         let mean = Tangential::build(k, along)?.distance(launch, &impact, 0.0) / d;
-        rows.compare("(38)", dead.velocity(d, eta, tangent), mean);
+        rows.compare("(38)", 0.5 * k * d * (eta - tangent), mean);
         rows.print("(38)", d * (k - 0.5 * k * tangent), mean);
     }
     Ok(())

@@ -215,7 +215,7 @@ impl<'a> Task<'a> {
             return Ok(measure(orbit, along, effort, &mut ()));
         }
         let map = WaveMap::on(*wave, k, restitution)?;
-        let orbit = start.orbit_on_tones(&map).with_contact(self.feeder.contact);
+        let orbit = start.orbit(&map).with_contact(self.feeder.contact);
         Ok(measure_on_tones(orbit, along, effort))
     }
 

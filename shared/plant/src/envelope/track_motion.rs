@@ -12,7 +12,7 @@ use super::upper::UpperEnvelope;
 use crate::model::drive::Swing;
 use crate::model::part::{Track, WaveCache, turned};
 use kband::arithmetic::Phase;
-use kband::impact::{Contact, Wave, WaveMap};
+use kband::impact::{Kernel, Map, Wave, WaveMap};
 
 /// Motion of the track in the current cycle.
 #[derive(Clone, Copy)]
@@ -135,6 +135,6 @@ fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
             let map = WaveMap::on(*wave, k, 1.0).ok()?;
             map.throw(phase).map(|(wait, _)| wait)
         }
-        None => Contact::build(k, 1.0).ok()?.wait(phase),
+        None => Map::build(k, 1.0).ok()?.wait(phase),
     }
 }

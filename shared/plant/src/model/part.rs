@@ -6,8 +6,8 @@ use super::drive::Swing;
 use super::law::Law;
 use kband::arithmetic::Phase;
 use kband::impact::{
-    Along, Contact, ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter,
-    Tangential, Tone, Wave, WaveMap,
+    ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential, Tone,
+    Wave, WaveMap,
 };
 use kband_control::{Shape, UpperTone};
 
@@ -307,13 +307,10 @@ impl Part {
             self.began = struck;
             return Some(strike);
         };
-        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Contact`), so faster parts skip the
+        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Map::time_to_rest`), so faster parts skip the
         // test. With scattered restitution it is closed at the mean.
         let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
-        let closed = slow.then(|| {
-            let contact = Contact::build(k, self.mean()).ok()?;
-            contact.time_to_rest(state)
-        });
+        let closed = slow.then(|| Map::build(k, self.mean()).ok()?.time_to_rest(state));
         if let Some(chatter) = closed.flatten() {
             self.spare(track, left);
             self.motion = Motion::Chattering {

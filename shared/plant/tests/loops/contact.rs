@@ -2,7 +2,7 @@
 
 use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
-use kband::regime::gear::{Share, shares_with_contact};
+use kband::regime::gear::{Share, shares_from_rest};
 use kband::transport::locked;
 use kband_control::{Limits, State};
 use kband_plant::Scene;
@@ -97,7 +97,7 @@ fn share_in_gear_is_the_predicted_one() {
     let scatters: [Scatter; 48] =
         core::array::from_fn(|seed| Scatter::build(0.3, 0.05, seed as u64).unwrap());
     let mut predicted = Share::default();
-    shares_with_contact(&map, contact, &scatters, 1, 1000.0, |_, share| {
+    shares_from_rest(&map, contact, &scatters, 1, 1000.0, |_, share| {
         predicted = predicted.plus(&share);
     })
     .unwrap();

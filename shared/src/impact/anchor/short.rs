@@ -41,7 +41,7 @@ const QUOTIENT_ROUNDING: f32 = 4e-7;
 
 /// Largest ratio of `w b2` to `w1^2` at which a third-order step converges. It leaves that ratio
 /// squared, 1e-4 of the step.
-pub(super) const MAX_QUOTIENT_CURVATURE_RATIO: f32 = 1e-2;
+const MAX_QUOTIENT_CURVATURE_RATIO: f32 = 1e-2;
 
 /// Largest ratio of the last third-order step to the flight. It leaves its cube, an f32's rounding.
 pub(super) const MAX_LAST_STEP_RATIO: f32 = 4e-3;
@@ -164,6 +164,18 @@ fn double_hop(launch: Launch, a1: f32, a2: f32) -> ShortFlight {
     }
 }
 
+/// Third-order step on `w = u/d`, from its value, slope and half its second derivative; `None` unless
+/// a simple root is near.
+#[inline(always)]
+pub(super) fn quotient_step(w: f32, w1: f32, b2: f32) -> Option<f32> {
+    if !(w1 < 0.0 && abs(w * b2) < MAX_QUOTIENT_CURVATURE_RATIO * w1 * w1) {
+        return None;
+    }
+    let inverse = 1.0 / w1;
+    let newton = w * inverse;
+    Some(-newton * (1.0 + b2 * newton * inverse))
+}
+
 /// A short hop from its start `x`, by third-order steps on `u/d`.
 #[inline(always)]
 pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
@@ -171,13 +183,7 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
     loop {
         let (w, w1) = deflated(launch, x);
         let b2 = launch.cosine * (1.0 / 6.0) - launch.sine * (1.0 / 8.0) * x;
-        let e = if w1 < 0.0 && abs(w * b2) < MAX_QUOTIENT_CURVATURE_RATIO * w1 * w1 {
-            let inverse = 1.0 / w1;
-            let newton = w * inverse;
-            -newton * (1.0 + b2 * newton * inverse)
-        } else {
-            down_crossing(w, w1, b2).0
-        };
+        let e = quotient_step(w, w1, b2).unwrap_or_else(|| down_crossing(w, w1, b2).0);
         round += 1;
         if abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 6 {
             // At the root u' = d w'; w'' = 2 b2 extrapolates w' over the last step.

@@ -36,7 +36,7 @@ pub use lanes::LANES;
 /// for _ in 0..100 {
 ///     state = map.impact(state).next;
 /// }
-/// assert_eq!(block.state(7), Some(state));
+/// assert_eq!(block.impact(7).map(|impact| impact.next), Some(state));
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -114,7 +114,7 @@ impl Block {
 
     /// The state of a lane's orbit; `None` without an orbit.
     #[inline]
-    pub fn state(&self, lane: usize) -> Option<PartState> {
+    fn state(&self, lane: usize) -> Option<PartState> {
         self.filled.contains(lane).then(|| {
             let [phase, velocity] = self.columns.state(lane);
             PartState { phase, velocity }
@@ -132,7 +132,7 @@ impl Block {
     }
 
     /// Whether the orbit in a lane waits: its part rests, or has a closed chatter, see
-    /// [`Contact::time_to_rest`](super::Contact::time_to_rest).
+    /// [`Map::time_to_rest`].
     ///
     /// It waits until it is cleared or replaced. [`Block::advance`] checks a lane at its begin and
     /// after each impact.

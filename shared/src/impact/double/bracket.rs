@@ -35,8 +35,37 @@ pub(crate) trait Path {
     fn hop(&self) -> Option<f64>;
 }
 
+/// The impact before or within the hump `begin..end`, if there is one; the stretch before it begins at
+/// `low`.
+///
+/// Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is convex, so
+/// the sign of its minimum decides; there is none while the ball `passes` high above. `grazes` keeps
+/// whether a touch is within rounding.
+pub(crate) fn impact_at_hump<P: Path>(
+    path: &P,
+    at_begin: Gap,
+    [low, begin, end]: [f64; 3],
+    passes: bool,
+    grazes: &mut bool,
+) -> Option<(Landing<f64>, bool)> {
+    if at_begin.value <= 0.0 {
+        return Some(root(path, low, begin, *grazes));
+    }
+    if passes || at_begin.slope >= 0.0 {
+        return None;
+    }
+    let at_end = path.at(end);
+    let (lowest, at_lowest) = if at_end.slope <= 0.0 {
+        (end, at_end)
+    } else {
+        find_minimum(path, begin, end)
+    };
+    *grazes |= at_lowest.value.abs() <= at_lowest.rounding && at_end.slope > 0.0;
+    (at_lowest.value <= 0.0).then(|| root(path, begin, lowest, *grazes))
+}
+
 /// Time and gap of the minimum over the hump `begin..end`, where the slope changes from - to +.
-pub(crate) fn find_minimum(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
+fn find_minimum(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
     let (mut low, mut high) = (begin, end);
     let mut d = 0.5 * (low + high);
     let mut at = path.at(d);

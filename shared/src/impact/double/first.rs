@@ -60,11 +60,11 @@ fn land_not_tall(
     }
     if f64::any(launch.is_short(track)) {
         let (landing, certain) = short::landing(track, &launch, short::guess(track, &launch));
-        return Some(if f64::any(certain) {
-            (landing, false)
-        } else {
-            land_short_by_iteration(track, &launch)
-        });
+        if f64::any(certain) {
+            return Some((landing, false));
+        }
+        let landing = short::land_by_iteration(track, &launch);
+        return Some(certainly(landing, track, &launch));
     }
     let once = f64::any(launch.meets_once(track));
     let stretch = if once {
@@ -74,35 +74,22 @@ fn land_not_tall(
     };
     let estimate = low::approach(track, &launch, &stretch);
     let (landing, certain) = low::landing(track, &launch, &stretch, &estimate);
-    if !f64::any(certain) {
-        return Some(land_low_by_iteration(track, &launch, stretch));
+    if f64::any(certain) {
+        return Some((landing, false));
     }
-    Some((landing, false))
+    let landing = low::land_by_iteration(track, &launch, stretch);
+    Some(certainly(landing, track, &launch))
 }
 
-/// First impact of a short flight that the quick form cannot certify, and whether it grazes.
+/// A landing, or that of the search; and whether it grazes.
 #[cold]
-pub(crate) fn land_short_by_iteration(
+fn certainly(
+    landing: Option<Landing<f64>>,
     track: &Track<f64>,
     launch: &Launch<f64>,
 ) -> (Landing<f64>, bool) {
-    short::land_by_iteration(track, launch)
-        .map_or_else(|| land_by_search(track, launch), |landing| (landing, false))
-}
-
-/// The same for a low flight, within the stretch already found.
-#[cold]
-pub(crate) fn land_low_by_iteration(
-    track: &Track<f64>,
-    launch: &Launch<f64>,
-    stretch: low::Stretch<f64>,
-) -> (Landing<f64>, bool) {
-    low::land_by_iteration(track, launch, stretch)
-        .map_or_else(|| land_by_search(track, launch), |landing| (landing, false))
-}
-
-/// The same for any flight, by the search.
-#[cold]
-pub(crate) fn land_by_search(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>, bool) {
-    search::landing(track, launch)
+    landing.map_or_else(
+        || search::landing(track, launch),
+        |landing| (landing, false),
+    )
 }

@@ -87,11 +87,7 @@ impl<L: Lane> Launch<L> {
     /// The launch of a state.
     #[inline(always)]
     pub fn new(phase: L, velocity: L) -> Self {
-        Self::with_sine_cosine(phase, velocity, sine_cosine(phase))
-    }
-
-    #[inline(always)]
-    pub(super) fn with_sine_cosine(phase: L, velocity: L, (sine, cosine): (L, L)) -> Self {
+        let (sine, cosine) = sine_cosine(phase);
         Self {
             phase,
             velocity,

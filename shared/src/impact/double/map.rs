@@ -34,6 +34,7 @@ pub struct Map {
 
 impl Map {
     /// k of this map.
+    #[inline]
     pub fn k(&self) -> f64 {
         self.track.k
     }
@@ -47,6 +48,7 @@ impl Map {
         Ok(())
     }
 
+    #[inline]
     pub(in crate::impact) fn track(&self) -> &Track<f64> {
         &self.track
     }
@@ -58,6 +60,7 @@ impl Map {
     }
 
     /// Restitution of this map.
+    #[inline]
     pub fn restitution(&self) -> f64 {
         self.restitution
     }

@@ -6,7 +6,7 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::bracket::{Gap, Path, find_minimum, root};
+use super::bracket::{Gap, Path, impact_at_hump};
 use super::launch::{Launch, Track};
 use super::short::{MAX_SHORT_HOP, deflated};
 use super::step::{Landing, Local};
@@ -101,22 +101,11 @@ pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>
     loop {
         let begin = first + turns * TAU;
         let at_begin = gap_at_lift_off(track, launch, begin);
-        if at_begin.value <= 0.0 {
-            return root(&path, low, begin, grazes);
-        }
         let end = begin + width;
-        if !(above_from <= begin && end <= above_to) && at_begin.slope < 0.0 {
-            let at_end = gap(track, launch, end);
-            let (lowest, at_lowest) = if at_end.slope <= 0.0 {
-                (end, at_end)
-            } else {
-                find_minimum(&path, begin, end)
-            };
-            if at_lowest.value <= 0.0 {
-                grazes |= -at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
-                return root(&path, begin, lowest, grazes);
-            }
-            grazes |= at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
+        let passes = above_from <= begin && end <= above_to;
+        let stretch = [low, begin, end];
+        if let Some(landing) = impact_at_hump(&path, at_begin, stretch, passes, &mut grazes) {
+            return landing;
         }
         low = end;
         turns += 1.0;

@@ -20,25 +20,29 @@ impl<L: Lane> Launch<L> {
         self.is_over_within(track, MAX_SHORT_HOP)
     }
 
-    /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
-    /// `u/d`.
-    ///
-    /// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or
-    /// it bends down and is below zero at `longest`.
+    /// Whether a flight that is not tall [ends within](ends_within) about `longest` rad.
     #[inline(always)]
     pub(super) fn is_over_within(&self, track: &Track<L>, longest: f64) -> L::Mask {
-        let (psi, c) = (self.velocity, self.cosine);
-        let pull = track.k - self.sine;
-        let caught = (psi * L::splat(2.75 / longest)).below(pull)
-            & (c * psi).below(L::splat(0.3) * (pull * pull));
-        let falling = c.below(L::splat(0.0))
-            & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
-        caught | falling
+        ends_within(self.velocity, track.k - self.sine, self.cosine, longest)
     }
 }
 
+/// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of `u/d`, from
+/// the launch velocity, the pull and the slope of the track's push.
+///
+/// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or it
+/// bends down and is below zero at `longest`.
+#[inline(always)]
+pub(in crate::impact) fn ends_within<L: Lane>(psi: L, pull: L, c: L, longest: f64) -> L::Mask {
+    let caught = (psi * L::splat(2.75 / longest)).below(pull)
+        & (c * psi).below(L::splat(0.3) * (pull * pull));
+    let falling = c.below(L::splat(0.0))
+        & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
+    caught | falling
+}
+
 /// `u/d` and `u'` at some flight time.
-pub(super) struct Deflated<L> {
+pub(in crate::impact) struct Deflated<L> {
     /// `u/d`.
     pub value: L,
     /// `u'`.
@@ -80,12 +84,17 @@ pub(super) fn deflated<L: Lane>(pull: L, launch: &Launch<L>, d: L) -> Deflated<L
     }
 }
 
-/// First guess of a short hop in rad: the root of the quadratic of `u/d`.
+/// First guess of a short hop in rad.
 #[inline(always)]
 pub(crate) fn guess<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> L {
-    let psi = launch.velocity;
-    let a1 = (track.k - launch.sine) * L::splat(0.5);
-    let a2 = launch.cosine * L::splat(1.0 / 6.0);
+    quadratic_root(launch.velocity, track.k - launch.sine, launch.cosine)
+}
+
+/// The root of the quadratic of `u/d`, for a flight that [ends soon](ends_within).
+#[inline(always)]
+pub(in crate::impact) fn quadratic_root<L: Lane>(psi: L, pull: L, c: L) -> L {
+    let a1 = pull * L::splat(0.5);
+    let a2 = c * L::splat(1.0 / 6.0);
     let zero = L::splat(0.0);
     let root = (a1 * a1 - L::splat(4.0) * (a2 * psi)).max(zero).sqrt();
     let pulled = zero.below(a1);
@@ -173,29 +182,39 @@ fn take_chebyshev_step<L: Lane>(
 ) -> (Landing<L>, L::Mask) {
     let (s, c) = (launch.sine, launch.cosine);
     let at = deflated(track.k - s, launch, d);
+    let third = c - d * (s + d * (c * L::splat(0.5)));
+    finish_hop(launch.phase, d, &at, third, MAX_LAST_NEWTON_STEP)
+}
+
+/// Chebyshev's step from `d`, and whether it is at most `longest` of the flight; `third` is the third
+/// derivative of `-u`.
+#[inline(always)]
+pub(in crate::impact) fn finish_hop<L: Lane>(
+    launch_phase: L,
+    d: L,
+    at: &Deflated<L>,
+    third: L,
+    longest: f64,
+) -> (Landing<L>, L::Mask) {
     let per_slope = L::splat(1.0) / at.slope;
     let newton = (d * at.value) * per_slope;
     let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
     let back = newton + newton * turn;
     let flight = d - back;
-    let third = c - d * (s + d * (c * L::splat(0.5)));
     let arrival = back * (at.curvature - back * (third * L::splat(0.5))) - at.slope;
     let turn = L::splat(TAU);
-    let ahead = launch.phase + flight;
+    let ahead = launch_phase + flight;
     let phase = L::select(
         ahead.below(turn),
         ahead,
-        ((launch.phase - turn) + flight).max(L::splat(0.0)),
+        ((launch_phase - turn) + flight).max(L::splat(0.0)),
     );
     let landing = Landing {
         flight,
         phase,
         arrival,
     };
-    (
-        landing,
-        newton.abs().below(d * L::splat(MAX_LAST_NEWTON_STEP)),
-    )
+    (landing, newton.abs().below(d * L::splat(longest)))
 }
 
 /// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below

@@ -194,21 +194,15 @@ impl<L: Lane> GapNearImpact<L> {
     /// The last step to the root, by Householder's method of order 4.
     #[inline(always)]
     pub fn finish(&self, track: &Track<L>) -> Landing<L> {
-        let mut landing = self.finish_unturned(track);
-        landing.phase = in_turn(landing.phase);
-        landing
-    }
-
-    /// [`GapNearImpact::finish`], whose phase may be a rounding error below zero.
-    #[inline(always)]
-    fn finish_unturned(&self, track: &Track<L>) -> Landing<L> {
         let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
         let g2 = sine - track.k;
         let back = householder(f, g, g2, g3, -sine);
         let half_third = g3 * L::splat(0.5);
         let bend = half_third
             + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
-        self.landing(back, back * (g2 - back * bend) - g)
+        let mut landing = self.landing(back, back * (g2 - back * bend) - g);
+        landing.phase = in_turn(landing.phase);
+        landing
     }
 }
 

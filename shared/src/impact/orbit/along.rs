@@ -1,6 +1,5 @@
 //! Motion of parts along the track: the contact law that an orbit is watched with.
 
-use super::contact::Contact;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::kernel::{Impact, PartState};
@@ -84,10 +83,11 @@ pub trait Along: Copy {
     /// Acceleration of a free part along the track, relative to it, in `b w^2`.
     fn push(&self, phase: f64) -> f64;
 
-    /// The infinitely many hops of `chatter` rad that bring a part to rest after `last`.
+    /// The infinitely many hops of `chatter` rad that bring a part to rest after `last`, on a track
+    /// with this k and with this restitution.
     fn move_in_chatter(
         &self,
-        contact: &Contact,
+        part: [f64; 2],
         last: PartState,
         chatter: f64,
         velocity: f64,

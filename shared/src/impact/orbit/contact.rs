@@ -3,49 +3,12 @@
 use core::f64::consts::{PI, TAU};
 
 use crate::arithmetic::lane::Lane;
-use crate::feeder::OutOfRange;
 use crate::impact::double::Map;
-use crate::impact::double::launch::{Launch, Track};
-use crate::impact::kernel::{Kernel, PartState};
+use crate::impact::double::launch::Launch;
+use crate::impact::kernel::PartState;
 use crate::impact::wave::in_turn;
 
-/// Begin and end of a part's contact with the track.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
-    track: Track<f64>,
-    restitution: f64,
-}
-
-impl Contact {
-    /// Contact on the track of `map`.
-    pub fn new(map: &Map) -> Self {
-        Self {
-            track: *map.track(),
-            restitution: map.restitution(),
-        }
-    }
-
-    /// Contact for `k` and a restitution, both within the ranges of [`Map`].
-    pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        Map::build(k, restitution).map(|map| Self::new(&map))
-    }
-
-    /// k of the track.
-    pub(crate) fn k(&self) -> f64 {
-        self.track.k
-    }
-
-    /// Restitution of the part.
-    pub(crate) fn restitution(&self) -> f64 {
-        self.restitution
-    }
-
-    /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
-    /// (k >= 1).
-    pub fn lift_off(&self) -> Option<f64> {
-        (self.track.k < 1.0).then_some(self.track.lift_off)
-    }
-
+impl Map {
     /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
     /// f64.
     ///
@@ -59,35 +22,23 @@ impl Contact {
     /// 1e-3 of itself. So the track still pulls the part down when it comes to rest. A velocity
     /// of 0 rests at once where the track does not throw it. A lane of `batch::Block` waits on the
     /// same decision.
+    #[inline]
     pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
         let PartState { phase, velocity } = state;
-        if !f64::any(self.track.may_chatter_out(velocity)) {
+        if !f64::any(self.track().may_chatter_out(velocity)) {
             return None;
         }
         let launch = Launch::new(phase, velocity);
-        if !f64::any(launch.chatters_out(&self.track, self.restitution)) {
+        if !f64::any(launch.chatters_out(self.track(), self.restitution())) {
             return None;
         }
         if velocity <= 0.0 {
             return Some(0.0);
         }
-        let pull = self.track.k - launch.sine;
-        let z = velocity / (pull * (1.0 - self.restitution));
+        let pull = self.k() - launch.sine;
+        let z = velocity / (pull * (1.0 - self.restitution()));
         let slope = launch.cosine / pull;
         Some(2.0 * z + 4.0 / 3.0 * slope * z * z)
-    }
-
-    /// Distance along the track during a chatter, per unit of the initial velocity along the track,
-    /// in rad.
-    ///
-    /// It is `2 psi / (A (1 - R Rt))`, to first order in psi.
-    pub(crate) fn chatter_reach(&self, state: PartState, tangential_restitution: f64) -> f64 {
-        let pull = self.track.k - libm::sin(state.phase);
-        if pull > 0.0 && state.velocity > 0.0 {
-            2.0 * state.velocity / (pull * (1.0 - self.restitution * tangential_restitution))
-        } else {
-            0.0
-        }
     }
 
     /// Time in rad from rest at `phase` to lift-off, 0 where the track throws the part at once.
@@ -107,6 +58,7 @@ impl Contact {
 mod tests {
     use super::*;
     use crate::impact::double::launch::MAX_CHATTER_REMAINDER;
+    use crate::impact::kernel::Kernel;
     use crate::impact::orbit::{Orbit, OrbitEvent};
 
     /// docs/theory-reference.md#t11.2: (k, R, phase, velocity), time of rest, time of lift-off.
@@ -172,14 +124,13 @@ mod tests {
         for k in [0.05, 0.43, 0.9, 1.0, 1.5] {
             for restitution in [0.0, 0.2, 0.5, 0.8, 0.95] {
                 let map = Map::build(k, restitution).unwrap();
-                let contact = Contact::new(&map);
                 for step in 0..32 {
                     let phase = f64::from(step) * TAU / 32.0;
                     let mut state = PartState::new(phase, 1e-4);
-                    while contact.time_to_rest(state).is_none() && state.velocity > 1e-9 {
+                    while map.time_to_rest(state).is_none() && state.velocity > 1e-9 {
                         state.velocity *= 0.9;
                     }
-                    let Some(closed) = contact.time_to_rest(state) else {
+                    let Some(closed) = map.time_to_rest(state) else {
                         assert!(libm::sin(phase) > k - 0.03, "{k} {restitution} {phase}");
                         continue;
                     };
@@ -193,7 +144,7 @@ mod tests {
                         summed += impact.flight;
                         hop = impact.next;
                     }
-                    summed += contact
+                    summed += map
                         .time_to_rest(hop)
                         .unwrap_or_else(|| panic!("{k} {restitution} {state:?} {hop:?}"));
                     // The remainder, and the rounding of phases of 2 pi to which tiny hops are
@@ -211,16 +162,16 @@ mod tests {
     #[test]
     fn open_chatter_has_no_time_to_rest() {
         // Just before lift-off the pull vanishes: no closure, however slow the part.
-        let contact = Contact::build(0.5, 0.5).unwrap();
-        let lift_off = contact.lift_off().unwrap();
+        let map = Map::build(0.5, 0.5).unwrap();
+        let lift_off = map.lift_off().unwrap();
         for velocity in [1e-6, 1e-9, 1e-12, 1e-30] {
             let phase = lift_off - 1e-9;
-            let closed = contact.time_to_rest(PartState { phase, velocity });
+            let closed = map.time_to_rest(PartState { phase, velocity });
             assert_eq!(closed.is_some(), velocity < 1e-13, "{velocity}");
             let thrown = PartState::new(lift_off + 1e-9, velocity);
-            assert_eq!(contact.time_to_rest(thrown), None);
+            assert_eq!(map.time_to_rest(thrown), None);
         }
-        let elastic = Contact::build(0.5, 1.0).unwrap();
+        let elastic = Map::build(0.5, 1.0).unwrap();
         let falling = PartState::new(4.0, 1e-9);
         assert_eq!(elastic.time_to_rest(falling), None);
         let still = PartState {
@@ -233,10 +184,10 @@ mod tests {
     #[test]
     fn wait_ends_where_the_track_throws() {
         for k in [0.01, 0.43, 0.9, 0.999_999] {
-            let contact = Contact::build(k, 0.5).unwrap();
+            let map = Map::build(k, 0.5).unwrap();
             for step in 0..512 {
                 let phase = f64::from(step) * TAU / 512.0;
-                let wait = contact.wait(phase).unwrap();
+                let wait = map.wait(phase).unwrap();
                 assert!((0.0..TAU).contains(&wait));
                 if wait == 0.0 {
                     assert!(libm::sin(phase) > k - 1e-15);
@@ -246,7 +197,7 @@ mod tests {
                 }
             }
         }
-        let heavy = Contact::build(1.0, 0.5).unwrap();
+        let heavy = Map::build(1.0, 0.5).unwrap();
         assert_eq!(heavy.wait(1.0), None);
     }
 }

@@ -1,14 +1,15 @@
 //! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
-use super::contact::Contact;
 use super::observe::Observer;
+use super::orbit_map::OrbitMap;
 use super::release::Release;
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
-use crate::impact::kernel::{Impact, Kernel, PartState};
+use crate::impact::kernel::{Impact, PartState};
 use crate::impact::scatter::Scatter;
 use crate::impact::wave::in_turn;
+use crate::impact::wave_map::{Hop, WaveMap};
 
 /// Smallest mean restitution that can scatter.
 const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
@@ -34,21 +35,19 @@ pub enum OrbitEvent {
     },
 }
 
-/// Why [`Orbit::watch`] stopped.
+/// Why a watched orbit stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StopReason {
+pub(crate) enum StopReason {
     /// The requested number of impacts was reached.
     Counted,
-    /// The part was thrown a second time. The orbit repeats from here for ever.
-    ///
-    /// Velocity and motion along the track restart at each lift-off.
+    /// The part was thrown once more, and the orbit repeats from here for ever.
     Repeats,
     /// The part rests for ever (k >= 1).
     RestsForEver,
 }
 
-/// The orbit of one part: an iterator of events that ends only when the part rests for ever
-/// (k >= 1).
+/// The orbit of one part on a track of one tone ([`Map`]) or of several ([`WaveMap`]): an iterator
+/// of events that ends only when the part rests for ever.
 ///
 /// ```
 /// use core::f64::consts::TAU;
@@ -62,21 +61,22 @@ pub enum StopReason {
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct Orbit<'a> {
-    map: &'a Map,
-    contact: Contact,
+pub struct Orbit<'a, M = Map> {
+    map: &'a M,
     state: PartState,
     stage: Stage,
-    /// The release of the part, once computed.
+    /// The last release, for which a part is thrown at few phases.
     release: Option<Release<PartState>>,
+    /// Mean restitution, and that of each impact; `None` where it is the mean.
+    restitution: f64,
     scatter: Option<Scatter>,
-    /// The last drawn restitution over that of the map.
+    /// The last factor of [`OrbitMap::kept`].
     drawn: f64,
-    contact_time: ContactTime,
+    contact: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Stage {
+enum Stage {
     /// Just after an impact.
     Hopping,
     /// At rest.
@@ -85,34 +85,12 @@ pub(super) enum Stage {
     Released,
 }
 
-impl<'a> Orbit<'a> {
-    /// The orbit that begins just after an impact with `start`.
-    pub fn new(map: &'a Map, start: PartState) -> Self {
-        Self {
-            map,
-            contact: Contact::new(map),
-            state: start,
-            stage: Stage::Hopping,
-            release: None,
-            scatter: None,
-            drawn: 1.0,
-            contact_time: ContactTime::INSTANT,
-        }
-    }
-
-    /// The orbit that begins at rest; the first lift-off is at `arcsin k`.
-    pub fn from_rest(map: &'a Map) -> Self {
-        let origin = PartState::new(0.0, 0.0);
-        let mut orbit = Self::new(map, origin);
-        orbit.stage = Stage::Resting;
-        orbit
-    }
-
+impl Orbit<'_> {
     /// This orbit with a restitution drawn by `scatter` at each impact, about that of the map.
     ///
     /// A chatter's closed form uses the map's restitution. Errors: `OutOfRange` for a mean
     /// restitution below 1e-6.
-    pub fn scattering(mut self, scatter: Scatter) -> Result<Self, OutOfRange> {
+    pub fn scattering(self, scatter: Scatter) -> Result<Self, OutOfRange> {
         let mean = scatter.mean();
         accept(
             "restitution",
@@ -120,8 +98,57 @@ impl<'a> Orbit<'a> {
             mean >= MIN_SCATTERED_RESTITUTION,
             "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
         )?;
-        self.scatter = Some(scatter);
-        Ok(self)
+        Ok(self.drawing(scatter))
+    }
+}
+
+impl Orbit<'_, WaveMap> {
+    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
+    /// uses its mean.
+    pub fn scattering(self, scatter: Scatter) -> Self {
+        self.drawing(scatter)
+    }
+
+    /// Starts again from rest, phase 0, with a restitution drawn by `scatter` at each impact.
+    pub(crate) fn restart(&mut self, scatter: Scatter) {
+        *self = Self {
+            contact: self.contact,
+            ..Self::from_rest(self.map).drawing(scatter)
+        };
+    }
+}
+
+impl<'a, M: OrbitMap> Orbit<'a, M> {
+    /// The orbit that begins just after an impact with `start`.
+    pub fn new(map: &'a M, start: PartState) -> Self {
+        let [_, restitution] = map.parameters();
+        Self {
+            map,
+            state: start,
+            stage: Stage::Hopping,
+            release: None,
+            restitution,
+            scatter: None,
+            drawn: 1.0,
+            contact: ContactTime::INSTANT,
+        }
+    }
+
+    /// The orbit that begins at rest, phase 0; the first lift-off is where the track's push first
+    /// rises through k (on one tone at `arcsin k`).
+    pub fn from_rest(map: &'a M) -> Self {
+        Self {
+            stage: Stage::Resting,
+            ..Self::new(map, PartState::new(0.0, 0.0))
+        }
+    }
+
+    fn drawing(self, scatter: Scatter) -> Self {
+        Self {
+            restitution: scatter.mean().max(0.0),
+            scatter: Some(scatter),
+            ..self
+        }
     }
 
     /// This orbit with impacts that take time.
@@ -129,34 +156,27 @@ impl<'a> Orbit<'a> {
     /// The flight of an impact then includes its contact, and its next state is the launch after
     /// that. A chatter's closed form neglects the contacts.
     pub fn with_contact(self, contact: ContactTime) -> Self {
-        Self {
-            contact_time: contact,
-            ..self
-        }
+        Self { contact, ..self }
+    }
+
+    /// The map.
+    pub(crate) fn map(&self) -> &M {
+        self.map
+    }
+
+    /// Mean restitution.
+    pub(crate) fn restitution(&self) -> f64 {
+        self.restitution
     }
 
     /// Duration of an impact.
-    pub(crate) fn contact_time(&self) -> ContactTime {
-        self.contact_time
-    }
-
-    /// Contact of the part with the track.
-    pub(crate) fn contact(&self) -> Contact {
+    pub(crate) fn contact(&self) -> ContactTime {
         self.contact
     }
 
     /// The last drawn restitution over that of the map; 1 without scatter.
     pub(crate) fn drawn(&self) -> f64 {
         self.drawn
-    }
-
-    /// `impact` with its velocity scaled to a drawn restitution.
-    fn scatter_impact(&mut self, mut impact: Impact<PartState>) -> Impact<PartState> {
-        if let Some(scatter) = &mut self.scatter {
-            self.drawn = scatter.draw() / scatter.mean();
-            impact.next.velocity *= self.drawn;
-        }
-        impact
     }
 
     /// The state after the last event.
@@ -167,10 +187,35 @@ impl<'a> Orbit<'a> {
     /// Runs the orbit for `impacts` impacts and passes every event to `observer`.
     ///
     /// It ends at the second lift-off. An observer of means that restarts at the first
-    /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit.
-    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> StopReason {
-        let mut impacts_seen = 0;
+    /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit. Returns whether the
+    /// orbit ended so: it then repeats for ever, and velocity and motion along the track restart at
+    /// each lift-off.
+    pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> bool {
+        self.watch_period(impacts, observer) == StopReason::Repeats
+    }
+
+    /// [`Orbit::watch`] with the reason of its end.
+    pub(crate) fn watch_period(
+        &mut self,
+        impacts: u64,
+        observer: &mut impl Observer,
+    ) -> StopReason {
+        let repeats = self.scatter.is_none();
         let mut lift_offs = 0;
+        self.watch_until(impacts, observer, |_| {
+            lift_offs += 1;
+            lift_offs == 2 && repeats
+        })
+    }
+
+    /// The same up to a lift-off at a phase that `ends` accepts.
+    pub(crate) fn watch_until(
+        &mut self,
+        impacts: u64,
+        observer: &mut impl Observer,
+        mut ends: impl FnMut(f64) -> bool,
+    ) -> StopReason {
+        let mut impacts_seen = 0;
         while impacts_seen < impacts {
             let before = self.state;
             match self.next() {
@@ -182,23 +227,13 @@ impl<'a> Orbit<'a> {
                 Some(OrbitEvent::Rest { chatter, phase }) => observer.rest(before, chatter, phase),
                 Some(OrbitEvent::LiftOff { wait, phase }) => {
                     observer.lift_off(wait, phase);
-                    lift_offs += 1;
-                    if lift_offs == 2 && self.scatter.is_none() {
+                    if ends(phase) {
                         return StopReason::Repeats;
                     }
                 }
             }
         }
         StopReason::Counted
-    }
-
-    /// The release of the part; `None` where the map finds no flight, for k within rounding
-    /// of 1.
-    fn find_release(&mut self) -> Option<Release<PartState>> {
-        if self.release.is_none() {
-            self.release = Release::build(self.map, self.contact.lift_off()?, 0.0);
-        }
-        self.release
     }
 
     fn begin_rest(&mut self, chatter: f64) -> OrbitEvent {
@@ -209,8 +244,12 @@ impl<'a> Orbit<'a> {
     }
 
     fn lift_off(&mut self) -> Option<OrbitEvent> {
-        let wait = self.contact.wait(self.state.phase)?;
-        self.state = self.find_release()?.launch;
+        let (wait, phase) = self.map.throw(self.state.phase)?;
+        let thrown_there = |release: &Release<PartState>| release.launch.phase == phase;
+        if !self.release.as_ref().is_some_and(thrown_there) {
+            self.release = Some(self.map.release(phase)?);
+        }
+        self.state = self.release?.launch;
         self.stage = Stage::Released;
         Some(OrbitEvent::LiftOff {
             wait,
@@ -219,29 +258,29 @@ impl<'a> Orbit<'a> {
     }
 }
 
-impl Iterator for Orbit<'_> {
+impl<M: OrbitMap> Iterator for Orbit<'_, M> {
     type Item = OrbitEvent;
 
+    #[inline]
     fn next(&mut self) -> Option<OrbitEvent> {
-        let impact = match self.stage {
+        let mut impact = match self.stage {
             Stage::Resting => return self.lift_off(),
-            Stage::Released => self.find_release()?.impact,
-            Stage::Hopping => {
-                if let Some(chatter) = self.contact.time_to_rest(self.state) {
-                    return Some(self.begin_rest(chatter));
-                }
-                let impact = self.map.impact(self.state);
-                if impact.flight <= 0.0 {
-                    // The sines of map and contact differ by an ulp at sin t = k: the part
-                    // rests.
-                    return Some(self.begin_rest(0.0));
-                }
-                impact
-            }
+            Stage::Released => self.release?.impact,
+            Stage::Hopping => match self.map.hop(self.restitution, self.state) {
+                Hop::Rest(chatter) => return Some(self.begin_rest(chatter)),
+                Hop::Impact(impact) => impact,
+            },
         };
-        let touch = self.scatter_impact(impact);
-        let restitution = self.contact.restitution() * self.drawn;
-        let impact = (self.contact_time).hold(restitution, touch, self.contact.k(), None);
+        if impact.flight <= 0.0 {
+            // Within rounding of lift-off or of the end of a hump: the part rests.
+            return Some(self.begin_rest(0.0));
+        }
+        let drawn = self.scatter.as_mut().map(Scatter::draw);
+        let [factor, restitution] = self.map.kept(self.restitution, drawn);
+        self.drawn = factor;
+        impact.next.velocity *= factor;
+        let [k, _] = self.map.parameters();
+        let impact = self.contact.hold(restitution, impact, k, self.map.wave());
         self.stage = Stage::Hopping;
         self.state = impact.next;
         Some(OrbitEvent::Impact(impact))
@@ -252,8 +291,26 @@ impl Iterator for Orbit<'_> {
 mod tests {
     use std::vec::Vec;
 
-    use super::super::observe::Count;
     use super::*;
+    use crate::impact::kernel::Kernel;
+
+    /// Counts of impacts, rests and lift-offs.
+    #[derive(Default)]
+    struct Count([u64; 3]);
+
+    impl Observer for Count {
+        fn impact(&mut self, _: PartState, _: &Impact<PartState>) {
+            self.0[0] += 1;
+        }
+
+        fn rest(&mut self, _: PartState, _: f64, _: f64) {
+            self.0[1] += 1;
+        }
+
+        fn lift_off(&mut self, _: f64, _: f64) {
+            self.0[2] += 1;
+        }
+    }
 
     #[test]
     #[expect(
@@ -306,9 +363,10 @@ mod tests {
                 assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
             }
             let mut count = Count::default();
-            let ended = Orbit::from_rest(&map).watch(4000, &mut count);
-            assert_eq!((ended, count.lift_offs), (StopReason::Repeats, 2));
-            assert!(count.impacts < 100);
+            let ended = Orbit::from_rest(&map).watch_period(4000, &mut count);
+            let [impacts, _, lift_offs] = count.0;
+            assert_eq!((ended, lift_offs), (StopReason::Repeats, 2));
+            assert!(impacts < 100);
         }
     }
 
@@ -317,14 +375,17 @@ mod tests {
         let map = Map::build(1.5, 0.5).unwrap();
         let mut count = Count::default();
         let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
-        assert_eq!(orbit.watch(u64::MAX, &mut count), StopReason::RestsForEver);
-        assert_eq!((count.rests, count.lift_offs), (1, 0));
+        assert_eq!(
+            orbit.watch_period(u64::MAX, &mut count),
+            StopReason::RestsForEver
+        );
+        assert_eq!(count.0[1..], [1, 0]);
         assert_eq!(Orbit::from_rest(&map).next(), None);
 
         // docs/theory-reference.md#t11.4: hopping above k = 1.
         let map = Map::build(1.2, 0.8).unwrap();
         let mut orbit = Orbit::new(&map, Map::state(1.0, 3.3).unwrap());
-        assert_eq!(orbit.watch(2000, &mut ()), StopReason::Counted);
+        assert_eq!(orbit.watch_period(2000, &mut ()), StopReason::Counted);
         let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
         assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");

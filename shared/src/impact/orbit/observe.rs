@@ -9,7 +9,7 @@ use crate::impact::kernel::{Impact, PartState};
 /// cost nothing: `()` observes nothing.
 ///
 /// ```
-/// use kband::impact::{Count, Impact, Kernel, Map, Observer, Orbit, PartState};
+/// use kband::impact::{Impact, Kernel, Map, Observer, Orbit, PartState};
 ///
 /// #[derive(Default)]
 /// struct Longest(f64);
@@ -21,9 +21,8 @@ use crate::impact::kernel::{Impact, PartState};
 /// }
 ///
 /// let map = Map::build(0.43, 0.2)?;
-/// let (mut longest, mut count) = (Longest::default(), Count::default());
-/// Orbit::new(&map, Map::state(0.5, 0.45)?).watch(100, &mut (&mut longest, &mut count));
-/// assert_eq!(count.impacts, 100);
+/// let mut longest = Longest::default();
+/// Orbit::new(&map, Map::state(0.5, 0.45)?).watch(100, &mut longest);
 /// assert!((longest.0 - core::f64::consts::TAU).abs() < 0.1);
 /// # Ok::<(), kband::feeder::OutOfRange>(())
 /// ```
@@ -85,33 +84,5 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn lift_off(&mut self, wait: f64, phase: f64) {
         self.0.lift_off(wait, phase);
         self.1.lift_off(wait, phase);
-    }
-}
-
-/// Counts of events: the cheapest observer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Count {
-    /// Impacts.
-    pub impacts: u64,
-    /// Rests.
-    pub rests: u64,
-    /// Lift-offs.
-    pub lift_offs: u64,
-}
-
-impl Observer for Count {
-    #[inline]
-    fn impact(&mut self, _: PartState, _: &Impact<PartState>) {
-        self.impacts += 1;
-    }
-
-    #[inline]
-    fn rest(&mut self, _: PartState, _: f64, _: f64) {
-        self.rests += 1;
-    }
-
-    #[inline]
-    fn lift_off(&mut self, _: f64, _: f64) {
-        self.lift_offs += 1;
     }
 }

@@ -2,11 +2,11 @@
 //! (Benettin et al. 1980).
 
 use super::observe::Observer;
+use super::orbit_map::OrbitMap;
 use crate::arithmetic::lane::sine_cosine;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Tone;
-use crate::impact::wave_map::WaveMap;
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
 ///
@@ -26,36 +26,24 @@ pub struct Tangent {
     /// The Jacobian, rows (phase', velocity'), columns (phase, velocity).
     pub jacobian: [[f64; 2]; 2],
     /// Derivatives of (phase', velocity') by k.
-    pub by_k: [f64; 2],
+    pub(crate) by_k: [f64; 2],
 }
 
 impl Tangent {
     /// The tangent of the impact that `map` computed from `state`; `None` at arrival speed 0, where
     /// no derivative exists.
-    pub fn build(map: &Map, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
-        let (sine, _) = sine_cosine(state.phase);
-        let first = [(1.0, Tone::new(1.0, 0.0))];
-        Self::new([map.k(), map.restitution(), sine], first, state, impact)
-    }
-
-    /// The tangent on a track of several tones.
-    pub fn on_tones(map: &WaveMap, state: PartState, impact: &Impact<PartState>) -> Option<Self> {
-        let [_, _, push, _] = map.wave().motion(state.phase);
-        let tones = map.wave().tones();
-        Self::new([map.k(), map.restitution(), push], tones, state, impact)
-    }
-
-    fn new(
-        [k, r, push]: [f64; 3],
-        tones: impl IntoIterator<Item = (f64, Tone)>,
+    pub fn build<M: OrbitMap>(
+        map: &M,
         state: PartState,
         impact: &Impact<PartState>,
     ) -> Option<Self> {
+        let [k, r] = map.parameters();
+        let push = map.push(state.phase);
         let d = impact.flight;
         // S'(t) - S'(t+d) and A(t) - A(t+d), without cancellation. The table of sines takes phases
         // of many turns.
         let (mut fall, mut rise) = (0.0, 0.0);
-        for (q, Tone { amplitude, angle }) in tones {
+        for (q, Tone { amplitude, angle }) in map.tones() {
             let (sine, cosine) = sine_cosine(q * (state.phase + 0.5 * d) + angle);
             let twice = 2.0 * amplitude * sine_cosine(0.5 * q * d).0;
             fall += q * twice * sine;

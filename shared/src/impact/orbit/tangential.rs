@@ -2,7 +2,6 @@
 //! docs/theory-transport.md#t8.1).
 
 use super::along::{Along, ContactMotion, accept_motion};
-use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
@@ -167,18 +166,25 @@ impl Along for Tangential {
         self.settings.amplitude_ratio * shaken - self.gravity
     }
 
-    /// The velocity decays geometrically over hops that shrink geometrically.
+    /// The velocity decays geometrically over hops that shrink geometrically: the distance is
+    /// `2 phi psi / (A (1 - R Rt))`, to first order in psi.
     ///
     /// The drive's effect is of second order in a chatter of at most 1e-4 rad.
     fn move_in_chatter(
         &self,
-        contact: &Contact,
+        [k, restitution]: [f64; 2],
         last: PartState,
         _: f64,
         velocity: f64,
     ) -> ContactMotion {
+        let pull = k - libm::sin(last.phase);
+        let reach = if pull > 0.0 && last.velocity > 0.0 {
+            2.0 * last.velocity / (pull * (1.0 - restitution * self.settings.restitution))
+        } else {
+            0.0
+        };
         ContactMotion {
-            distance: velocity * contact.chatter_reach(last, self.settings.restitution),
+            distance: velocity * reach,
             ..ContactMotion::default()
         }
     }

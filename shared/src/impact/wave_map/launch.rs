@@ -3,28 +3,29 @@
 use core::f64::consts::TAU;
 
 use super::track::Track;
-use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::arithmetic::lane::sine_cosine;
+use crate::arithmetic::square_root;
 use crate::impact::double::launch::{MAX_CHATTER_REMAINDER, MAX_PULL_CHANGE};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::wave::{Motion, Parts, motion};
 
 /// The state just after an impact, with the quantities that every kind of flight uses.
 #[derive(Clone, Copy)]
-pub(super) struct Launch<L> {
+pub(super) struct Launch {
     /// Phase t in rad, 0..2 pi.
-    pub phase: L,
+    pub phase: f64,
     /// Velocity psi relative to the track.
-    pub velocity: L,
+    pub velocity: f64,
     /// The tones at the phase.
-    pub parts: Parts<L>,
+    pub parts: Parts,
     /// Motion of the track at the phase.
-    pub at: Motion<L>,
+    pub at: Motion,
 }
 
-impl<L: Lane> Launch<L> {
+impl Launch {
     /// The launch of a state.
     #[inline(always)]
-    pub fn new<const N: usize>(track: &Track, phase: L, velocity: L) -> Self {
+    pub fn new<const N: usize>(track: &Track, phase: f64, velocity: f64) -> Self {
         let (sine, cosine) = sine_cosine(phase);
         Self::with_sine_cosine::<N>(track, phase, velocity, sine, cosine)
     }
@@ -33,150 +34,93 @@ impl<L: Lane> Launch<L> {
     #[inline(always)]
     pub fn with_sine_cosine<const N: usize>(
         track: &Track,
-        phase: L,
-        velocity: L,
-        sine: L,
-        cosine: L,
+        phase: f64,
+        velocity: f64,
+        sine: f64,
+        cosine: f64,
     ) -> Self {
-        let parts = track.wave.parts::<L, N>(sine, cosine);
+        let parts = track.wave.parts::<N>(sine, cosine);
         Self {
             phase,
             velocity,
             parts,
-            at: motion::<L, N>(&parts),
+            at: motion::<N>(&parts),
         }
     }
 
     /// The ball's velocity at launch, `psi + S'`.
     #[inline(always)]
-    pub fn rise(&self) -> L {
+    pub fn rise(&self) -> f64 {
         self.velocity + self.at.speed
     }
 
     /// Pull to the track, `k - A`, in `b w^2`.
     #[inline(always)]
-    pub fn pull(&self, track: &Track) -> L {
-        L::splat(track.k) - self.at.push
+    pub fn pull(&self, track: &Track) -> f64 {
+        track.k - self.at.push
     }
 
     /// Height of the ball over the middle of the stroke, `d` after launch.
     #[inline(always)]
-    pub fn height(&self, track: &Track, d: L) -> L {
-        self.at.height + d * (self.rise() - L::splat(0.5 * track.k) * d)
+    pub fn height(&self, track: &Track, d: f64) -> f64 {
+        self.at.height + d * (self.rise() - 0.5 * track.k * d)
     }
 
     /// Square of the ball's speed at a height; negative where it does not reach it.
     #[inline(always)]
-    pub fn speed_at(&self, track: &Track, height: f64) -> L {
+    pub fn speed_at(&self, track: &Track, height: f64) -> f64 {
         let v = self.rise();
-        v * v + L::splat(2.0 * track.k) * (self.at.height - L::splat(height))
+        v * v + 2.0 * track.k * (self.at.height - height)
     }
 
     /// Time in rad at which the ball falls through a height.
     #[inline(always)]
-    pub fn falls_to(&self, track: &Track, height: f64) -> L {
-        let speed = self.speed_at(track, height).max(L::splat(0.0)).sqrt();
-        (self.rise() + speed) * L::splat(track.per_k)
+    pub fn falls_to(&self, track: &Track, height: f64) -> f64 {
+        let speed = square_root(self.speed_at(track, height).max(0.0));
+        (self.rise() + speed) * track.per_k
     }
 
     /// Bound of the rounding error of a height: 30 times that at the apex.
     #[inline(always)]
-    pub fn margin(&self, track: &Track) -> L {
+    pub fn margin(&self, track: &Track) -> f64 {
         let v = self.rise();
-        L::splat(6e-14) * (L::splat(2.0) + v * v * L::splat(track.per_k))
+        6e-14 * (2.0 + v * v * track.per_k)
     }
 
     /// Whether the ball leaves the track's reach faster than the track's top speed.
     ///
     /// It returns equally fast, so it meets the track once, in one monotone stretch.
     #[inline(always)]
-    pub fn is_tall(&self, track: &Track) -> L::Mask {
+    pub fn is_tall(&self, track: &Track) -> bool {
         let leaving = self.speed_at(track, track.wave.top());
-        L::splat(1.2 * track.fastest + ROUNDING_MARGIN).below(leaving)
-            & L::splat(0.0).below(self.rise())
+        1.2 * track.fastest + ROUNDING_MARGIN < leaving && 0.0 < self.rise()
     }
 
     /// Time in rad until a phase is reached, in 0..=2 pi, without 0.
     #[inline(always)]
-    pub fn ahead(&self, phase: f64) -> L {
-        let ahead = L::splat(phase) - self.phase;
-        ahead + L::splat(TAU).keep_where(!L::splat(0.0).below(ahead))
-    }
-
-    /// Whether a flight that is not tall ends within about `longest` rad, by the quadratic of
-    /// `u/d`.
-    ///
-    /// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or
-    /// it bends down and is below zero at `longest`.
-    #[inline(always)]
-    pub fn is_over_within(&self, track: &Track, longest: f64) -> L::Mask {
-        let (psi, c) = (self.velocity, self.at.surge);
-        let pull = self.pull(track);
-        let caught = (psi * L::splat(2.75 / longest)).below(pull)
-            & (c * psi).below(L::splat(0.3) * (pull * pull));
-        let falling = c.below(L::splat(0.0))
-            & (psi + c * L::splat(longest * longest / 6.0)).below(pull * L::splat(longest / 2.0));
-        caught | falling
-    }
-
-    /// The root of the quadratic of `u/d`, for a flight that [ends soon](Self::is_over_within).
-    #[inline(always)]
-    pub fn over_after(&self, track: &Track) -> L {
-        let (zero, psi) = (L::splat(0.0), self.velocity);
-        let a1 = self.pull(track) * L::splat(0.5);
-        let a2 = self.at.surge * L::splat(1.0 / 6.0);
-        let root = (a1 * a1 - L::splat(4.0) * (a2 * psi)).max(zero).sqrt();
-        let pulled = zero.below(a1);
-        L::select(pulled, psi + psi, a1 - root) / L::select(pulled, a1 + root, a2 + a2)
+    pub fn ahead(&self, phase: f64) -> f64 {
+        let ahead = phase - self.phase;
+        if ahead > 0.0 { ahead } else { ahead + TAU }
     }
 
     /// Whether the part rests: its velocity is 0 and the track does not throw it.
     ///
     /// Within rounding of lift-off (A rising through k) the part is thrown.
     #[inline(always)]
-    pub fn rests(&self, track: &Track) -> L::Mask {
-        let zero = L::splat(0.0);
-        let pull = self.pull(track);
-        let rounded_pull = L::select(
-            zero.below(self.at.surge),
-            pull - L::splat(16.0 * f64::EPSILON),
-            pull,
-        );
-        !zero.below(self.velocity) & !rounded_pull.below(zero)
+    pub fn rests(&self, track: &Track) -> bool {
+        let rounding = if self.at.surge > 0.0 {
+            16.0 * f64::EPSILON
+        } else {
+            0.0
+        };
+        self.velocity <= 0.0 && self.pull(track) >= rounding
     }
-}
 
-/// Limits within which a chatter is summed in closed form.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ChatterLimits {
-    /// Largest third order of its duration, in rad.
-    remainder: f64,
-    /// Largest relative change of the pull during it.
-    pull_change: f64,
-}
-
-impl ChatterLimits {
-    /// The closed form is exact to f64.
-    pub(crate) const EXACT: Self = Self {
-        remainder: MAX_CHATTER_REMAINDER,
-        pull_change: MAX_PULL_CHANGE,
-    };
-
-    /// The duration is within 1e-4 rad, as in the board's plan.
-    ///
-    /// The pull lasts, so that the part comes to rest and is thrown off at the same phase.
-    pub(crate) const COARSE: Self = Self {
-        remainder: 1e-4,
-        pull_change: 0.1,
-    };
-}
-
-impl Launch<f64> {
     /// Duration in rad of the infinitely many hops that end at rest, if its closed form holds
     /// within `limits` (docs/theory-impacts.md#t4.1).
     ///
     /// `None` otherwise: the part goes on hopping. It is the form of
-    /// [`Contact`](crate::impact::Contact) with the push A for the sine and A' for the cosine. Let
+    /// [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A for the sine and A' for the cosine. Let
     /// `P = k - A` be the pull and `z = psi / (P (1 - R))`. The duration is
     /// `2 z + (4/3) (A'/P) z^2`. The third order is at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A
     /// velocity of 0 rests at once where the track does not throw the part.
@@ -188,13 +132,13 @@ impl Launch<f64> {
         limits: ChatterLimits,
     ) -> Option<f64> {
         let (hop, at) = (self.velocity, &self.at);
-        let pull = track.k - at.push;
-        let least = if at.surge > 0.0 {
-            -16.0 * f64::EPSILON
-        } else {
-            0.0
-        };
+        let pull = self.pull(track);
         if hop <= 0.0 {
+            let least = if at.surge > 0.0 {
+                -16.0 * f64::EPSILON
+            } else {
+                0.0
+            };
             return (pull >= least).then_some(0.0);
         }
         let lost = 1.0 - restitution;
@@ -209,4 +153,29 @@ impl Launch<f64> {
         (third <= limits.remainder && steady)
             .then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
     }
+}
+
+/// Limits within which a chatter is summed in closed form.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ChatterLimits {
+    /// Largest third order of its duration, in rad.
+    remainder: f64,
+    /// Largest relative change of the pull during it.
+    pull_change: f64,
+}
+
+impl ChatterLimits {
+    /// The closed form is exact to f64.
+    pub const EXACT: Self = Self {
+        remainder: MAX_CHATTER_REMAINDER,
+        pull_change: MAX_PULL_CHANGE,
+    };
+
+    /// The duration is within 1e-4 rad, as in the board's plan.
+    ///
+    /// The pull lasts, so that the part comes to rest and is thrown off at the same phase.
+    pub const COARSE: Self = Self {
+        remainder: 1e-4,
+        pull_change: 0.1,
+    };
 }

@@ -34,6 +34,7 @@ use crate::impact::wave::{Tone, Wave};
 pub struct WaveMap {
     track: Track,
     restitution: f64,
+    chatter: ChatterLimits,
 }
 
 impl WaveMap {
@@ -45,7 +46,14 @@ impl WaveMap {
         Ok(Self {
             track: Track::new(wave, k),
             restitution,
+            chatter: ChatterLimits::EXACT,
         })
+    }
+
+    /// This map with chatters summed within [`ChatterLimits::COARSE`].
+    pub(crate) fn with_coarse_chatter(self) -> Self {
+        let chatter = ChatterLimits::COARSE;
+        Self { chatter, ..self }
     }
 
     /// Its wave.
@@ -73,13 +81,13 @@ impl WaveMap {
         build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
     }
 
-    /// The impact of an elastic part: its velocity is the arrival speed.
-    pub(crate) fn elastic_impact(&self, state: PartState) -> Impact<PartState> {
-        self.impact_with_restitution(1.0, state)
-    }
-
+    /// The impact of a part with another restitution.
     #[inline(always)]
-    fn impact_with_restitution(&self, restitution: f64, state: PartState) -> Impact<PartState> {
+    pub(in crate::impact) fn impact_with_restitution(
+        &self,
+        restitution: f64,
+        state: PartState,
+    ) -> Impact<PartState> {
         if self.track.wave.is_of_two() {
             self.impact_after::<2>(restitution, state)
         } else {
@@ -90,32 +98,17 @@ impl WaveMap {
     /// The next contact of a part with this mean restitution. It is an impact with the velocity of
     /// an elastic part, or rest if a chatter's closed form is exact to f64.
     pub fn hop(&self, restitution: f64, state: PartState) -> Hop {
-        self.hop_within(ChatterLimits::EXACT, restitution, state)
-    }
-
-    /// [`WaveMap::hop`] with other limits of the closed form.
-    pub(in crate::impact) fn hop_within(
-        &self,
-        limits: ChatterLimits,
-        restitution: f64,
-        state: PartState,
-    ) -> Hop {
         if self.track.wave.is_of_two() {
-            self.hop_of::<2>(limits, restitution, state)
+            self.hop_of::<2>(restitution, state)
         } else {
-            self.hop_of::<3>(limits, restitution, state)
+            self.hop_of::<3>(restitution, state)
         }
     }
 
     #[inline(always)]
-    fn hop_of<const N: usize>(
-        &self,
-        limits: ChatterLimits,
-        restitution: f64,
-        state: PartState,
-    ) -> Hop {
+    fn hop_of<const N: usize>(&self, restitution: f64, state: PartState) -> Hop {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        match launch.time_to_rest(&self.track, restitution, limits) {
+        match launch.time_to_rest(&self.track, restitution, self.chatter) {
             Some(chatter) => Hop::Rest(chatter),
             None => Hop::Impact(build_impact(
                 1.0,

@@ -15,5 +15,4 @@ mod search;
 mod short;
 pub(super) mod track;
 
-pub(crate) use launch::ChatterLimits;
 pub use map::{Hop, WaveMap};

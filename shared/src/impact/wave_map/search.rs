@@ -13,7 +13,7 @@ use super::short::deflated;
 use super::track::{Hump, Track, ahead};
 use crate::arithmetic::lane::{Arc, Node, floor};
 use crate::arithmetic::square_root;
-use crate::impact::double::bracket::{Gap, Path, find_minimum, root};
+use crate::impact::double::bracket::{Gap, Path, impact_at_hump, root};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::double::short::MAX_SHORT_HOP;
 use crate::impact::double::step::Landing;
@@ -22,12 +22,12 @@ use crate::impact::wave::motion;
 /// A flight on a track.
 struct Flight<'a, const N: usize> {
     track: &'a Track,
-    launch: &'a Launch<f64>,
+    launch: &'a Launch,
 }
 
 /// The first impact after `launch`, and whether it grazes: another touch is within rounding.
 #[cold]
-pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (Landing<f64>, bool) {
+pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landing<f64>, bool) {
     let flight = Flight::<N> { track, launch };
     let humps = track.humps();
     let Some(first) = humps.first() else {
@@ -71,22 +71,11 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch<f64>) -> (L
             let hump = humps.get((next + n) % humps.len()).unwrap_or(first);
             let begin = wait(hump) + turns;
             let at_begin = flight.at(begin);
-            if at_begin.value <= 0.0 {
-                return root(&flight, low, begin, grazes);
-            }
             let end = begin + hump.width;
-            if !(above_from <= begin && end <= above_to) && at_begin.slope < 0.0 {
-                let at_end = flight.at(end);
-                let (lowest, at_lowest) = if at_end.slope <= 0.0 {
-                    (end, at_end)
-                } else {
-                    find_minimum(&flight, begin, end)
-                };
-                if at_lowest.value <= 0.0 {
-                    grazes |= -at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
-                    return root(&flight, begin, lowest, grazes);
-                }
-                grazes |= at_lowest.value <= at_lowest.rounding && at_end.slope > 0.0;
+            let passes = above_from <= begin && end <= above_to;
+            let stretch = [low, begin, end];
+            if let Some(landing) = impact_at_hump(&flight, at_begin, stretch, passes, &mut grazes) {
+                return landing;
             }
             low = end;
             latest = end;
@@ -130,7 +119,7 @@ impl<const N: usize> Path for Flight<'_, N> {
         let (track, launch) = (self.track, self.launch);
         let pull = launch.pull(track);
         if d < Self::MAX_SHORT_HOP {
-            let w = deflated::<f64, N>(track, launch, d);
+            let w = deflated::<N>(track, launch, d);
             let forward = launch.phase + d;
             let phase = if forward < TAU {
                 forward
@@ -152,7 +141,7 @@ impl<const N: usize> Path for Flight<'_, N> {
         let arc = Arc::new(x);
         let sine = node.sine + (node.cosine * arc.sine - node.sine * arc.versine);
         let cosine = node.cosine - (node.sine * arc.sine + node.cosine * arc.versine);
-        let at = motion::<f64, N>(&track.wave.parts::<f64, N>(sine, cosine));
+        let at = motion::<N>(&track.wave.parts::<N>(sine, cosine));
         let v = launch.rise();
         let speed = v - track.k * node.distance;
         Gap {

@@ -3,46 +3,31 @@
 //!
 //! Method as in [`double::short`](super::super::double).
 
-use core::f64::consts::TAU;
-
 use super::launch::Launch;
 use super::track::Track;
-use crate::arithmetic::lane::Lane;
-use crate::impact::double::short::{MAX_SHORT_HOP, remainders};
+use crate::impact::double::short::{
+    Deflated, MAX_SHORT_HOP, finish_hop, quadratic_root, remainders,
+};
 use crate::impact::double::step::{Landing, householder};
-
-/// `u/d` and `u'` at some flight time.
-pub(super) struct Deflated<L> {
-    /// `u/d`.
-    pub value: L,
-    /// `u'`.
-    pub slope: L,
-    /// `u''`.
-    pub curvature: L,
-}
 
 /// `u/d` and `u'` after `d` <= 0.55/N rad, each exact relative to its terms.
 #[inline(always)]
-pub(super) fn deflated<L: Lane, const N: usize>(
-    track: &Track,
-    launch: &Launch<L>,
-    d: L,
-) -> Deflated<L> {
+pub(super) fn deflated<const N: usize>(track: &Track, launch: &Launch, d: f64) -> Deflated<f64> {
     let pull = launch.pull(track);
-    let mut value = pull * L::splat(0.5);
+    let mut value = pull * 0.5;
     let mut slope = launch.velocity - pull * d;
     let mut curvature = -pull;
     for (n, &[s, c]) in launch.parts.iter().enumerate().take(N) {
-        let q = L::splat((n + 1) as f64);
+        let q = (n + 1) as f64;
         let x = q * d;
         let z = x * x;
         let [third, fourth] = remainders(z);
-        let versine = z * (L::splat(0.5) - z * fourth);
+        let versine = z * (0.5 - z * fourth);
         let sagitta = x * z * third;
         let square = q * q;
-        value = value - (square * x) * (c * third - (s * x) * fourth);
-        slope = slope + q * (c * versine - s * sagitta);
-        curvature = curvature + square * (c * (x - sagitta) - s * versine);
+        value -= (square * x) * (c * third - (s * x) * fourth);
+        slope += q * (c * versine - s * sagitta);
+        curvature += square * (c * (x - sagitta) - s * versine);
     }
     Deflated {
         value: launch.velocity - d * value,
@@ -51,94 +36,60 @@ pub(super) fn deflated<L: Lane, const N: usize>(
     }
 }
 
-/// Landing of a short hop; the mask marks certified first impacts.
+/// Landing of a short hop, if it is certified as the first impact.
 ///
-/// Lanes whose last step is too long repeat it up to twice.
+/// A last step that is too long is repeated up to twice.
 #[inline(always)]
-pub(super) fn landing<L: Lane, const N: usize>(
-    track: &Track,
-    launch: &Launch<L>,
-) -> (Landing<L>, L::Mask) {
-    let d = take_householder_step(track, launch, launch.over_after(track));
-    let (mut landing, mut settled) = take_chebyshev_step::<L, N>(track, launch, d);
+pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> Option<Landing<f64>> {
+    let near = quadratic_root(launch.velocity, launch.pull(track), launch.at.surge);
+    let d = take_householder_step(track, launch, near);
+    let (mut landing, mut settled) = take_chebyshev_step::<N>(track, launch, d);
     for _ in 0..2 {
-        if L::any(!settled) {
-            let (again, then) = take_chebyshev_step::<L, N>(track, launch, landing.flight);
-            landing = landing.or(settled, again);
-            settled = settled | then;
+        if !settled {
+            (landing, settled) = take_chebyshev_step::<N>(track, launch, landing.flight);
         }
     }
-    (
-        landing,
-        settled & is_first_impact::<L, N>(track, launch, &landing),
-    )
+    (settled && is_first_impact::<N>(track, launch, &landing)).then_some(landing)
 }
 
 /// Whether a landing is the first.
 ///
 /// Up to the next hump u is concave, or convex and then concave, so it has one root there.
 #[inline(always)]
-fn is_first_impact<L: Lane, const N: usize>(
-    track: &Track,
-    launch: &Launch<L>,
-    landing: &Landing<L>,
-) -> L::Mask {
-    let (d, zero) = (landing.flight, L::splat(0.0));
-    let mut wait = L::splat(f64::MAX);
-    for hump in track.humps() {
-        wait = wait.min(launch.ahead(hump.begin.phase));
-    }
-    zero.below(d)
-        & d.below(L::splat(1.1 * MAX_SHORT_HOP / N as f64))
-        & d.below(wait)
-        & zero.below(landing.arrival)
+fn is_first_impact<const N: usize>(track: &Track, launch: &Launch, landing: &Landing<f64>) -> bool {
+    let d = landing.flight;
+    let mut humps = track.humps().iter();
+    0.0 < d
+        && d < 1.1 * MAX_SHORT_HOP / N as f64
+        && humps.all(|hump| d < launch.ahead(hump.begin.phase))
+        && 0.0 < landing.arrival
 }
 
 /// One step of Householder's method of order 4 on the first terms of `u/d`.
 #[inline(always)]
-fn take_householder_step<L: Lane>(track: &Track, launch: &Launch<L>, d: L) -> L {
+fn take_householder_step(track: &Track, launch: &Launch, d: f64) -> f64 {
     let (c, s) = (launch.at.surge, launch.at.bend);
-    let first = launch.pull(track) * L::splat(0.5);
-    let second = c * L::splat(1.0 / 6.0);
-    let third = s * L::splat(1.0 / 24.0);
+    let first = launch.pull(track) * 0.5;
+    let second = c * (1.0 / 6.0);
+    let third = s * (1.0 / 24.0);
     let w = launch.velocity - d * (first - d * (second - d * third));
-    let w1 = d * (second + second - L::splat(3.0) * (d * third)) - first;
-    let w2 = second + second - L::splat(6.0) * (d * third);
-    d - householder(w, w1, w2, -(L::splat(6.0) * third), L::splat(0.0))
+    let w1 = d * (second + second - 3.0 * (d * third)) - first;
+    let w2 = second + second - 6.0 * (d * third);
+    d - householder(w, w1, w2, -(6.0 * third), 0.0)
 }
 
 /// The last step, by Chebyshev's method (third order, Traub 1964).
 ///
-/// The mask marks steps so short that the remaining error is below rounding.
+/// The flag marks steps so short that the remaining error is below rounding.
 #[inline(always)]
-fn take_chebyshev_step<L: Lane, const N: usize>(
+fn take_chebyshev_step<const N: usize>(
     track: &Track,
-    launch: &Launch<L>,
-    d: L,
-) -> (Landing<L>, L::Mask) {
-    let at = deflated::<L, N>(track, launch, d);
-    let per_slope = L::splat(1.0) / at.slope;
-    let newton = (d * at.value) * per_slope;
-    let turn = ((at.curvature * L::splat(0.5)) * per_slope) * newton;
-    let back = newton + newton * turn;
-    let flight = d - back;
+    launch: &Launch,
+    d: f64,
+) -> (Landing<f64>, bool) {
+    let at = deflated::<N>(track, launch, d);
     let third = launch.at.surge - d * launch.at.bend;
-    let arrival = back * (at.curvature - back * (third * L::splat(0.5))) - at.slope;
-    let ahead = launch.phase + flight;
-    let phase = L::select(
-        ahead.below(L::splat(TAU)),
-        ahead,
-        ((launch.phase - L::splat(TAU)) + flight).max(L::splat(0.0)),
-    );
-    let landing = Landing {
-        flight,
-        phase,
-        arrival,
-    };
-    (
-        landing,
-        newton.abs().below(d * L::splat(MAX_LAST_NEWTON_STEP)),
-    )
+    finish_hop(launch.phase, d, &at, third, MAX_LAST_NEWTON_STEP)
 }
 
 /// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below

@@ -108,18 +108,13 @@ impl TrialRun {
         })
     }
 
-    /// Cycles since the start of the kick.
-    pub fn time(&self) -> f32 {
-        self.time
-    }
-
     /// Number of impacts and of waits of a resting part so far.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
     /// Number of set-ups of the map so far.
-    pub fn set_ups(&self) -> u32 {
+    pub(super) fn set_ups(&self) -> u32 {
         self.set_ups
     }
 
@@ -276,7 +271,7 @@ mod tests {
     use super::super::DriveLagSettings;
     use super::*;
 
-    use crate::impact::{Map, OrbitEvent, WaveMap, WaveOrbit};
+    use crate::impact::{Map, Orbit, OrbitEvent, WaveMap};
 
     /// The orbit in f64 decides, at a constant amplitude.
     #[test]
@@ -301,7 +296,7 @@ mod tests {
             let found = outcome == Some(Outcome::Locked);
             let lock = Lock::with_contact(k, 0.2, 1, contact).unwrap().unwrap();
             let map = WaveMap::build(k, 0.2).unwrap();
-            let mut orbit = WaveOrbit::from_rest(&map).with_contact(contact);
+            let mut orbit = Orbit::from_rest(&map).with_contact(contact);
             let events = orbit.by_ref().take(3000);
             let last = events.filter_map(|event| match event {
                 OrbitEvent::Impact(impact) => Some(impact.next),

@@ -1,7 +1,7 @@
 //! Limits of a drive on k when the track moves with several tones
 //! (docs/theory-real-parts.md#t10.3).
 
-use super::part::Tones;
+use super::part::{Tones, UpperTones};
 use crate::arithmetic::{Phase, sine_cosine_single};
 
 /// Lowest k at each limit of the drive with one tone, and output per upper tone.
@@ -27,7 +27,7 @@ impl GearLimits {
     };
 
     /// Whether all limits hold with these tones at this k.
-    pub fn allow(&self, k: f32, tones: Tones) -> bool {
+    pub(super) fn allow(&self, k: f32, tones: Tones) -> bool {
         k >= self.min_k(tones)
     }
 
@@ -46,17 +46,16 @@ impl GearLimits {
 /// the largest of 64 samples plus the largest remainder between samples.
 pub fn peaks(tones: Tones) -> [f32; 2] {
     const SAMPLES: u32 = 64;
-    let [[ratio, angle], [third, _]] = tones;
-    let [_, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
-    let angle = Phase::from_radians(f64::from(angle));
+    let upper = UpperTones::new(tones);
+    let [ratio, third] = upper.ratios;
     let (mut displacement, mut acceleration) = (0.0_f32, 0.0_f32);
     for n in 0..SAMPLES {
-        let (sine, _) = sine_cosine_single(Phase::from_bits(n << 26));
-        let (second, _) = sine_cosine_single(Phase::from_bits(n << 27) + angle);
+        let phase = Phase::from_bits(n << 26);
+        let (sine, _) = sine_cosine_single(phase);
+        let (second, _) = upper.second(phase);
         let (mut height, mut push) = (sine + ratio * second, sine + 4.0 * ratio * second);
         if third > 0.0 {
-            let (sine, _) =
-                sine_cosine_single(Phase::from_bits((n << 26).wrapping_mul(3)) + of_third);
+            let (sine, _) = upper.third(phase);
             height += third * sine;
             push += 9.0 * third * sine;
         }

@@ -17,7 +17,7 @@ use core::ops::AddAssign;
 use super::lock::accept_order;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept_in};
-use crate::impact::{ChatterLimits, ContactTime, OrbitEvent, Scatter, WaveMap, WaveOrbit};
+use crate::impact::{ContactTime, Orbit, OrbitEvent, PartState, Scatter, WaveMap};
 
 pub use limits::{GearLimits, peaks};
 pub use part::Tones;
@@ -130,15 +130,15 @@ pub struct Share {
     /// Time in gear in drive periods.
     pub in_gear: f64,
     /// Observation time in drive periods.
-    pub observed: f64,
+    observed: f64,
     /// Losses of gear in that time.
     pub losses: u64,
     /// Part of the observation time before the first gear, in drive periods.
-    pub before: f64,
+    before: f64,
     /// Time from the start of the simulation to the first gear, or to its end, in drive periods.
-    pub waited: f64,
+    waited: f64,
     /// Number of parts that came into gear.
-    pub captured: u64,
+    captured: u64,
 }
 
 impl Share {
@@ -268,37 +268,55 @@ impl GearWatch {
 /// the mean restitution, within 1e-4 rad. A part at rest for ever is out of gear.
 pub fn shares_from_rest(
     map: &WaveMap,
-    scatters: &[Scatter],
-    order: u32,
-    periods: f64,
-    each: impl FnMut(usize, Share),
-) -> Result<(), OutOfRange> {
-    shares_with_contact(map, ContactTime::INSTANT, scatters, order, periods, each)
-}
-
-/// [`shares_from_rest`] with impacts that take time.
-pub fn shares_with_contact(
-    map: &WaveMap,
     contact: ContactTime,
     scatters: &[Scatter],
     order: u32,
     periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
-    accept_periods(periods)?;
-    let mut orbit = WaveOrbit::from_rest(map)
-        .with_chatter(ChatterLimits::COARSE)
-        .with_contact(contact);
+    let each = |n, share, _, ()| each(n, share);
+    watch_from_rest(
+        map,
+        contact,
+        scatters,
+        order,
+        periods,
+        (),
+        |(), _, _, _| {},
+        each,
+    )
+}
+
+/// As [`shares_from_rest`]. `watch` receives the time before each event, the state there and the
+/// event; `each` also receives the time at the end. Both have a `record` of each part.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the inputs of a simulation and its two observers"
+)]
+pub(crate) fn watch_from_rest<R: Clone>(
+    map: &WaveMap,
+    contact: ContactTime,
+    scatters: &[Scatter],
+    order: u32,
+    periods: f64,
+    record: R,
+    watch: impl Fn(&mut R, f64, PartState, &OrbitEvent),
+    mut each: impl FnMut(usize, Share, f64, R),
+) -> Result<(), OutOfRange> {
+    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
+    let map = map.with_coarse_chatter();
+    let mut orbit = Orbit::from_rest(&map).with_contact(contact);
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
-    let mut watch = GearWatch::build(order)?;
-    watch.begin(begin);
-    watch.end(end);
+    let mut gear_watch = GearWatch::build(order)?;
+    gear_watch.begin(begin);
+    gear_watch.end(end);
     for (n, scatter) in scatters.iter().enumerate() {
-        let (mut gear, mut time) = (watch, 0.0);
+        let (mut gear, mut time, mut record) = (gear_watch, 0.0, record.clone());
         orbit.restart(*scatter);
-        while time < end
-            && let Some(event) = orbit.next()
-        {
+        while time < end {
+            let before = orbit.state();
+            let Some(event) = orbit.next() else { break };
+            watch(&mut record, time, before, &event);
             match event {
                 OrbitEvent::Impact(impact) => {
                     time += impact.flight;
@@ -311,14 +329,9 @@ pub fn shares_with_contact(
                 OrbitEvent::LiftOff { wait, .. } => time += wait,
             }
         }
-        each(n, gear.share(end));
+        each(n, gear.share(end), time, record);
     }
     Ok(())
-}
-
-/// Refuses a simulated time too short for a share or endless.
-pub(crate) fn accept_periods(periods: f64) -> Result<f64, OutOfRange> {
-    accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")
 }
 
 #[cfg(test)]
@@ -355,9 +368,14 @@ mod tests {
             Scatter::build(restitution, deviation, seed as u64).unwrap()
         });
         let mut sum = Share::default();
-        shares_from_rest(&map, &scatters, 1, 1000.0, |_, share| {
-            sum = sum.plus(&share)
-        })
+        shares_from_rest(
+            &map,
+            ContactTime::INSTANT,
+            &scatters,
+            1,
+            1000.0,
+            |_, share| sum = sum.plus(&share),
+        )
         .unwrap();
         sum
     }
@@ -401,7 +419,7 @@ mod tests {
                 Scatter::build(restitution, deviation, 100 + seed as u64).unwrap()
             });
             let mut double = Share::default();
-            shares_with_contact(&map, contact, &scatters, 1, 1000.0, |_, share| {
+            shares_from_rest(&map, contact, &scatters, 1, 1000.0, |_, share| {
                 double = double.plus(&share);
             })
             .unwrap();
@@ -455,7 +473,8 @@ mod tests {
         let refused = |order, periods| {
             let each = |_, _| panic!("no part is simulated");
             let scatters = [Scatter::build(0.2, 0.0, 0).unwrap()];
-            shares_from_rest(&map, &scatters, order, periods, each).unwrap_err()
+            shares_from_rest(&map, ContactTime::INSTANT, &scatters, order, periods, each)
+                .unwrap_err()
         };
         assert_eq!(refused(0, 100.0).parameter, "order");
         assert_eq!(refused(1, 10.0).parameter, "periods");

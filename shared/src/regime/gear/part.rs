@@ -13,14 +13,42 @@ use crate::regime::MAX_SERIES_CHATTER_VELOCITY;
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
 pub type Tones = [[f32; 2]; 2];
 
+/// The upper tones of a track in single precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UpperTones {
+    /// Amplitudes over the first.
+    pub ratios: [f32; 2],
+    angles: [Phase; 2],
+}
+
+impl UpperTones {
+    /// Rounds the angles to steps of a phase.
+    pub fn new(tones: Tones) -> Self {
+        Self {
+            ratios: tones.map(|[ratio, _]| ratio),
+            angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),
+        }
+    }
+
+    /// Sine and cosine of the second tone at a phase of the first.
+    #[inline]
+    pub fn second(&self, phase: Phase) -> (f32, f32) {
+        sine_cosine_single(Phase::from_bits(phase.bits().wrapping_mul(2)) + self.angles[0])
+    }
+
+    /// The same of the third tone.
+    #[inline]
+    pub fn third(&self, phase: Phase) -> (f32, f32) {
+        sine_cosine_single(Phase::from_bits(phase.bits().wrapping_mul(3)) + self.angles[1])
+    }
+}
+
 /// Motion of the track and its impact map, in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackMap {
     single: Single,
     k: f32,
-    /// Amplitudes over the first and angles of the upper tones.
-    ratios: [f32; 2],
-    angles: [Phase; 2],
+    pub upper: UpperTones,
     /// Duration of an impact in rad, and in steps of 2^-32 turns.
     contact: f32,
     contact_steps: u32,
@@ -33,8 +61,7 @@ impl TrackMap {
         Ok(Self {
             single: Single::on_tones(built, f64::from(k), 1.0)?,
             k,
-            ratios: tones.map(|[ratio, _]| ratio),
-            angles: tones.map(|[_, angle]| Phase::from_radians(f64::from(angle))),
+            upper: UpperTones::new(tones),
             contact: 0.0,
             contact_steps: 0,
         })
@@ -53,18 +80,15 @@ impl TrackMap {
     #[inline]
     pub fn pull(&self, phase: Phase) -> (f32, f32) {
         let (sine, cosine) = sine_cosine_single(phase);
-        let ([second, third], [of_second, of_third]) = (self.ratios, self.angles);
+        let [second, third] = self.upper.ratios;
         if second == 0.0 {
             return (self.k - sine, cosine);
         }
-        let tone = |times: u32, angle: Phase| {
-            sine_cosine_single(Phase::from_bits(phase.bits().wrapping_mul(times)) + angle)
-        };
-        let (push, slope) = tone(2, of_second);
+        let (push, slope) = self.upper.second(phase);
         let mut pushed = sine + 4.0 * second * push;
         let mut surge = cosine + 8.0 * second * slope;
         if third > 0.0 {
-            let (push, slope) = tone(3, of_third);
+            let (push, slope) = self.upper.third(phase);
             pushed += 9.0 * third * push;
             surge += 27.0 * third * slope;
         }

@@ -1016,9 +1016,14 @@ mod tests {
         };
         let parts: [Scatter; 20] = core::array::from_fn(|n| part(n as u64));
         let mut sum = Share::default();
-        shares_from_rest(&map, &parts, order, 2000.0, |_, share| {
-            sum = sum.plus(&share)
-        })
+        shares_from_rest(
+            &map,
+            ContactTime::INSTANT,
+            &parts,
+            order,
+            2000.0,
+            |_, share| sum = sum.plus(&share),
+        )
         .unwrap();
         sum.share()
     }
@@ -1063,7 +1068,7 @@ mod tests {
             off < 0.04 + 0.01 * f64::from(settings.order - 1),
             "{truth} {plan:?}"
         );
-        let [_, pushed] = super::super::peaks(plan.tones);
+        let [_, pushed] = super::super::limits::peaks(plan.tones);
         assert!(
             settings.limits.acceleration * pushed < plan.k * 1.001,
             "{plan:?}"

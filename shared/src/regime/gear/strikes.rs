@@ -401,22 +401,18 @@ impl StrikeProfiler {
     /// Phase and launch velocity of the lock (docs/theory-real-parts.md#t10.3); `None` without one.
     /// A scan and a bisection solve `C(t0) = pi r k (1 - R)/(1 + R)`.
     fn find_lock(&self, restitution: f32) -> Option<(Phase, f32)> {
-        let StrikeSettings {
-            order, k, tones, ..
-        } = self.settings;
+        let StrikeSettings { order, k, .. } = self.settings;
         let turns = TAU * order as f32 * k / (1.0 + restitution);
         let wanted = 0.5 * turns * (1.0 - restitution);
-        let [[ratio, _], [third, _]] = tones;
-        let [angle, of_third] = tones.map(|[_, angle]| Phase::from_radians(f64::from(angle)));
+        let upper = &self.map.upper;
+        let [ratio, third] = upper.ratios;
         let rises = |phase: Phase| {
             let (_, mut speed) = sine_cosine_single(phase);
             if ratio != 0.0 {
-                let twice = Phase::from_bits(phase.bits().wrapping_mul(2)) + angle;
-                speed += 2.0 * ratio * sine_cosine_single(twice).1;
+                speed += 2.0 * ratio * upper.second(phase).1;
             }
             if third != 0.0 {
-                let thrice = Phase::from_bits(phase.bits().wrapping_mul(3)) + of_third;
-                speed += 3.0 * third * sine_cosine_single(thrice).1;
+                speed += 3.0 * third * upper.third(phase).1;
             }
             speed
         };

@@ -5,14 +5,16 @@ use core::f32::consts::TAU;
 
 use super::launch::{Launch, Short};
 use super::track::{Edge, Hump, Limit, Track};
-use crate::impact::anchor::approach::{Approach, approach, householder};
-use crate::impact::anchor::candidate::{MAX_NEGATIVE_DISCRIMINANT, MIN_FALL_SPEED_SQUARED};
+use crate::impact::anchor::approach::{approach, householder};
+use crate::impact::anchor::candidate::{
+    Candidate, MAX_NEGATIVE_DISCRIMINANT, MIN_FALL_SPEED_SQUARED,
+};
 use crate::impact::anchor::flight::{
     Ballistic, GAP_ROUNDING, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track as _, abs, larger,
     node_from_near, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
-use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, MAX_QUOTIENT_CURVATURE_RATIO};
+use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, quotient_step};
 use crate::impact::anchor::solve::{Bracket, Found, solve};
 
 /// Flight time in rad up to which the divided form is used: its omitted terms are below the
@@ -48,14 +50,6 @@ const MIN_TIME_TO_HUMP: f32 = 0.2;
 
 /// Flight time in rad up to which the quadratic near launch gives the start.
 const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
-
-/// Candidate: a place where the first impact of a low flight may be, without a search.
-pub(super) enum Candidate {
-    /// A short hop: flight in rad and arrival speed.
-    Hop { flight: f32, arrival: f32 },
-    /// The end of an approach.
-    Near(Approach),
-}
 
 /// A candidate from the flight near launch or from the fall of the parabola, with its validity
 /// limits.
@@ -610,12 +604,7 @@ fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
             slope,
             half_bend,
         } = launch.short(x);
-        if !(slope < 0.0 && abs(value * half_bend) < MAX_QUOTIENT_CURVATURE_RATIO * slope * slope) {
-            return None;
-        }
-        let inverse = 1.0 / slope;
-        let newton = value * inverse;
-        let e = -newton * (1.0 + half_bend * newton * inverse);
+        let e = quotient_step(value, slope, half_bend)?;
         let last = abs(e) <= MAX_LAST_STEP_RATIO * x;
         x += e;
         if !(x > 0.0 && x < short) {
@@ -649,15 +638,8 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         } else {
             high = x;
         }
-        let mut e = if slope < 0.0
-            && abs(value * half_bend) < MAX_QUOTIENT_CURVATURE_RATIO * slope * slope
-        {
-            let inverse = 1.0 / slope;
-            let newton = value * inverse;
-            -newton * (1.0 + half_bend * newton * inverse)
-        } else {
-            down_crossing(value, slope, half_bend).0
-        };
+        let mut e = quotient_step(value, slope, half_bend)
+            .unwrap_or_else(|| down_crossing(value, slope, half_bend).0);
         round += 1;
         // Rounding may move the root to an end.
         let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;

@@ -2,11 +2,12 @@
 
 use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
-use super::search::{Candidate, bisect, candidate, has_left, search};
+use super::search::{bisect, candidate, has_left, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
+use crate::impact::anchor::candidate::Candidate;
 use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
 use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
 use crate::impact::anchor::solve::Found;

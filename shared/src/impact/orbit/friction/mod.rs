@@ -7,7 +7,6 @@ mod push;
 use push::{Push, first_zero};
 
 use super::along::{Along, ContactMotion, accept_motion};
-use super::contact::Contact;
 use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
@@ -195,7 +194,7 @@ impl Friction {
         let excess = self
             .settings
             .chatter_velocity_excess(velocity, last.velocity);
-        self.integrate_contact(last.phase, chatter, velocity + excess)
+        self.move_in_contact(last.phase, chatter, velocity + excess)
     }
 
     /// The push on a part that slides in direction c.
@@ -222,7 +221,7 @@ impl Friction {
     }
 
     /// A contact from `phase` on for `duration` rad, with initial `velocity`.
-    fn integrate_contact(&self, phase: f64, duration: f64, velocity: f64) -> ContactMotion {
+    pub fn move_in_contact(&self, phase: f64, duration: f64, velocity: f64) -> ContactMotion {
         /// Phase step in rad past an event that changes nothing: the push only touches the friction
         /// limit.
         const TOUCH_PHASE_STEP: f64 = 1e-7;
@@ -321,7 +320,7 @@ impl Friction {
         }
         let mut velocity = 0.0;
         for _ in 0..MAX_CYCLES {
-            let cycle = self.integrate_contact(0.0, core::f64::consts::TAU, velocity);
+            let cycle = self.move_in_contact(0.0, core::f64::consts::TAU, velocity);
             if (cycle.velocity - velocity).abs() <= 1e-14 {
                 return Some(cycle);
             }
@@ -383,7 +382,7 @@ impl Along for Friction {
 
     fn move_in_chatter(
         &self,
-        _: &Contact,
+        _: [f64; 2],
         last: PartState,
         chatter: f64,
         velocity: f64,
@@ -392,7 +391,7 @@ impl Along for Friction {
     }
 
     fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion {
-        self.integrate_contact(phase, wait, velocity)
+        Friction::move_in_contact(self, phase, wait, velocity)
     }
 
     /// The normal force is `k` in the mean, whatever the motion, so friction holds an incline of at
