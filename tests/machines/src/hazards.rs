@@ -87,12 +87,6 @@ impl Hazard {
         self
     }
 
-    /// Sets the time of the first failure, s.
-    pub fn first_failure(mut self, seconds: f64) -> Self {
-        self.from = seconds;
-        self
-    }
-
     /// Sets the end, s.
     pub fn end(mut self, seconds: f64) -> Self {
         self.until = seconds;

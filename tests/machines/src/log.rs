@@ -90,20 +90,3 @@ fn unstuff(frame: &[u8]) -> Vec<u8> {
     bytes.reverse();
     bytes
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn unstuffing_restores_the_zeros() {
-        assert_eq!(unstuff(&[7, 9, 0b0111_1010]), [7, 0, 9, 0, 0, 0, 0]);
-        let run: Vec<u8> = (1..=9).collect();
-        assert_eq!(
-            unstuff(&[&run[..], &[0x82]].concat()),
-            [&run[..], &[0]].concat()
-        );
-        let long = [5; 134];
-        assert_eq!(unstuff(&[&long[..], &[0xff]].concat()), long);
-    }
-}

@@ -2,7 +2,7 @@
 //! that could start a machine.
 
 use kband_control::wire::{Outgoing, Receiver, Refusal, Request, Response, read_answer};
-use kband_control::{Event, Fault, StartCause, Target};
+use kband_control::{Fault, StartCause, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
@@ -125,6 +125,9 @@ fn a_thousand_pipelined_requests_are_answered() {
         assert!(answers + 12 >= counters.requests, "{frequency} Hz");
         assert_eq!(counters.answers_dropped, 0, "{frequency} Hz");
         assert!(rows > 0, "{frequency} Hz");
+        // The line carries no telemetry beside so many answers.
+        let dropped = counters.rows_dropped > 0;
+        assert_eq!(dropped, frequency > 30.0, "{frequency} Hz");
         rig.act(&Act::Enable(false));
         rig.run(rig.time() + 2.0);
         let late = rig.request(&Request::SelfTest, |response| match response {
@@ -170,14 +173,6 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     rig.act(&Act::Enable(true));
     rig.run(rig.time() + 0.2);
     assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
-    // The link may restore the enable that it withheld.
-    rig.request_done(&Request::Enable(false));
-    rig.run(rig.time() + 1.5);
-    let stopped = rig.time();
-    assert_eq!(rig.opens_after(stopped), Some(0.0));
-    rig.request_done(&Request::Enable(true));
-    rig.run(rig.time() + 0.2);
-    assert!(rig.seen_after(stopped, &Seen::Bridge(true)).is_some());
 }
 
 /// Withdrawing and restoring the link's enable must not acknowledge a fault.
@@ -198,10 +193,6 @@ fn the_link_acknowledges_no_fault() {
     assert_eq!(rig.seen_after(fault + 0.1, &Seen::Bridge(true)), None);
     assert_eq!(rig.seen_after(fault + 0.1, &Seen::Fault(false)), None);
     assert_eq!(rig.kept_fault(0), Some(Fault::OverTemperature.number()));
-    // The first start, without settings, was a fault that is acknowledged: within 100 cycles.
-    let acknowledged = Event::Acknowledged.number();
-    let mut late = rig.events().into_iter().filter(|event| event.cycle >= 100);
-    assert!(late.all(|event| event.event != acknowledged));
 }
 
 /// A `Set` between two faults must not clear their times.
