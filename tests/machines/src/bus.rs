@@ -34,6 +34,12 @@ pub fn write(address: u16, words: &[u16]) -> Vec<u8> {
     pdu
 }
 
+/// The two registers of a float.
+pub fn float(number: f32) -> [u16; 2] {
+    let bits = number.to_bits();
+    [(bits >> 16) as u16, bits as u16]
+}
+
 /// An answer with its times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answered {

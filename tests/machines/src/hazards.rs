@@ -7,7 +7,7 @@ use crate::chip::Hang;
 use crate::chip::kind::Kind;
 use crate::chip::world::Seen;
 use crate::images::feeder_on;
-use crate::rig::{Act, Rig, chip_of};
+use crate::rig::{Act, Rig, chip_of, ticks};
 use kband_control::wire::Request;
 use kband_control::{Settings, Target};
 use kband_plant::{Change, Scene};
@@ -175,6 +175,58 @@ impl Hazard {
     }
 }
 
+/// Plays a scenario on a chip, which may not be reset by it. "drive on" must follow the bridge.
+///
+/// # Panics
+/// It is reset, or "drive on" differs.
+pub fn play(kind: Kind, hazard: &Hazard) -> Outcome {
+    let outcome = hazard.play(hazard.before(kind));
+    assert_eq!(outcome.rig.resets().len(), 1, "{}", hazard.name);
+    drive_on_follows_the_bridge(&outcome.rig);
+    outcome
+}
+
+/// "drive on" must equal the bridge's state one sample after each change of either.
+///
+/// # Panics
+/// It differs.
+pub fn drive_on_follows_the_bridge(rig: &Rig) {
+    let trace = &rig.chip.board.world.trace;
+    let (mut bridge, mut output) = ((false, 0), (false, 0));
+    for (time, seen) in trace
+        .iter()
+        .chain([&(rig.chip.board.now, Seen::Ready(false))])
+    {
+        let since = bridge.1.max(output.1);
+        let apart = bridge.0 != output.0 && *time > since + ticks(60e-6);
+        assert!(!apart, "{bridge:?} {output:?} at {time}");
+        match seen {
+            Seen::Bridge(on) => bridge = (*on, *time),
+            Seen::DriveOn(on) => output = (*on, *time),
+            _ => {}
+        }
+    }
+}
+
+/// Makes each of these functions of a chip's kind a test on both chips.
+#[macro_export]
+macro_rules! on_both {
+    ($($name:ident,)*) => {
+        $crate::on_both!(stm32f405rg Stm32f405: $($name)*);
+        $crate::on_both!(stm32g474re Stm32g474: $($name)*);
+    };
+    ($chip:ident $kind:ident: $($name:ident)*) => {
+        mod $chip {
+            $(
+                #[test]
+                fn $name() {
+                    super::$name($crate::chip::kind::Kind::$kind);
+                }
+            )*
+        }
+    };
+}
+
 /// A cached board by its name; the first caller makes it.
 fn cached_rig(name: String, make: impl FnOnce() -> Rig) -> Rig {
     static MADE: Mutex<BTreeMap<String, Arc<OnceLock<Rig>>>> = Mutex::new(BTreeMap::new());
@@ -189,37 +241,27 @@ pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }
 
-/// Failures of the sensor and of its supply on a strong drive with a narrow limit.
-pub fn of_the_sensor() -> [Hazard; 3] {
-    let weak = plant(FAILURE_TIME, Change::Sensitivity(0.2));
-    let supply = |share| (FAILURE_TIME, Act::SensorSupply(share));
-    let strong_drive = |name| {
-        Hazard::of(name, 50.0, Target::Amplitude(0.242)).with(|scene| {
-            scene.settings.gain = 5.0;
-            scene.settings.amplitude_limit = 1.0;
-            scene.drive.gain = 5.0;
-        })
-    };
-    [
-        strong_drive("sensitivity falls to 0.2").acts([weak]),
-        strong_drive("its supply falls to half")
-            .acts([supply(0.5)])
-            .end(5.5),
-        strong_drive("its supply is gone").acts([supply(0.0)]),
-    ]
-}
-
-/// A machine at half its hard limit, commissioned with `kband settings commission --sensor`. Its
-/// sensor measures nothing of gravity, a current sensor 2 A at full output.
-pub fn of_current(name: &'static str) -> Hazard {
+/// Changes of sensitivity and voltage of a machine at half its hard limit, whose sensor measures the
+/// share `seen` of 1 g at rest. Commissioned with `kband settings commission --sensor`.
+pub fn of_sensitivity(name: &'static str, seen: f32) -> Hazard {
     Hazard::of(name, 50.0, Target::Amplitude(0.5)).with(|scene| {
-        scene.settings.sensor_rest = 1.65;
+        scene.settings.sensor_rest = 1.65 + 0.1 * seen;
         scene.settings.gain_tolerance = 1.3;
         scene.settings.load_tolerance = 1.3;
-        scene.settings.current_sensitivity = 0.3;
-        scene.settings.current_gain = 0.5;
-        scene.drive.current_gain = 0.5;
     })
+}
+
+/// As [`of_sensitivity`] with nothing measured of gravity, and a current sensor of 2 A at full
+/// output.
+pub fn of_current(name: &'static str) -> Hazard {
+    of_sensitivity(name, 0.0).with(measure_current)
+}
+
+/// Adds that current sensor.
+pub fn measure_current(scene: &mut Scene) {
+    scene.settings.current_sensitivity = 0.3;
+    scene.settings.current_gain = 0.5;
+    scene.drive.current_gain = 0.5;
 }
 
 /// Time at rest, just before the enable input comes on, s.
@@ -262,6 +304,21 @@ pub fn over_current() -> Hazard {
     Hazard::of("over-current", 50.0, Target::Amplitude(0.2))
         .acts(passes.into_iter().chain(withdrawn(3.0, 3.6)))
         .end(4.2)
+}
+
+/// Target gear: with parts whose scatter is so large from 4 s on that they hop irregularly, and
+/// without parts.
+pub fn of_gear() -> [Hazard; 2] {
+    const LOST: f64 = 4.0;
+    let parts = Hazard::of("parts fall out of gear", 50.0, Target::Gear { order: 1 })
+        .with(|scene| scene.parts = Scene::default().parts)
+        .acts([
+            plant(LOST, Change::Restitution(0.6)),
+            plant(LOST, Change::Scatter(0.1)),
+        ])
+        .end(LOST + 3.0);
+    let none = Hazard::of("gear without a part", 50.0, Target::Gear { order: 1 });
+    [parts, none]
 }
 
 /// Program errors at [`FAILURE_TIME`] on a chip. `panics` is the address of a function that panics, `stack`

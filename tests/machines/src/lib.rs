@@ -9,6 +9,7 @@ pub mod draw;
 pub mod emulator;
 pub mod hazards;
 pub mod images;
+pub mod log;
 pub mod probe;
 pub mod rig;
 pub mod terminal;

@@ -63,6 +63,8 @@ pub enum Act {
     Store(u32, u32),
     /// Supply of the sensor over its nominal one.
     SensorSupply(f32),
+    /// Drift of the sensor's voltage, V.
+    SensorOffset(f32),
 }
 
 /// Ticks for a time in s.
@@ -204,6 +206,7 @@ impl Rig {
                 let _ = board.store(*address, 4, *value);
             }
             Act::SensorSupply(share) => board.world.sensor_supply = *share,
+            Act::SensorOffset(volts) => board.world.sensor_offset = *volts,
         }
         self.chip.board.refresh();
     }

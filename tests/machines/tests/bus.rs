@@ -1,14 +1,15 @@
-//! The fieldbus of the flashed image: its pins and times, and its effects on the samples.
+//! The fieldbus of the flashed image: pins and times, authority, and its effects on the drive.
 
 use kband_control::wire::{Request, Response};
-use kband_control::{State, Target};
-use kband_machines::bus::{UNIT, read, write};
+use kband_control::{Fault, Limits, State, Target};
+use kband_machines::bus::{UNIT, float, frame, read, write};
 use kband_machines::chip::SAMPLE;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
+use kband_plant::Change;
 
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
@@ -34,6 +35,32 @@ fn board(hazard: &Hazard, baud: f32, parity: f32) -> Rig {
     }
     rig.request_done(&Request::Save);
     rig
+}
+
+/// A machine at rest whose board gives the bus this authority.
+fn under(target: Target, authority: f32) -> Rig {
+    let mut rig = machine(target, 19_200.0, 2.0);
+    rig.request_done(&Request::set("bus", authority));
+    rig.request_done(&Request::Save);
+    rig
+}
+
+/// Such a machine with its enable input on, which the bus has started.
+fn started(target: Target, authority: f32) -> Rig {
+    let mut rig = under(target, authority);
+    control(&mut rig, 0);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+    rig
+}
+
+/// The supply fails for 0.1 s; then the board starts.
+fn power_returns(rig: &mut Rig) {
+    rig.act(&Act::Volts(0.0));
+    rig.run(rig.time() + 0.1);
+    rig.act(&Act::Volts(3.3));
+    rig.run(rig.time() + 0.5);
 }
 
 /// Writes the control word and lets two drive cycles pass.
@@ -134,6 +161,137 @@ fn an_answer_waits_for_no_second_slice_of_planning() {
     assert!((float(1) / rig.amplitude() as f32 - 1.0).abs() < 0.02);
     assert!(float(7) > 50.0, "share in gear {}", float(7));
     assert_eq!(rig.bus_word(4) & 1 << 8, 1 << 8, "the target is held");
+}
+
+#[test]
+fn the_run_bit_runs_and_stops_with_the_enable_input() {
+    let mut rig = under(Target::K(0.8), 1.0);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Off), "without the input");
+    rig.act(&Act::Enable(true));
+    assert_eq!(poll(&mut rig, 0.3), state(State::Off), "without an edge");
+    assert_eq!(rig.bus_word(4) & 0b11, 0b01);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+    assert_eq!(poll(&mut rig, 1.0), state(State::Holding));
+    assert!(rig.chip.is_driven());
+    // Another target, whole.
+    let [high, low] = float(0.1);
+    rig.bus_write(1, &[33, high, low]);
+    poll(&mut rig, 1.0);
+    assert!((rig.amplitude() - 0.1).abs() < 2e-3, "{}", rig.amplitude());
+    assert_eq!(control(&mut rig, 0), state(State::Stopping));
+    assert_eq!(poll(&mut rig, 1.0), state(State::Off));
+    assert!(!rig.chip.is_driven());
+    // Off by the enable input as without a bus.
+    control(&mut rig, 1);
+    assert!(rig.chip.is_driven());
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 0.03);
+    assert!(!rig.chip.is_driven());
+    assert_eq!(rig.seen_after(1.0, &Seen::Fault(true)), None);
+}
+
+#[test]
+fn a_set_run_bit_starts_nothing_after_power_on() {
+    let mut rig = started(Target::K(0.8), 1.0);
+    power_returns(&mut rig);
+    let since = rig.time();
+    for enable in [true, false, true] {
+        // As without a bus, the enable input must be off once.
+        rig.act(&Act::Enable(enable));
+        rig.run(rig.time() + 0.2);
+        for _ in 0..3 {
+            assert_eq!(control(&mut rig, 1), state(State::Off));
+        }
+    }
+    assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+    control(&mut rig, 0);
+    assert_eq!(control(&mut rig, 1), state(State::Starting));
+}
+
+#[test]
+fn a_fault_is_acknowledged_with_authority_and_needs_an_edge() {
+    let fails = |rig: &mut Rig| {
+        rig.act(&Act::Plant(Change::SensorLost(true)));
+        assert_eq!(poll(rig, 0.5), state(State::Fault));
+        assert_eq!(rig.bus_word(6), u16::from(Fault::SensorLost.number()));
+        rig.act(&Act::Plant(Change::SensorLost(false)));
+    };
+    for authority in [1.0, 2.0] {
+        let mut rig = started(Target::K(0.8), authority);
+        poll(&mut rig, 1.0);
+        fails(&mut rig);
+        control(&mut rig, 0);
+        let answer = rig.bus_answer(&write(0, &[0x80]));
+        rig.run(rig.time() + 0.04);
+        if authority == 1.0 {
+            assert_eq!(answer, [0x90, 4]);
+            assert_eq!(rig.bus_word(5), state(State::Fault));
+            continue;
+        }
+        assert_eq!(rig.bus_word(5), state(State::Off));
+        assert_eq!(control(&mut rig, 1), state(State::Starting), "an edge");
+        fails(&mut rig);
+        let since = rig.time();
+        assert_eq!(control(&mut rig, 0x81), state(State::Off), "and no edge");
+        assert_eq!(poll(&mut rig, 0.5), state(State::Off));
+        assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+    }
+}
+
+#[test]
+fn a_silent_bus_leads_to_the_safe_amplitude() {
+    let mut rig = started(Target::Amplitude(0.3), 1.0);
+    poll(&mut rig, 1.5);
+    assert!((rig.amplitude() - 0.3).abs() < 6e-3);
+    // Frames of the desk and of other units keep nothing alive.
+    for n in 0..30 {
+        let frame = match n % 2 {
+            0 => Act::Link(rig.frame(&Request::Alive)),
+            _ => Act::Bus(frame(UNIT + 1, &read(0, 1))),
+        };
+        rig.act(&frame);
+        rig.run(rig.time() + 0.05);
+    }
+    println!("silent bus: {:.4} mm", rig.amplitude());
+    assert!((rig.amplitude() - 0.05).abs() < 2e-3, "{}", rig.amplitude());
+    assert_eq!(rig.bus_word(7), Limits::LINK_LOST.bits());
+    assert!(rig.chip.is_driven());
+    poll(&mut rig, 1.5);
+    assert!((rig.amplitude() - 0.3).abs() < 6e-3);
+    assert_eq!(rig.bus_word(7), 0);
+}
+
+#[test]
+fn without_authority_the_bus_reads_and_the_desk_commands() {
+    let mut rig = under(Target::K(0.8), 0.0);
+    for request in [
+        write(0, &[0]),
+        write(1, &[2]),
+        write(9, &[1]),
+        write(100, &float(60.0)),
+    ] {
+        assert_eq!(rig.bus_answer(&request), [0x90, 4]);
+    }
+    rig.request_done(&Request::Target(Target::K(0.5)));
+    assert_eq!(rig.bus_word(1), 32);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.3);
+    assert_eq!(rig.bus_word(5), state(State::Starting));
+    assert_eq!(rig.bus_word(4) & 1 << 9, 0);
+}
+
+#[test]
+fn a_save_over_the_bus_is_kept() {
+    let mut rig = under(Target::K(0.8), 1.0);
+    rig.bus_write(1, &[2]);
+    rig.bus_write(9, &[1]);
+    rig.run(rig.time() + 0.1);
+    assert_eq!(rig.bus_word(9), 2);
+    power_returns(&mut rig);
+    assert_eq!(rig.bus_word(1), 2);
+    assert_eq!(rig.bus_word(9), 0);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! or with the bridge open.
 
 use kband_control::wire::{Kept, Refusal, Request, Response, crc32};
-use kband_control::{Fault, Target};
+use kband_control::{Fault, StartCause, Target};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::kind::Kind;
@@ -10,39 +10,13 @@ use kband_machines::chip::world::Seen;
 use kband_machines::chip::{Chip, Hang, LINK, MILLISECOND, SAMPLE, flash};
 use kband_machines::draw::Draw;
 use kband_machines::hazards::{
-    AT_REST, ENABLE_TIME, Hazard, Outcome, bounce, of_current, of_the_program, of_the_sensor,
-    over_current, plant,
+    AT_REST, ENABLE_TIME, Hazard, Outcome, bounce, drive_on_follows_the_bridge, of_current,
+    of_gear, of_the_program, over_current, plant, play,
 };
-use kband_machines::images;
 use kband_machines::images::feeder_on;
 use kband_machines::rig::{Act, Rig, image_check, ticks};
+use kband_machines::{images, log, on_both};
 use kband_plant::Change;
-
-fn play(kind: Kind, hazard: &Hazard) -> Outcome {
-    let outcome = hazard.play(hazard.before(kind));
-    assert_eq!(outcome.rig.resets().len(), 1, "{}", hazard.name);
-    drive_on_follows_the_bridge(&outcome.rig);
-    outcome
-}
-
-/// "drive on" must equal the bridge's state one sample after each change of either.
-fn drive_on_follows_the_bridge(rig: &Rig) {
-    let trace = &rig.chip.board.world.trace;
-    let (mut bridge, mut output) = ((false, 0), (false, 0));
-    for (time, seen) in trace
-        .iter()
-        .chain([&(rig.chip.board.now, Seen::Ready(false))])
-    {
-        let since = bridge.1.max(output.1);
-        let apart = bridge.0 != output.0 && *time > since + ticks(60e-6);
-        assert!(!apart, "{bridge:?} {output:?} at {time}");
-        match seen {
-            Seen::Bridge(on) => bridge = (*on, *time),
-            Seen::DriveOn(on) => output = (*on, *time),
-            _ => {}
-        }
-    }
-}
 
 /// A machine that runs at an amplitude of 0.2 mm.
 fn machine() -> Hazard {
@@ -59,19 +33,6 @@ fn running(kind: Kind) -> Rig {
     rig.run(3.0);
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
     rig
-}
-
-/// Failures of the sensor or its supply at a limit of 1 mm.
-fn no_sensor_raises_the_amplitude(kind: Kind) {
-    for hazard in of_the_sensor() {
-        let outcome = play(kind, &hazard);
-        let name = hazard.name;
-        assert!(outcome.before > 0.2, "{name}: it ran");
-        assert!(outcome.largest <= 0.6, "{name}: {}", outcome.largest);
-        assert!(outcome.opens.is_some_and(|time| time < 2.0), "{name}");
-        assert!(outcome.fault.is_some(), "{name}");
-        assert!(outcome.after < 0.1, "{name}: {}", outcome.after);
-    }
 }
 
 /// 45 % of the sensitivity lost where the drive is as strong as commissioned, and twice as strong.
@@ -125,6 +86,44 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
         again.is_some_and(|time| (3.6..3.7).contains(&time)),
         "once it is past it can be acknowledged: {again:?}"
     );
+}
+
+/// In target gear READY is on once the estimated share in gear, less its error, is above 0.5. It is
+/// off below 0.4.
+fn ready_in_gear_follows_the_estimated_share(kind: Kind) {
+    let [parts, none] = of_gear();
+    let outcome = play(kind, &parts);
+    let on = outcome.ready.expect("gear is heard");
+    let off = outcome.rig.seen_after(on, &Seen::Ready(false));
+    let off = off.expect("they are out of it") - parts.from;
+    println!(
+        "READY on {:.3} s after the input, off {off:.3} s after gear",
+        on - ENABLE_TIME
+    );
+    assert!((0.0..2.0).contains(&off), "{off}");
+    let again = outcome.rig.seen_after(parts.from, &Seen::Ready(true));
+    assert_eq!(again, None, "they never come back to it");
+    let outcome = play(kind, &none);
+    assert!(outcome.after > 0.2, "it shakes: {}", outcome.after);
+    assert_eq!(outcome.ready, None);
+}
+
+/// A simulation on a board in service, and a converter of 13 bits: both must be refused.
+fn the_link_takes_no_machine_out_of_service(kind: Kind) {
+    let mut rig = running(kind);
+    let refused = |rig: &mut Rig, request: &Request<'_>| {
+        rig.request(request, |response| matches!(response, Response::Refused(_)))
+    };
+    let simulate = Request::Simulate {
+        target: Target::K(0.4),
+        start: StartCause::Ordinary,
+    };
+    assert!(refused(&mut rig, &simulate), "while it drives");
+    assert!((rig.amplitude() - 0.2).abs() < 0.01);
+    rig.act(&Act::Enable(false));
+    rig.run(4.2);
+    assert!(refused(&mut rig, &Request::set("converter_bits", 13.0)));
+    rig.request_done(&Request::set("converter_bits", 12.0));
 }
 
 /// The voltage must return to its middle within a sample of an over-current or a low supply.
@@ -224,6 +223,32 @@ fn hung_tasks_are_reset_at_any_watchdog_clock(kind: Kind) {
             "{clock}: {reset:?}"
         );
     }
+}
+
+/// The log in the chip's memory: a start, an enable input coming on, a fault.
+fn the_log_has_start_enable_and_fault(kind: Kind) {
+    let image = feeder_on(kind);
+    let mut rig = Rig::boot_on(kind);
+    rig.run(0.3);
+    let start = log::said(&rig.chip, &image);
+    assert_eq!(start[0].text, "kband {}, started by {}");
+    assert!(start[0].arguments.contains("power"), "{start:?}");
+    assert!(
+        start
+            .iter()
+            .any(|line| line.text == "settings: none were ever saved")
+    );
+    assert!(start.iter().is_sorted_by_key(|line| line.time), "{start:?}");
+    let mut rig = machine().commissioned(kind);
+    rig.at(ENABLE_TIME, Act::Enable(true))
+        .at(2.0, Act::ThermalSwitch(false))
+        .run(2.2);
+    let all = log::said(&rig.chip, &image);
+    println!("{all:?}");
+    let fault = all.iter().find(|line| line.text == "fault {}: {}");
+    let fault = fault.expect("a fault that is logged");
+    assert!(fault.arguments.contains("temperature"), "{fault:?}");
+    assert!((1900..2200).contains(&fault.time), "{fault:?}");
 }
 
 /// Pins of the outputs must float until the program has configured them; the machine's wiring
@@ -441,6 +466,33 @@ fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms(kind: Kind) {
     }
 }
 
+/// Chatter with a high phase of 20 ms after a long low one contains a press: it starts the drive
+/// once.
+fn an_enable_input_that_chatters_starts_nothing(kind: Kind) {
+    let resting = machine().commissioned(kind);
+    for (frequency, duty) in chatters() {
+        let mut rig = resting.clone();
+        let first = ENABLE_TIME + duty / frequency;
+        let until = first + 0.04 + 1.2 / frequency;
+        rig.at(ENABLE_TIME, Act::Enable(true));
+        for (time, act) in chatter(frequency, duty, first, until) {
+            rig.at(time, act);
+        }
+        rig.run(until + 0.02);
+        let started = rig.seen_after(ENABLE_TIME, &Seen::Bridge(true));
+        let opens = rig.opens_after(first);
+        let in_time = opens.is_some_and(|time| time < 5e-3);
+        let may = duty / frequency >= 0.02 && in_time;
+        assert!(
+            may || started.is_none(),
+            "{frequency} Hz, {duty}: {opens:?}"
+        );
+        let again = rig.seen_after(first + 5e-3, &Seen::Bridge(true));
+        assert_eq!(again, None, "{frequency} Hz, {duty}");
+        assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
+    }
+}
+
 /// The guard in the sample that closes the bridge must act: the control has still read a good
 /// supply.
 fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open(kind: Kind) {
@@ -534,6 +586,35 @@ fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
     rig.run(rig.time() + 0.2);
     let ended = rig.chip.operations();
     assert!(ended <= begun + 1, "{begun} words, then {ended}");
+}
+
+/// A supply that falls during an erasure, or fails near its end, when all bytes read as erased. No
+/// record may go to a sector whose erasure was not completed.
+fn an_erasure_that_was_cut_short_is_repeated(kind: Kind) {
+    for volts in [2.6, 0.0] {
+        let mut rig = worn(kind, room(kind));
+        rig.chip.board.flash.erases_in = Some(ticks(0.2));
+        set_pair(&mut rig, [0.7, 0.9]);
+        let erasures = rig.chip.board.flash.erasures;
+        rig.send(&Request::Save);
+        while rig.chip.board.flash.erasures == erasures {
+            rig.run(rig.time() + 1e-3);
+        }
+        rig.run(rig.time() + 0.19);
+        rig.act(&Act::Volts(volts));
+        assert!(rig.chip.board.flash.weak.contains(&true), "{volts} V");
+        rig.run(rig.time() + 0.05);
+        rig.act(&Act::Volts(3.3));
+        // Fault 14 ends after half a second with the enable input off.
+        rig.run(rig.time() + 1.0);
+        assert_eq!(pair(&mut rig), [700, 900], "{volts} V");
+        set_pair(&mut rig, [1.1, 1.3]);
+        rig.request_done(&Request::Save);
+        assert!(!rig.chip.board.flash.weak.contains(&true), "{volts} V");
+        let times = rig.chip.board.flash.erasures.iter().zip(&erasures);
+        assert_eq!(times.map(|(now, before)| now - before).sum::<u32>(), 2);
+        assert_eq!((rig.kept(), pair(&mut rig)), (Kept::InUse, [1100, 1300]));
+    }
 }
 
 /// Offset of the settings in the flash, bytes.
@@ -1005,47 +1086,27 @@ fn option_bytes_are_reported_and_in_force(kind: Kind) {
     assert!(rig.seen_after(sag + 0.1, &Seen::Fault(true)).is_some());
 }
 
-/// The tests on both chips.
-macro_rules! on_both {
-    ($($name:ident,)*) => {
-        mod stm32f405rg {
-            use super::*;
-            $(
-                #[test]
-                fn $name() {
-                    super::$name(Kind::Stm32f405);
-                }
-            )*
-        }
-        mod stm32g474re {
-            use super::*;
-            $(
-                #[test]
-                fn $name() {
-                    super::$name(Kind::Stm32g474);
-                }
-            )*
-        }
-    };
-}
-
 on_both! {
-    no_sensor_raises_the_amplitude,
     the_current_shows_a_loss_of_45_percent_at_any_gain,
     a_bounce_acknowledges_no_fault_and_the_third_locks_out,
     ready_is_off_outside_the_requested_regime,
+    ready_in_gear_follows_the_estimated_share,
+    the_link_takes_no_machine_out_of_service,
     the_voltage_goes_to_its_middle_with_the_bridge,
     a_program_error_opens_the_bridge,
     hung_tasks_are_reset_at_any_watchdog_clock,
+    the_log_has_start_enable_and_fault,
     outputs_float_in_reset_and_are_off_from_the_start_on,
     no_bootloader_drives_an_output_of_the_machine,
     samples_avoid_edges_and_keep_their_rate,
     no_supply_sag_drives_the_bridge_out_of_specification,
     an_enable_input_that_chatters_stops_a_drive_for_good,
     a_withdrawn_enable_input_opens_the_bridge_within_2_ms,
+    an_enable_input_that_chatters_starts_nothing,
     a_supply_that_falls_as_the_bridge_closes_keeps_it_open,
     flash_is_untouched_until_the_supply_settled,
     a_supply_that_falls_ends_a_save_at_the_next_word,
+    an_erasure_that_was_cut_short_is_repeated,
     a_cut_save_keeps_the_old_or_the_new_settings,
     a_full_area_of_settings_is_saved_to_in_time,
     an_erasure_that_ends_at_any_time_is_no_reset,

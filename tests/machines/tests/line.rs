@@ -1,7 +1,8 @@
-//! The link on the flashed image: a stuck line, a board at rest after resets, the strap.
+//! The link on the flashed image: a flood, a stuck line, a board at rest after resets, and requests
+//! that could start a machine.
 
-use kband_control::wire::{Refusal, Request, Response};
-use kband_control::{Fault, Target};
+use kband_control::wire::{Outgoing, Receiver, Refusal, Request, Response, read_answer};
+use kband_control::{Fault, StartCause, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
@@ -15,11 +16,204 @@ fn machine() -> Rig {
     hazard.commissioned(Kind::default())
 }
 
+/// The same at 0.2 mm, a second after its enable input came on.
+fn running() -> Rig {
+    let mut rig = machine();
+    rig.at(1.1, Act::Enable(true)).run(2.1);
+    assert!(rig.chip.is_driven());
+    rig
+}
+
+/// One request of each kind that does not change the drive, with telemetry every `cycles`.
+fn requests(cycles: u16) -> [Request<'static>; 20] {
+    [
+        Request::Setting(3),
+        Request::Get("frequency"),
+        Request::set("gain", 1.0),
+        Request::Save,
+        Request::Defaults,
+        Request::Target(Target::K(f32::NAN)),
+        Request::Telemetry(cycles),
+        Request::Event(0),
+        Request::SelfTest,
+        Request::Counters,
+        Request::LastWords,
+        Request::Alive,
+        Request::Simulate {
+            target: Target::K(0.4),
+            start: StartCause::Ordinary,
+        },
+        Request::Samples {
+            codes: &[],
+            end: None,
+        },
+        Request::Identification,
+        Request::Held,
+        Request::Fault(0),
+        Request::Status,
+        Request::Lock(None),
+        Request::Enable(true),
+    ]
+}
+
+/// Amplitudes of the track every 0.1 s, mm.
+fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
+    let began = rig.time();
+    let seen = (1..=times).map(|n| {
+        // Between two steps of the track.
+        let step = (20_000.0 * (began + 0.1 * f64::from(n))).floor();
+        rig.run((step + 0.5) / 20_000.0);
+        rig.amplitude()
+    });
+    seen.collect()
+}
+
 fn counters(rig: &mut Rig) -> kband_control::wire::Counters {
     rig.request(&Request::Counters, |response| match response {
         Response::Counters(counters) => counters,
         other => panic!("{other:?}"),
     })
+}
+
+/// A flood of requests, some of which are for the fastest telemetry, must neither hang the link nor
+/// delay the control.
+#[test]
+fn a_thousand_pipelined_requests_are_answered() {
+    let boards = [5.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
+    for (kind, frequency) in boards.into_iter().chain([(Kind::Stm32g474, 50.0)]) {
+        let mut hazard = Hazard::of("flood", frequency, Target::K(0.41));
+        if frequency < 30.0 {
+            hazard.target = Target::Amplitude(0.9);
+        }
+        hazard.scene.settings.link_timeout = 0.0;
+        // Within the acceleration limit at each of these frequencies.
+        hazard.scene.settings.safe_amplitude = 0.005;
+        hazard.scene.sensor.noise = 0.04;
+        let mut rig = hazard.commissioned(kind);
+        rig.at(1.1, Act::Enable(true)).run(3.6);
+        let silent = amplitudes(&mut rig.clone(), 45);
+        assert!(silent.iter().all(|amplitude| *amplitude > 4e-4), "it runs");
+        let before = rig.sent().len();
+        let mut bytes = Vec::new();
+        // As fast as the line carries it.
+        let telemetry = (frequency / 50.0).ceil() as u16;
+        for request in requests(telemetry).iter().cycle().take(1000) {
+            bytes.extend(rig.frame(request));
+        }
+        rig.act(&Act::Link(bytes));
+        let flooded = amplitudes(&mut rig, 45);
+        assert_eq!(flooded, silent, "{frequency} Hz: the amplitude's bits");
+        assert_eq!(rig.resets().len(), 1, "{frequency} Hz");
+        let mut receiver = Receiver::new();
+        let (mut answers, mut rows) = (0, 0);
+        for byte in rig.sent().split_off(before) {
+            if let Some(Ok(inside)) = receiver.push(byte)
+                && let Ok(Outgoing::Response { sequence, .. }) = read_answer(inside)
+            {
+                *if sequence == 0 {
+                    &mut rows
+                } else {
+                    &mut answers
+                } += 1;
+            }
+        }
+        let counters = counters(&mut rig);
+        println!("{frequency} Hz: {answers} answers, {rows} rows, {counters:?}");
+        // A drive cycle answers 32 requests and counts the others. The port's ring loses some of
+        // those that arrive faster than answers leave.
+        assert!(answers >= 190, "{frequency} Hz: {answers}");
+        assert!(answers + 12 >= counters.requests, "{frequency} Hz");
+        assert_eq!(counters.answers_dropped, 0, "{frequency} Hz");
+        assert!(rows > 0, "{frequency} Hz");
+        // The line carries no telemetry beside so many answers.
+        let dropped = counters.rows_dropped > 0;
+        assert_eq!(dropped, frequency > 30.0, "{frequency} Hz");
+        rig.act(&Act::Enable(false));
+        rig.run(rig.time() + 2.0);
+        let late = rig.request(&Request::SelfTest, |response| match response {
+            Response::SelfTest(test) => test.missed,
+            other => panic!("{other:?}"),
+        });
+        // Each of two saves at rest takes 5 ms: when commissioned, and after the run.
+        let saving = 2 * (0.006 * frequency) as u32;
+        assert!(late <= saving, "{frequency} Hz: {late} cycles came late");
+    }
+}
+
+/// With the input on since power-on no request may close the bridge.
+#[test]
+fn no_request_starts_a_machine_whose_input_is_on() {
+    let mut rig = machine();
+    rig.act(&Act::Volts(0.0));
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.3);
+    rig.act(&Act::Volts(3.3));
+    let on = rig.time();
+    rig.run(on + 0.5);
+    let set = Request::set("soft_start", 0.3);
+    for request in [
+        set,
+        Request::Defaults,
+        Request::Enable(false),
+        Request::Enable(true),
+        Request::Target(Target::Amplitude(0.3)),
+        set,
+        Request::Save,
+        Request::Enable(true),
+    ] {
+        rig.request_done(&request);
+        rig.run(rig.time() + 0.2);
+    }
+    rig.run(rig.time() + 2.0);
+    assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
+    // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
+    // input starts it.
+    rig.act(&Act::Enable(false));
+    rig.run(rig.time() + 0.6);
+    rig.act(&Act::Enable(true));
+    rig.run(rig.time() + 0.2);
+    assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
+}
+
+/// Withdrawing and restoring the link's enable must not acknowledge a fault.
+#[test]
+fn the_link_acknowledges_no_fault() {
+    let mut rig = running();
+    let fault = rig.time();
+    rig.act(&Act::ThermalSwitch(false));
+    rig.run(fault + 0.2);
+    rig.act(&Act::ThermalSwitch(true));
+    assert_eq!(rig.opens_after(fault + 0.1), Some(0.0));
+    for _ in 0..3 {
+        rig.request_done(&Request::Enable(false));
+        rig.run(rig.time() + 1.0);
+        rig.request_done(&Request::Enable(true));
+        rig.run(rig.time() + 1.0);
+    }
+    assert_eq!(rig.seen_after(fault + 0.1, &Seen::Bridge(true)), None);
+    assert_eq!(rig.seen_after(fault + 0.1, &Seen::Fault(false)), None);
+    assert_eq!(rig.kept_fault(0), Some(Fault::OverTemperature.number()));
+}
+
+/// A `Set` between two faults must not clear their times.
+#[test]
+fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
+    let mut rig = running();
+    for fault in 1..=3 {
+        rig.act(&Act::ThermalSwitch(false));
+        rig.run(rig.time() + 0.1);
+        rig.act(&Act::ThermalSwitch(true));
+        rig.act(&Act::Enable(false));
+        rig.run(rig.time() + 0.8);
+        if fault < 3 {
+            rig.request_done(&Request::set("soft_start", 0.3));
+        }
+        let from = rig.time();
+        rig.act(&Act::Enable(true));
+        rig.run(from + 0.4);
+        let closes = rig.seen_after(from, &Seen::Bridge(true));
+        assert_eq!(closes.is_some(), fault < 3, "fault {fault}: {closes:?}");
+    }
 }
 
 /// The port sends nothing, as with a failed transmitter. Then it is dead completely.
@@ -68,9 +262,7 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
 /// Three successive resets must end at rest, not in a loop of resets.
 #[test]
 fn three_resets_end_at_rest_with_fault_and_link() {
-    let mut rig = machine();
-    rig.at(1.1, Act::Enable(true)).run(2.1);
-    assert!(rig.chip.is_driven());
+    let mut rig = running();
     let from = rig.time();
     rig.act(&Act::Converts(false));
     rig.run(from + 3.0);

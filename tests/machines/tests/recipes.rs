@@ -1,7 +1,7 @@
 //! Three inputs select recipes on the flashed image while its drive runs.
 
 use kband_control::wire::{Request, Response};
-use kband_control::{Recipe, RecipeName, Settings, Target};
+use kband_control::{Event, Recipe, RecipeName, Settings, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Seen;
@@ -30,6 +30,18 @@ fn board() -> Rig {
     rig.act(&Act::Volts(3.3));
     rig.run(rig.time() + 0.4);
     rig
+}
+
+/// Wires the inputs for this recipe: PC6 counts 1, PC7 2, PC8 4.
+fn select(rig: &mut Rig, number: usize) {
+    for bit in 0..3 {
+        let level = if number >> bit & 1 == 1 {
+            Wire::Low
+        } else {
+            Wire::Open
+        };
+        rig.act(&Act::Wire(2, 6 + bit, level));
+    }
 }
 
 /// Number of the recipe in use.
@@ -63,15 +75,7 @@ fn inputs_select_recipes_while_the_drive_runs() {
     let mut before = 0;
     for number in [1, 2, 3, 0] {
         let begun = rig.time();
-        // PC6 counts 1, PC7 2, PC8 4.
-        for bit in 0..3 {
-            let level = if number >> bit & 1 == 1 {
-                Wire::Low
-            } else {
-                Wire::Open
-            };
-            rig.act(&Act::Wire(2, 6 + bit, level));
-        }
+        select(&mut rig, number);
         // The inputs must be constant for 50 ms.
         rig.run(begun + 0.045);
         assert_eq!(in_use(&mut rig), before);
@@ -88,4 +92,54 @@ fn inputs_select_recipes_while_the_drive_runs() {
         before = number;
     }
     assert_eq!(rig.seen_after(1.5, &Seen::Fault(true)), None);
+}
+
+#[test]
+fn bouncing_inputs_and_missing_recipes_change_nothing() {
+    let mut rig = board();
+    rig.act(&Act::Enable(true));
+    run(&mut rig, 1.5, 0.2);
+    let since = rig.time();
+    for n in 0..20 {
+        select(&mut rig, n % 4);
+        let begun = rig.time();
+        assert!(
+            run(&mut rig, 0.04, 0.2) <= begun,
+            "{n}: the amplitude is kept"
+        );
+    }
+    assert_eq!(in_use(&mut rig), 0);
+    assert_eq!(rig.seen_after(since, &Seen::Ready(false)), None);
+    // Recipe 5 is not there: READY goes off, the drive runs on.
+    let begun = rig.time();
+    select(&mut rig, 5);
+    let away = run(&mut rig, 0.5, 0.2);
+    assert!(away <= begun, "the amplitude is kept");
+    let dark = rig.seen_after(begun, &Seen::Ready(false));
+    assert!(dark.is_some_and(|time| time - begun < 0.1), "{dark:?}");
+    let refused = Event::RecipeRefused.number();
+    assert!(rig.events().iter().any(|event| event.event == refused));
+    let begun = rig.time();
+    select(&mut rig, 3);
+    let away = run(&mut rig, 1.2, 0.15);
+    assert!(rig.seen_after(begun, &Seen::Ready(true)).is_some());
+    assert!(away < begun + 1.0, "another recipe is taken");
+}
+
+#[test]
+fn inputs_that_are_wired_at_power_on_select_before_the_start() {
+    let mut rig = board();
+    rig.act(&Act::Volts(0.0));
+    select(&mut rig, 2);
+    rig.run(rig.time() + 0.3);
+    rig.act(&Act::Volts(3.3));
+    rig.run(rig.time() + 0.3);
+    assert_eq!(in_use(&mut rig), 2);
+    let since = rig.time();
+    rig.act(&Act::Enable(true));
+    rig.peak();
+    let away = run(&mut rig, 2.0, 0.3);
+    assert!(away < since + 1.5, "it holds the recipe's amplitude");
+    let largest = rig.peak();
+    assert!(largest < 1.02 * 0.3, "{largest}");
 }

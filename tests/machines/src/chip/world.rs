@@ -46,6 +46,8 @@ pub struct World {
     pub due: u64,
     /// Supply of the sensor over its nominal one; signal and middle scale with it.
     pub sensor_supply: f32,
+    /// Drift of the sensor's voltage, V.
+    pub sensor_offset: f32,
     /// Smallest number of timer cycles between an edge of the bridge and the converter's sampling
     /// time.
     pub min_edge_distance: u32,
@@ -84,6 +86,7 @@ impl World {
             angular: std::f32::consts::TAU * frequency,
             due: STEP,
             sensor_supply: 1.0,
+            sensor_offset: 0.0,
             min_edge_distance: u32::MAX,
             reading: 2048,
             analogue: [0; 19],
@@ -111,7 +114,8 @@ impl World {
         self.sum = 0.0;
         self.bench.hold(mean / FULL, self.step);
         let reading = f32::from(self.bench.sample().0);
-        self.reading = (reading * self.sensor_supply) as u16;
+        let drift = self.sensor_offset * (4096.0 / 3.3);
+        self.reading = (reading * self.sensor_supply + drift) as u16;
         self.analogue[CURRENT] = self.bench.current().0;
         self.bench.forget_strikes();
         let [x, _] = self.bench.motion();

@@ -1,0 +1,114 @@
+//! Lost link, missing setpoint, sweep and settings on the flashed image: none takes the amplitude
+//! beyond its limit.
+
+use kband_control::Target;
+use kband_control::wire::{Request, Response};
+use kband_machines::chip::kind::Kind;
+use kband_machines::hazards::{Hazard, play};
+use kband_machines::on_both;
+use kband_machines::rig::Act;
+
+/// The amplitude after the desk's last frame is the least of safe amplitude, setpoint and reference.
+fn a_lost_link_never_raises_the_amplitude(kind: Kind) {
+    const LAST: f64 = 2.3;
+    for (frequency, target, safe) in [
+        (50.0, Target::Amplitude(0.0), 0.05),
+        (120.0, Target::K(0.41), 0.05),
+        // The largest amplitude accepted here.
+        (300.0, Target::K(0.41), 0.033),
+    ] {
+        let mut hazard = Hazard::of("link lost", frequency, target);
+        hazard.from = LAST;
+        hazard.scene.settings.link_timeout = 0.8;
+        hazard.scene.settings.safe_amplitude = safe as f32;
+        let mut rig = hazard.before(kind);
+        let before = rig.amplitude();
+        rig.peak();
+        rig.run(LAST + 2.3);
+        let (after, peak) = (rig.amplitude(), rig.peak());
+        println!("{frequency} Hz, {target:?}: {before:.4} mm, then {after:.4}, at most {peak:.4}");
+        assert!(peak <= 1.02 * before + 1e-5, "{frequency} Hz: {peak}");
+        let least = before.min(safe);
+        assert!((after - least).abs() <= 0.02 * least + 1e-4, "{after}");
+        assert_eq!(rig.opens_after(LAST), None, "{frequency} Hz: it runs on");
+    }
+}
+
+/// Without a setpoint the track rests. A sweep of a strong drive for its resonance, and the widest
+/// band of it, keep to the safe amplitude and the target, and are no fault.
+fn neither_a_missing_setpoint_nor_a_sweep_raises_the_amplitude(kind: Kind) {
+    let none = Hazard::of("no setpoint", 50.0, Target::Speed(900.0));
+    let sweep =
+        Hazard::of("sweep of a strong drive", 50.0, Target::Amplitude(0.242)).with(|scene| {
+            scene.settings.gain = 5.0;
+            scene.drive.gain = 5.0;
+            scene.settings.amplitude_limit = 0.25;
+            scene.settings.tracking = 2.0;
+        });
+    let wide = Hazard::of("32 Hz of 200", 200.0, Target::K(0.41)).with(|scene| {
+        scene.settings.tracking = 32.0;
+        scene.settings.safe_amplitude = 0.005;
+    });
+    for (mut hazard, until, most) in [(none, 4.3, 0.0), (sweep, 6.0, 0.055), (wide, 6.0, 0.016)] {
+        let name = hazard.name;
+        (hazard.from, hazard.until) = (1.2, until);
+        let outcome = play(kind, &hazard);
+        let (largest, after) = (outcome.largest, outcome.after);
+        println!(
+            "{name}: {largest:.4} mm, at the end {after:.4}, READY {:?}",
+            outcome.ready
+        );
+        assert!(largest <= most, "{name}: {largest}");
+        assert_eq!((outcome.fault, outcome.opens), (None, None), "{name}");
+    }
+}
+
+/// A strong drive whose sensor has 0.6 of its sensitivity, with each setting at its largest accepted
+/// value. The amplitude must follow target and safe amplitude, also without the link.
+fn no_setting_overrides_a_limit(kind: Kind) {
+    // They describe the machine, are the limits, or would lengthen the test. A current sensor that
+    // is configured and not wired is fault 12.
+    const KEPT: &str = " current_sensitivity current_gain frequency bus resonance quality gain \
+        amplitude_limit acceleration_limit safe_amplitude soft_start soft_stop sensitivity \
+        sensor_zero converter_reference link_timeout tracking ";
+    let hazard = Hazard::of("settings", 50.0, Target::Amplitude(0.2)).with(|scene| {
+        scene.settings.gain = 5.0;
+        scene.drive.gain = 5.0;
+        scene.settings.link_timeout = 0.8;
+        scene.sensor.sensitivity = 0.6;
+    });
+    let mut rig = hazard.commissioned(kind);
+    let mut taken = 0;
+    for number in 0..u8::MAX {
+        let setting = rig.request(&Request::Setting(number), |response| match response {
+            Response::Setting(setting) => Some((setting.key.to_string(), setting.high)),
+            _ => None,
+        });
+        let Some((key, value)) = setting else {
+            break;
+        };
+        if !KEPT.contains(&format!(" {key} ")) {
+            let set = Request::Set { key: &key, value };
+            taken += u32::from(rig.request(&set, |response| response == Response::Done));
+        }
+    }
+    assert!(taken > 10, "{taken} settings taken");
+    let enabled = rig.time();
+    for n in 0..7 {
+        let frame = rig.frame(&Request::Alive);
+        rig.at(enabled + 0.3 * f64::from(n), Act::Link(frame));
+    }
+    rig.at(enabled + 0.05, Act::Enable(true)).run(enabled + 2.0);
+    let held = 0.6 * rig.amplitude();
+    rig.run(enabled + 5.0);
+    let lost = 0.6 * rig.amplitude();
+    println!("{taken} settings: {held:.4} mm, without the link {lost:.4} mm");
+    assert!((held / 0.2 - 1.0).abs() < 0.05, "{held}");
+    assert!((lost / 0.05 - 1.0).abs() < 0.05, "{lost}");
+}
+
+on_both! {
+    a_lost_link_never_raises_the_amplitude,
+    neither_a_missing_setpoint_nor_a_sweep_raises_the_amplitude,
+    no_setting_overrides_a_limit,
+}
