@@ -1,8 +1,9 @@
 //! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
 
 use super::*;
-use crate::Report;
+use crate::drive::{UPPER, absolute};
 use crate::signal_path::DetectedImpact;
+use crate::state::{Fault, Limits, State};
 use crate::testing::with;
 use kband::regime::classify::Regime;
 

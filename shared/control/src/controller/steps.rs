@@ -1,0 +1,635 @@
+//! The steps of one drive cycle, which `Controller::advance` calls.
+
+use core::f32::consts::TAU;
+
+use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
+use num_complex::Complex32 as Complex;
+
+use super::Controller;
+use crate::angle::{phase_of, radians_of};
+use crate::drive::{Approach, ImpactPhase, Scale, Shape, ToneInputs, TrackMotion, UPPER, absolute};
+use crate::hear::{Cycle, DriveState, ImpactEvidence, LoadMeter, MissedImpactDetector, Weighed};
+use crate::identify::{self, Driven, Step};
+use crate::inputs::Inputs;
+use crate::state::{Event, Events, Fault, Limits, State};
+use crate::supervise::{
+    Clearance, Decision, EnableResponse, FaultDetector, LimitInputs, Observation, Prediction,
+    SwingResult,
+};
+use crate::target::Target;
+
+/// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
+/// doubling (docs/theory-capture.md#t7.4).
+const GLIDE_CYCLES_PER_QUARTER: f32 = 150.0;
+/// Relative error of the amplitude at which the setpoint counts as reached.
+const SETPOINT_TOLERANCE: f32 = 0.01;
+/// Amplitude over the hard limit below which the track counts as at rest: about sensor noise.
+const REST_AMPLITUDE_SHARE: f32 = 0.02;
+/// Amplitude, in m per mm of the safe one, above which the resonance is tracked.
+const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
+/// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
+const MIN_FIRST_TONE_RATIO: f32 = 4.0;
+
+/// What a drive cycle shows of the track.
+pub(super) struct View<'c> {
+    pub(super) cycle: &'c Cycle,
+    /// Whether all measurements are finite.
+    pub(super) sound: bool,
+    /// Amplitude b, in m.
+    pub(super) measured: f32,
+    /// Phase lead of the track before the output.
+    pub(super) lead: Phase,
+    pub(super) motion: TrackMotion,
+}
+
+impl Controller {
+    /// Counts the cycle.
+    pub(super) fn count_cycle(&mut self) {
+        self.count = self.count.wrapping_add(1);
+        // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
+        if self.count == 0 {
+            self.listener.begin();
+        }
+        self.machine.count();
+    }
+
+    /// The view of a cycle, with the track's motion corrected for the parts' load.
+    pub(super) fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
+        let sine = -cycle.quadrature / self.scale.angular_squared;
+        let cosine = -cycle.in_phase / self.scale.angular_squared;
+        let [mut sine, mut cosine] = self.estimate_load(cycle, sine, cosine);
+        let sound = finite && sine.is_finite() && cosine.is_finite();
+        if !(sine.is_finite() && cosine.is_finite()) {
+            [sine, cosine] = [0.0; 2];
+        }
+        View {
+            cycle,
+            sound,
+            measured: square_root_single(sine * sine + cosine * cosine),
+            lead: phase_of(libm::atan2f(cosine, sine)),
+            motion: self.motion(cycle, Complex::new(sine, cosine)),
+        }
+    }
+
+    /// Whether [`Controller::is_ready`] depends on detected gear.
+    pub(super) fn detects_gear(&self) -> bool {
+        let target = self.selection.target;
+        self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
+    }
+
+    pub(super) fn commands_finite(&self) -> bool {
+        let upper = self.tones.output();
+        let mut numbers = upper.as_flattened().iter();
+        self.output.is_finite()
+            && self.output_lead.is_finite()
+            && numbers.all(|part| part.is_finite())
+    }
+
+    /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
+    /// phase, in m, for the impacts that the demodulator blanks.
+    pub(super) fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
+        if self.meter.is_none() {
+            return [sine, cosine];
+        }
+        let one = self.listener.margin();
+        let phases = &self.listener.phases;
+        let goal = self.selection.setpoint(&self.scale);
+        let (across, along) = sine_cosine_single(phase_of(self.output_lead));
+        let seen = Weighed {
+            motion: Complex::new(sine, cosine),
+            output: Complex::new(along, across) * self.output,
+            blanked: cycle.blanked,
+            square: self.scale.angular_squared,
+            frequency: self.resonance.frequency,
+            normal_gravity: self.scale.normal_gravity,
+            in_gear: self.in_gear(),
+            order: self.order().unwrap_or(1),
+            restitution: one.map(|margin| margin.restitution),
+            cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
+            sine: self.selection.shape.is_sine(),
+            concentration: phases.concentration(),
+            heard: !cycle.heard.is_empty(),
+            settled: self.machine.kick().is_none()
+                && self.machine.running()
+                && self.selection.chosen()
+                && (self.reference.now - goal).abs() < SETPOINT_TOLERANCE * goal
+                && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
+        };
+        let found = (self.meter.as_mut()).map_or(seen.motion, |meter| meter.cycle(&seen));
+        [found.re, found.im]
+    }
+
+    /// Converts the demodulated acceleration to the track's motion, in m.
+    fn motion(&self, cycle: &Cycle, first: Complex) -> TrackMotion {
+        // Displacement over acceleration at twice and three times the frequency.
+        let scales = [-1.0 / 4.0, -1.0 / 9.0];
+        let mut upper = [Complex::default(); UPPER];
+        for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
+            *tone = Complex::new(sine, cosine) * (scale / self.scale.angular_squared);
+        }
+        TrackMotion { first, upper }
+    }
+
+    /// Controls the upper tones, where the settings allow any. Only at the chosen setpoint.
+    pub(super) fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
+        if !self.tones.allowed() {
+            return;
+        }
+        let limits = self.limits.limits;
+        let sound = !limits.contains(Limits::LINK_LOST)
+            && !limits.contains(Limits::NO_SETPOINT)
+            && self.machine.state != State::Stopping
+            && self.selection.chosen();
+        let asked = ToneInputs {
+            motion: *motion,
+            wanted: if sound {
+                self.selection.shape
+            } else {
+                Shape::SINE
+            },
+            reference: self.reference.now,
+            square: self.scale.angular_squared,
+            room: self.settings.output_maximum - self.output,
+            least: MIN_FIRST_TONE_RATIO * self.scale.least,
+        };
+        let unlike = [Event::SecondToneUnlike, Event::ThirdToneUnlike];
+        for (event, happened) in unlike.into_iter().zip(self.tones.cycle(&asked)) {
+            if happened {
+                events.push(event);
+            }
+        }
+    }
+
+    /// Detects faults. Whether this cycle's reading is untrusted.
+    pub(super) fn detect_faults(
+        &mut self,
+        view: &View,
+        inputs: &Inputs,
+        events: &mut Events,
+    ) -> bool {
+        let (cycle, measured, lead) = (view.cycle, view.measured, radians_of(view.lead));
+        if inputs.chatters {
+            events.push(Event::EnableChatters);
+        }
+        for (present, at_rest_too, fault) in [
+            (inputs.stack_low, true, Fault::StackLow),
+            (inputs.supply_low, true, Fault::SupplyLow),
+            (inputs.clock_failed, true, Fault::ClockFailed),
+            (inputs.over_current, false, Fault::OverCurrent),
+            (inputs.control_late, false, Fault::ControlLate),
+            (inputs.over_temperature, false, Fault::OverTemperature),
+        ] {
+            if present && (at_rest_too || self.machine.running()) {
+                self.machine.fail(fault, events);
+            }
+        }
+        self.rest_test.cycle(cycle);
+        let driven = self.scale.after(self.by_current, cycle.current);
+        let by_current = (self.by_current + driven) * (0.5 * self.scale.per_ampere);
+        self.by_current = driven;
+        let expects = (self.predicted_envelopes[1] + self.predicted_envelopes[2])
+            * (0.5 * self.scale.full_amplitude);
+        let expected = Prediction {
+            running: self.machine.running(),
+            known: !self.resonance.is_sweeping(),
+            amplitude: absolute(expects),
+            by_current: (self.scale.per_ampere > 0.0).then(|| absolute(by_current)),
+            opposed: self.scale.is_opposed(expects, lead),
+            least: self.scale.least,
+            ceiling: self.scale.ceiling,
+            reference: self.reference.now,
+            error: cycle.noise * square_root_single(2.0 / f32::from(cycle.samples.max(1)))
+                / self.scale.angular_squared,
+            tolerance: self.settings.load_tolerance,
+            shifted: self.rest_test.deviates() == Some(true),
+        };
+        let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
+        if let Some(fault) = fault {
+            self.machine.fail(fault, events);
+        }
+        let by_current = expected.by_current.unwrap_or(expected.amplitude);
+        match self.swing.cycle(measured, [expected.amplitude, by_current]) {
+            SwingResult::Pending => {}
+            // The test swing moves no part, so the usual ratio under load is estimated from here.
+            SwingResult::Passed => self.faults.forget_usual(),
+            SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
+        }
+        blind
+    }
+
+    /// Follows the enable input, and the run bit of a bus in control.
+    pub(super) fn follow_enable_input(
+        &mut self,
+        inputs: &Inputs,
+        measured: f32,
+        events: &mut Events,
+    ) {
+        let at_rest =
+            self.reference.now <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
+        let patience = 4.0 * self.settings.soft_stop * self.settings.frequency;
+        let waits = !inputs.enable || inputs.bus.is_some_and(|bus| !bus.runs());
+        if waits && !self.machine.running() {
+            self.rest_test.restart();
+        }
+        let clearance = match self.rest_test.deviates() {
+            Some(true) => Clearance::Refused(Fault::SensorImplausible),
+            Some(false) if self.selection.chosen() => Clearance::Granted,
+            _ => Clearance::Pending,
+        };
+        let response =
+            self.machine
+                .follow_enable_input(inputs, clearance, (at_rest, patience), events);
+        match response {
+            Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
+            Some(EnableResponse::Stopping) if self.resonance.is_sweeping() => {
+                self.resonance.stop();
+                self.amplitude.resume(measured, self.output);
+            }
+            Some(EnableResponse::Started) => {
+                self.predicted_envelopes = [Complex::default(); 3];
+                self.tones.restart();
+                self.swing.begin();
+                if self.selection.target == Target::Identify
+                    && self.selection.no_setpoint().is_none()
+                {
+                    self.identifier.begin(self.settings.contact_time());
+                    self.selection.set_k(identify::FIRST_K);
+                }
+                if self.resonance.is_tracking() && self.sweep_amplitude() > 0.0 {
+                    self.resonance.begin();
+                    self.update_scale();
+                }
+            }
+            Some(EnableResponse::Stopping) | None => {}
+        }
+    }
+
+    /// Detects a target that depends on impacts while none are detected.
+    pub(super) fn detect_deafness(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
+        let limits = self.limits.limits;
+        let settled = match self.machine.state {
+            State::Holding | State::Capturing | State::Locked | State::Lost => true,
+            State::Limiting => limits == Limits::DEAF || limits == Limits::MISFIT,
+            _ => false,
+        };
+        let near = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
+            || self.machine.kick().is_some();
+        let order = self.order();
+        let wanted = match self.selection.target {
+            Target::Gear { .. } | Target::Flow(_) => true,
+            _ => self.selection.lock().is_some(),
+        };
+        let turns = f32::from(order.unwrap_or(1));
+        let unit = measured * square_root_single(self.scale.angular_squared);
+        let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
+        self.deafness.cycle(&ImpactEvidence {
+            listening: settled && wanted && self.selection.chosen(),
+            together: self.selection.lock().is_some(),
+            near,
+            rate: self.listener.phases.rate() * turns,
+            concentration: self.listener.phases.concentration(),
+            thrown: unit * self.listener.gear.landing_speed_from_rest(),
+            locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
+            kicked: self.machine.attempts() > 0,
+            noise: cycle.noise,
+        });
+    }
+
+    /// Determines the limits that hold the drive back in this cycle.
+    pub(super) fn update_limits(&mut self, inputs: &Inputs) {
+        let timeout = match inputs.bus {
+            None => self.settings.link_timeout,
+            Some(_) => self.settings.bus_timeout,
+        };
+        let mut causes = Limits::default();
+        // The frequencies of a sweep differ from that of the setpoint.
+        let above_ceiling = !self.resonance.is_sweeping()
+            && self.selection.setpoint(&self.scale) > self.scale.ceiling;
+        for (limit, present) in [
+            (Limits::NO_SETPOINT, self.selection.no_setpoint().is_some()),
+            (self.scale.ceiling_limit, above_ceiling),
+            (Limits::DEAF, self.deafness.missed_impacts),
+            (Limits::MISFIT, self.selection.misfit),
+            (
+                Limits::SECOND_TONE,
+                self.tones.missing_tones() != [false; UPPER],
+            ),
+        ] {
+            causes.set(limit, present);
+        }
+        self.limits.cycle(&LimitInputs {
+            running: self.machine.running(),
+            frame_received: inputs.link_heard,
+            link_timeout: (timeout > 0.0).then_some(timeout * self.settings.frequency),
+            saturated: self.amplitude.saturated,
+            causes,
+        });
+    }
+
+    /// Moves the reference by one cycle; its goal, in m.
+    pub(super) fn move_reference(&mut self) -> f32 {
+        let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
+        let limits = self.limits.limits;
+        let safe = settings.safe_amplitude * 1e-3;
+        let scale = setpoint.max(safe) / settings.frequency;
+        let (fewest, pace) = self.amplitude.start_limits();
+        let start = settings.soft_start.max(fewest / settings.frequency);
+        let up = Approach::Ramp(pace * scale / start);
+        let down = Approach::Ramp(scale / settings.soft_stop);
+        let (goal, pace) = match (self.machine.state, self.machine.kick()) {
+            (State::Off | State::Fault, _) => (0.0, Approach::Step),
+            (State::Stopping, _) => (0.0, down),
+            // Without a certain target the amplitude falls or stays, and never rises.
+            _ if limits.contains(Limits::LINK_LOST) => {
+                (safe.min(setpoint).min(self.reference.now), down)
+            }
+            _ if limits.contains(Limits::NO_SETPOINT) => (safe.min(self.reference.now), down),
+            _ if !self.selection.chosen() => (self.reference.now, Approach::Step),
+            (_, Some(kick)) => (setpoint * kick, Approach::Lag),
+            _ if self.machine.glides() => (
+                setpoint,
+                Approach::Ramp(setpoint * (0.25 / GLIDE_CYCLES_PER_QUARTER)),
+            ),
+            _ => (setpoint, up),
+        };
+        let goal = goal.min(self.scale.ceiling);
+        let allowed = self.swing_limits().map_or(goal, |[most, _]| goal.min(most));
+        self.reference
+            .advance(allowed, pace, self.lead, self.settings.envelope);
+        self.swing
+            .hold(allowed < goal && self.reference.now == allowed);
+        goal
+    }
+
+    /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
+    pub(super) fn swing_limits(&self) -> Option<[f32; 2]> {
+        let Scale { ceiling, least, .. } = self.scale;
+        let limits = self.swing.limits(self.reference.now, ceiling, least);
+        limits.filter(|_| !self.resonance.is_sweeping())
+    }
+
+    /// Upper limit of the next output, as a share of full output, without the accelerometer.
+    pub(super) fn most_output(&self) -> f32 {
+        let amplitude = self.swing_limits().map(|[_, most]| most);
+        self.scale
+            .most_output(self.predicted_envelopes[0], amplitude)
+    }
+
+    pub(super) fn switch_off(&mut self) {
+        (self.output, self.output_lead) = (0.0, 0.0);
+        self.reference.now = 0.0;
+        self.amplitude.reset();
+        self.tones.rest();
+        self.listener.clear();
+        self.deafness = MissedImpactDetector::default();
+        self.limits.rest();
+        if self.selection.misfit {
+            self.begin_again();
+        }
+        let decision = self.machine.rest();
+        self.carry_out(decision);
+        self.identifier.interrupt();
+    }
+
+    /// Switches the output off while the track comes to rest; the bridge is open already.
+    pub(super) fn release_output(&mut self) {
+        (self.output, self.output_lead) = (0.0, 0.0);
+        self.reference.now = 0.0;
+        self.amplitude.reset();
+        self.tones.rest();
+    }
+
+    /// Amplitude at the peak of the resonance search, in m.
+    pub(super) fn sweep_amplitude(&self) -> f32 {
+        (self.settings.safe_amplitude * 1e-3)
+            .min(self.selection.setpoint(&self.scale))
+            .min(self.scale.ceiling)
+    }
+
+    /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
+    pub(super) fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
+        let output = self.sweep_amplitude() / self.scale.full_amplitude;
+        self.output = output.min(self.settings.output_maximum);
+        self.output_lead = 0.0;
+        self.reference.now = measured;
+        let ended = self.resonance.advance_sweep(measured);
+        self.update_scale();
+        if ended {
+            self.amplitude.resume(measured, self.output);
+            events.push(Event::ResonanceFound);
+        }
+    }
+
+    pub(super) fn follow_resonance(&mut self, measured: f32) {
+        if self.resonance.is_tracking()
+            && measured > MIN_TRACKING_AMPLITUDE * self.settings.safe_amplitude
+        {
+            self.resonance.track(self.lead - self.output_lead);
+            self.update_scale();
+        }
+    }
+
+    /// Updates the numbers that depend on the drive's frequency.
+    pub(super) fn update_scale(&mut self) {
+        self.scale.retune(&self.settings, self.resonance.frequency);
+    }
+
+    /// Confidence, 0..1, that the parts are in the wanted lock; 0 with too faint single impacts.
+    pub(super) fn confidence(&self) -> f32 {
+        if self.deafness.crowd {
+            return 0.0;
+        }
+        self.listener.confidence(self.selection.lock())
+    }
+
+    /// Moves between the states of a running drive.
+    #[inline(always)]
+    pub(super) fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
+        let seen = Observation {
+            near: self.selection.chosen()
+                && self.reference.now == goal
+                && (measured - goal).abs() < SETPOINT_TOLERANCE * goal
+                && self.tones.arrived(),
+            limits: self.limits.limits,
+            lock: self.selection.lock().map(|_| self.confidence()),
+            regime: self.listener.regime.as_ref(),
+            plan: self.selection.search.plan(),
+            chaos: self.selection.found_chaos(),
+        };
+        let decision = self.machine.advance(&seen, events);
+        self.carry_out(decision);
+    }
+
+    /// Tests whether the parts fit the lot of gear. The verdict stays until the track is empty.
+    pub(super) fn watch_fit(&mut self) {
+        if self.selection.misfit {
+            if self.listener.empty {
+                self.begin_again();
+            }
+            return;
+        }
+        if self.selection.gear_order().is_some()
+            && self.machine.settled()
+            && self.listener.is_misfit()
+        {
+            self.selection.set_misfit(&self.settings, &self.scale);
+        }
+    }
+
+    /// Begins the target anew, for other parts.
+    #[inline(never)]
+    fn begin_again(&mut self) {
+        if let Ok(selection) = self.select(self.selection.target, &self.settings) {
+            self.selection = selection;
+            self.begin_target();
+        }
+    }
+
+    pub(super) fn retune_gear(&mut self) {
+        if self.machine.settled() {
+            self.selection.retune(
+                self.listener.margin().as_ref(),
+                self.tones.missing_tones(),
+                &self.settings,
+                &self.scale,
+            );
+        }
+    }
+
+    /// Carries out a decision of the state machine.
+    #[inline(always)]
+    fn carry_out(&mut self, decision: Decision) {
+        match decision {
+            Decision::Stay => {}
+            Decision::ForgetImpacts => self.listener.clear(),
+            Decision::GoToChaos(k) => self.selection.set_k(k),
+            Decision::GoToLock => self.selection.go_to_lock(),
+            Decision::NoChaos => self.selection.give_up_chaos(),
+        }
+    }
+
+    pub(super) fn identify(
+        &mut self,
+        cycle: &Cycle,
+        goal: f32,
+        measured: f32,
+        events: &mut Events,
+    ) {
+        if !self.identifier.is_running() {
+            return;
+        }
+        if self.machine.state != State::Holding {
+            if self.identifier.wait() != Step::Going {
+                events.push(Event::NotIdentified);
+            }
+            return;
+        }
+        let off = if self.reference.now == goal {
+            (measured - goal).abs() / goal
+        } else {
+            f32::INFINITY
+        };
+        let driven = Driven {
+            off,
+            k: f64::from(self.scale.k(measured)),
+            lead: phase_of(self.lead),
+            least: f64::from(self.scale.k(self.scale.reach(&self.settings))),
+            normal_gravity: self.scale.normal_gravity,
+            step: self.scale.step,
+            margin: self.listener.margin(),
+            thrown: self.listener.gear.landing_speed_from_rest(),
+            loudness: self.listener.gear.loudness(),
+        };
+        match self.identifier.cycle(&driven, cycle) {
+            Step::Going => {}
+            Step::At(k) => {
+                self.listener.clear();
+                self.selection.set_k(k);
+            }
+            Step::Done(true) => events.push(Event::Identified),
+            Step::Done(false) => events.push(Event::NotIdentified),
+        }
+    }
+
+    /// Controls the amplitude: the next output and its phase lead.
+    pub(super) fn control_amplitude(&mut self, view: &View) {
+        let reference = self.reference.now;
+        let most = self.most_output();
+        let struck = ImpactPhase {
+            at: (self.meter.as_ref()).map_or(Complex::default(), LoadMeter::struck),
+            silent: self.meter.as_ref().is_none_or(LoadMeter::silent),
+        };
+        [self.output, self.output_lead] = self
+            .amplitude
+            .control_under_load(view.motion.first, struck, reference, most)
+            .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, most), 0.0]);
+    }
+
+    /// Gives the cycle's impacts to the estimators of regime and gear.
+    pub(super) fn listen(&mut self, view: &View, goal: f32) {
+        let drive_state = DriveState {
+            count: self.count,
+            lead: view.lead,
+            order: self.order().unwrap_or(1),
+            k: self.scale.k(view.measured),
+            shape: self.measured.shape,
+            step: self.scale.step,
+            lot: self.selection.lot(&self.settings),
+            stands: self.machine.kick().is_none()
+                && self.reference.now == goal
+                && (view.measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal,
+            contact: self.settings.contact_time(),
+            detects_gear: self.detects_gear(),
+            needs_regime: self.machine.listens_for_chaos(),
+        };
+        self.listener
+            .cycle(view.cycle, &drive_state, self.selection.lock());
+    }
+
+    /// Selects the order of gear that gives the requested flow, by the present flow.
+    pub(super) fn serve_flow(&mut self, events: &mut Events) {
+        let flow = self.load().map(|load| load.flow);
+        self.selection
+            .serve_flow(flow, &self.settings, &self.scale, events);
+    }
+
+    pub(super) fn report_load(&mut self, events: &mut Events) {
+        let load = self.load();
+        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency) {
+            events.push(event);
+        }
+    }
+
+    pub(super) fn report_limits(&self, was_limited: bool, events: &mut Events) {
+        let is_limited = !self.limits.limits.is_empty();
+        if !was_limited && is_limited {
+            events.push(Event::Limited);
+        } else if was_limited && !is_limited && self.machine.running() {
+            events.push(Event::Freed);
+        }
+    }
+
+    /// Switches the drive off after an error of the firmware, and drops what the loops estimated.
+    pub(super) fn fail_firmware(&mut self, events: &mut Events) {
+        self.machine.fail(Fault::ControlLate, events);
+        self.amplitude.forget();
+        self.meter = LoadMeter::build(&self.settings);
+        self.tones.restart();
+        self.predicted_envelopes = [Complex::default(); 3];
+        self.switch_off();
+    }
+
+    /// Predicts the envelope at the end of the cycle that the output drives.
+    pub(super) fn predict_envelope(&mut self) {
+        let [newest, before, _] = self.predicted_envelopes;
+        // Missing amplitude counts as load only while impacts are detected.
+        let load = if self.listener.phases.rate() > 0.0 {
+            self.amplitude.load()
+        } else {
+            0.0
+        };
+        let (_, along) = sine_cosine_single(phase_of(self.output_lead));
+        let driven = self.output * along - load;
+        self.predicted_envelopes = [self.scale.after(newest, driven), newest, before];
+    }
+}
