@@ -16,10 +16,13 @@ use embedded_storage::nor_flash::{
 };
 use kband_loader::StatePages;
 use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
-use kband_loader::registers::{
+use registers::{
     FlashController, PROGRAM, change, copy, feed_watchdog, read, start_program, start_watchdog,
     write,
 };
+
+#[path = "registers.rs"]
+mod registers;
 
 /// The flash's controller (RM0090, 3.9).
 const FLASH: FlashController = FlashController {

@@ -13,8 +13,6 @@ pub mod layout;
 pub mod note;
 #[cfg(feature = "one_slot")]
 pub mod one_slot;
-#[cfg(target_os = "none")]
-pub mod registers;
 
 use embassy_boot::BlockingFirmwareState;
 use embedded_storage::nor_flash::{

@@ -1,11 +1,13 @@
 //! Registers that both chips have alike: the independent watchdog, and an operation of the flash.
+//!
+//! Each loader includes this file: a safe function of any address must not be public.
 
 use core::ptr::{read_volatile, write_volatile};
 
 /// Bit of the flash's control register: program.
 pub const PROGRAM: u32 = 1;
 /// Bit of the flash's control register: erase a sector or page.
-pub const ERASE: u32 = 1 << 1;
+const ERASE: u32 = 1 << 1;
 const START: u32 = 1 << 16;
 const LOCK: u32 = 1 << 31;
 const BUSY: u32 = 1 << 16;

@@ -19,10 +19,13 @@ use kband_control::wire::{
 use kband_loader::layout::stm32g474::{NOTE, PAGE, SLOT};
 use kband_loader::note::Note;
 use kband_loader::one_slot::{Memory, OneSlot};
-use kband_loader::registers::{
+use registers::{
     FlashController, PROGRAM, change, copy, feed_watchdog, read, start_program, start_watchdog,
     write,
 };
+
+#[path = "../../registers.rs"]
+mod registers;
 
 /// The flash's controller (RM0440, 3.7), and its registers for access and code.
 const CONTROLLER: FlashController = FlashController {
