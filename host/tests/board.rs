@@ -781,7 +781,7 @@ fn commissioning_saves_its_result_with_the_old_target() {
             ..Settings::default()
         };
         let saved = apply.then(|| (found.values().to_vec(), target));
-        assert_eq!(board.saved, saved, "it was told to keep them with --apply");
+        assert_eq!(board.saved, saved, "--apply saves them");
         assert!(apply || board.settings == before);
     }
 }

@@ -93,7 +93,7 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
 fn ready_in_gear_follows_the_estimated_share(kind: Kind) {
     let [parts, none] = of_gear();
     let outcome = play(kind, &parts);
-    let on = outcome.ready.expect("gear is heard");
+    let on = outcome.ready.expect("gear is detected");
     let off = outcome.rig.seen_after(on, &Seen::Ready(false));
     let off = off.expect("they are out of it") - parts.from;
     println!(
