@@ -13,5 +13,4 @@ esac
 export KBAND_ACCEPT=$accept
 # One after another: they write into the same pages.
 cargo test --quiet --release -p kband-host --test tables -- --include-ignored --test-threads 1
-cargo test --quiet -p kband-host --test schemas
 docs/pictures/draw.sh "$@"

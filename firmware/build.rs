@@ -13,8 +13,8 @@ _stack_end = ADDR(.stack);
 _stack_start = ADDR(.stack) + SIZEOF(.stack);
 ";
 
-/// Stack in bytes of each image: what it uses at most, and a third more. The emulated image also
-/// has the plant and its counters on it.
+/// Stack of each image, bytes: its largest use plus a third. The stack of the emulated image also
+/// holds the plant and its counters.
 const STACKS: [(&str, u32); 2] = [("feeder", 55 << 10), ("virtual_feeder", 76 << 10)];
 
 /// Limits for the board's image: flash without the loader, and RAM, stack included.
@@ -41,9 +41,11 @@ SECTIONS { .end : { LONG(_image_end) LONG(0) } > FLASH } INSERT AFTER .vector_ta
 /// erases the key in it.
 const BEFORE_SLOT: usize = 24 << 10;
 
-/// Marks the emulated board's image. Without a debugger it would hang at its first semihosting
-/// call.
+/// Marks the emulated board's image. Without a debugger it hangs at its first semihosting call.
 const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
+
+/// Cargo features of the boards, with the names of their memory maps.
+const BOARDS: [&str; 2] = ["stm32f405rg", "stm32g474re"];
 
 /// First address of the flash.
 const FLASH: u64 = 0x0800_0000;
@@ -64,16 +66,14 @@ fn main() {
         println!("cargo:rerun-if-changed={}", file.display());
         fs::copy(&file, out.join(name)).expect("the board's memory is described");
     }
+    let bounded = if board == "stm32g474re" { BOUNDED } else { "" };
     for (name, script) in [
         ("layout.x", LAYOUT),
         ("budget.x", BUDGET),
         ("checked.x", CHECKED),
-        (
-            "bounded.x",
-            if board == "stm32g474re" { BOUNDED } else { "" },
-        ),
+        ("bounded.x", bounded),
         ("emulated.x", EMULATED),
-        ("chip.x", &chip(&board)),
+        ("chip.x", &chip(board)),
     ] {
         fs::write(out.join(name), script).expect("OUT_DIR is writable");
     }
@@ -84,36 +84,29 @@ fn main() {
     for (image, stack) in STACKS {
         println!("cargo:rustc-link-arg-bin={image}=--defsym=kband_stack={stack}");
     }
-    build_loader(&board, &out);
+    build_loader(board, &out);
     println!("cargo:rustc-link-arg-bin=feeder=--defsym=kband_slot=1");
-    println!("cargo:rustc-link-arg-bin=feeder=-Tbudget.x");
-    println!("cargo:rustc-link-arg-bin=feeder=-Tchip.x");
-    println!("cargo:rustc-link-arg-bin=feeder=-Tchecked.x");
-    println!("cargo:rustc-link-arg-bin=feeder=-Tbounded.x");
+    for script in ["budget.x", "chip.x", "checked.x", "bounded.x"] {
+        println!("cargo:rustc-link-arg-bin=feeder=-T{script}");
+    }
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");
 }
 
-/// Name of the board: the cargo feature that has the name of a memory map.
-fn board() -> String {
-    let here = fs::read_dir(env!("CARGO_MANIFEST_DIR")).expect("this crate has a folder");
-    let mut boards: Vec<String> = here
-        .flatten()
-        .filter_map(|file| Some(file.file_name().to_str()?.strip_suffix(".x")?.to_owned()))
-        .collect();
-    boards.sort();
-    let feature = |board: &&String| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase()));
-    let chosen: Vec<&String> = (boards.iter().filter(|board| feature(board).is_some())).collect();
+/// Name of the board: the cargo feature that is on.
+fn board() -> &'static str {
+    let feature = |board: &&str| env::var_os(format!("CARGO_FEATURE_{}", board.to_uppercase()));
+    let chosen: Vec<&str> = (BOARDS.into_iter().filter(|board| feature(board).is_some())).collect();
     match chosen[..] {
-        [board] => board.clone(),
+        [board] => board,
         _ => panic!(
             "{} boards are chosen; choose one: --no-default-features --features {}",
             chosen.len(),
-            boards.join("|")
+            BOARDS.join("|")
         ),
     }
 }
 
-/// Builds the loader with this build's toolchain, in a folder of its own, as `loader.bin` of `out`.
+/// Builds the loader with this build's toolchain, in a separate folder, as `loader.bin` of `out`.
 fn build_loader(board: &str, out: &Path) {
     let (bin, size) = match board {
         "stm32f405rg" => ("loader", 0),
@@ -122,7 +115,7 @@ fn build_loader(board: &str, out: &Path) {
     let target = env::var("TARGET").expect("cargo sets TARGET");
     let folder = out.join("loader");
     let mut cargo = Command::new(env::var_os("CARGO").expect("cargo sets CARGO"));
-    // The wrapper of the compiler is named from the workspace on.
+    // The path of the compiler's wrapper is relative to the workspace.
     cargo.current_dir("..");
     cargo.args(["build", "--quiet", "--locked", "--profile", "firmware"]);
     cargo.args(["--package", "kband-loader", "--bin", bin]);
@@ -132,7 +125,7 @@ fn build_loader(board: &str, out: &Path) {
     cargo
         .args(["--target", &target, "--target-dir"])
         .arg(&folder);
-    // A check of the sources compiles nothing.
+    // A checker such as Clippy as wrapper would compile nothing.
     cargo.env_remove("RUSTC_WORKSPACE_WRAPPER");
     assert!(cargo.status().is_ok_and(|status| status.success()));
     let loader = fs::read(folder.join(target).join("firmware").join(bin)).expect("it was built");
@@ -155,7 +148,7 @@ fn chip(board: &str) -> String {
     format!("SECTIONS {{ .chip 0 (INFO) : {{ {name}}} }}\n")
 }
 
-/// Sources of an image. A change of them without a commit marks the image.
+/// Sources of an image. An uncommitted change of them marks the image.
 const SOURCES: [&str; 6] = [
     ".cargo",
     "Cargo.lock",
@@ -165,7 +158,7 @@ const SOURCES: [&str; 6] = [
     "shared",
 ];
 
-/// Commit of the image, with "-dirty" where its sources differ from it; "unknown" outside a
+/// Commit of the image, with "-dirty" if its sources differ from it; "unknown" outside a
 /// repository.
 fn commit() -> String {
     let git = |arguments: &[&str]| {

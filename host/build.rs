@@ -1,4 +1,4 @@
-//! Tells the crate which commit it is built from, and makes its table of columns.
+//! Sets the commit of the build, and generates the table of columns.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -8,7 +8,6 @@ mod columns;
 #[path = "build/commit.rs"]
 mod commit;
 
-/// The table of the columns of all outputs.
 const COLUMNS: &str = "src/report/columns.tsv";
 
 fn main() {
@@ -19,7 +18,7 @@ fn main() {
     let table = fs::read_to_string(folder.join(COLUMNS)).expect("the table of columns is read");
     let out = env::var_os("OUT_DIR").map_or_else(PathBuf::new, PathBuf::from);
     fs::write(out.join("columns.rs"), columns::source(&table)).expect("its constants are written");
-    // A build for tests is made anew with every change of a source; it would be with every commit as well.
+    // A debug build does not depend on the commit: it would be compiled again after every commit.
     if env::var_os("PROFILE").is_some_and(|profile| profile == "debug") {
         println!("cargo::rustc-env=KBAND_COMMIT=unknown (a build for tests)");
         return;
@@ -37,7 +36,7 @@ fn main() {
     println!("cargo::rustc-env=KBAND_COMMIT={}", commit::commit(&folder));
 }
 
-/// What is not there would be looked for again in every build.
+/// A missing file would cause a new build each time.
 fn watch(path: &Path) {
     if path.exists() {
         println!("cargo::rerun-if-changed={}", path.display());

@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 
 class Licence:
-    """An SPDX expression, evaluated with the licences that are allowed."""
+    """Whether the allowed licences satisfy an SPDX expression."""
 
     def __init__(self, expression, allowed):
         # An exception (WITH) permits more than its licence, which decides here.
@@ -48,7 +48,7 @@ class Licence:
 
 
 def findings(packages, rules):
-    """One line for each package that the rules do not permit."""
+    """One line for each package that violates the rules."""
     exceptions = {each["crate"]: each["allow"] for each in rules["licenses"].get("exceptions", [])}
     registries = {f"registry+{url}" for url in rules["sources"]["allow-registry"]}
     versions = collections.defaultdict(list)

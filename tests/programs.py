@@ -5,8 +5,8 @@
     tests/programs.py -p PACKAGE --test NAME    selected ones
 
 The longest programs of the last run start first. Programs that wait for an emulated board run
-beside those that compute. Prints the output of each program when it ends. Exit status 1 if one
-failed.
+beside those that compute, and come first at a core: their clocks run in real time. Prints the
+output of each program when it ends, and all failures again at the end. Exit status 1 if one failed.
 """
 
 import concurrent.futures
@@ -21,15 +21,18 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
 TIMES = TARGET / "run/programs.json"
-# Programs that compute, at once: each has as many threads as there are cores, and ends on one of
-# them.
+# Number of computing programs at once: each has a thread for every core, but ends on a single one.
 LANES = 2
-# Programs that wait, and how many of their tests do so at once.
-WAITING = {"board": 4, "live": 2}
+# Programs that mostly wait, and the number of their tests at once.
+WAITING = {"board": 4, "fieldbus": 2, "serve": 2}
+# Niceness of the programs that compute.
+NICENESS = 10
+# Number of characters of a program's failures that are printed again.
+REPEATED = 1500
 
 
 def programs():
-    """Name, source and file of every test program, and the folder that it runs in."""
+    """Name, source and file of every test program, and its working folder."""
     command = ["cargo", "test", "--locked", "--no-run", "--message-format=json"]
     command += sys.argv[1:] or ["--test", "*"]
     built = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
@@ -55,9 +58,10 @@ def main():
         environment = dict(os.environ, CARGO_MANIFEST_DIR=str(folder), **cargo)
         if name in WAITING:
             environment["RUST_TEST_THREADS"] = str(WAITING[name])
+        niceness = [] if name in WAITING else ["nice", "-n", str(NICENESS)]
         began = time.time()
         ran = subprocess.run(
-            [file, "--show-output"],
+            [*niceness, file, "--show-output"],
             cwd=folder,
             env=environment,
             stdin=subprocess.DEVNULL,
@@ -67,7 +71,9 @@ def main():
         times[name] = round(time.time() - began, 2)
         text = ran.stdout.decode(errors="replace")
         print(f"     Running {source} ({file})\n{text}", flush=True)
-        return None if ran.returncode == 0 else f"{name} (exit status {ran.returncode})"
+        if ran.returncode == 0:
+            return None
+        return f"{name} (exit status {ran.returncode})", text.partition("\nfailures:\n")[2]
 
     slowest = sorted(found, key=lambda program: -times.get(program[0], 0.0))
     waits, computes = (concurrent.futures.ThreadPoolExecutor(lanes) for lanes in (1, LANES))
@@ -77,8 +83,10 @@ def main():
     failed = [future.result() for future in ran if future.result()]
     TIMES.parent.mkdir(parents=True, exist_ok=True)
     TIMES.write_text(json.dumps(times))
+    for name, failures in failed:
+        print(f"{name}:\n{failures[:REPEATED]}")
     if failed:
-        sys.exit("test programs that failed: " + ", ".join(failed))
+        sys.exit("test programs that failed: " + ", ".join(name for name, _ in failed))
     print(f"{len(found)} test programs passed")
 
 

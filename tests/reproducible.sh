@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the board's image of the last commit in two folders with two homes of cargo, and compares
-# them. Takes a few minutes.
+# Builds the board's image of the last commit in two folders, each with its own CARGO_HOME, and
+# compares them. Takes a few minutes.
 #
 #   tests/reproducible.sh [TOOLCHAIN]   TOOLCHAIN such as +kband-thumb
 set -eu

@@ -17,8 +17,8 @@
 # A million launches take 4 s of a core on one tone and 5 s on several: 1000 million take 1 to 2
 # hours.
 #
-# Each step prints its name, its time and its closing lines. Its whole output is in
-# target/run/STEP.log; the end is printed where the step fails. A step that exceeds its limit is
+# Each step prints its name, its time and its last lines. Its complete output is in
+# target/run/STEP.log; the end is printed if the step fails. A step that exceeds its limit is
 # killed, with every process that it started. After the first two steps there is no network.
 set -u
 exec </dev/null
@@ -59,8 +59,7 @@ stop() {
 }
 trap stop INT TERM HUP
 
-# Prints the result line of every test program that holds tests, with its name, and measured sizes
-# and counts.
+# Prints name and result line of every test program with tests, and measured sizes and counts.
 closing_lines() {
     awk '/^     Running |^   Doc-tests / { name = $NF; gsub(/.*\/|-[0-9a-f]+\)$/, "", name) }
         /^test result:/ && !/ 0 passed; 0 failed; 0 ignored/ { print "   " name ": " $0 }
@@ -193,8 +192,8 @@ step "clippy for the desk" 1200 cargo clippy --locked --workspace --exclude kban
 step "clippy for the target" 1200 $cross clippy --config firmware/image.toml --locked --profile firmware --target $thumb \
     --target-dir "$target/emulated" --package kband-firmware --package kband-loader --package kband-emulated -- -D warnings
 # The tests need these images, built with the same arguments. One package at a time: together the
-# packages would get each other's features. The second board comes first, because the image of the
-# first one overwrites it.
+# packages would get each other's features. The second board is built first, because the image of
+# the first one overwrites it.
 image() {
     local name=$1
     shift

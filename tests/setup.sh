@@ -7,7 +7,7 @@
 #   tests/setup.sh            install what is missing
 #   tests/setup.sh --check    install nothing; exit status 1 and one line if something is missing
 #
-# No step can wait for ever: standard input is empty and every download has a time limit.
+# No step waits without end: standard input is empty and every download has a time limit.
 set -u
 exec </dev/null
 cd "$(dirname "$0")/.." || exit 1

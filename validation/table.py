@@ -88,14 +88,19 @@ def gear_row(name: str, found: list[dict], own: list[dict]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+ROLLED_OFF = -1000.0
+"""Mean speed in mm/s below which a part has rolled off the track and falls."""
+
+
 def tumbling_row(name: str, found: list[dict], own: list[dict]) -> str:
+    speed = column(found, "speed")
     cells = [
         name,
         str(len(found)),
         shown(column(found, "engine_share"), 2),
         shown(column(found, "estimated_share"), 2),
         shown(column(found, "k"), 2),
-        shown(column(found, "speed"), 1),
+        "rolled off" if speed.mean() < ROLLED_OFF else shown(speed, 1),
         shown(column(found, "restitution"), 2),
         shown(column(found, "scatter"), 2),
         shown(column(found, "ready"), 2),

@@ -37,6 +37,8 @@ SPACING = 2.2
 LOFT = 1.0
 """Height in m at which parts wait that are not on their track."""
 STEPS_PER_CONTACT = 16
+DRAWN = (0.05, 0.98)
+"""Bounds of a drawn restitution: with less, Tsuji's damping is unstable and throws parts away."""
 SHAPES = {
     "block": (BLOCK_RADIUS, [(0.0, 0.0, 0.0)]),
     "sphere": (BLOCK_RADIUS, [(0.0, 0.0, 0.0)]),
@@ -152,7 +154,7 @@ class YadePlant(EnginePlant):
         if run.scatter > 0.0:
             drawn = run.restitution + run.scatter * self.draws[track].standard_normal()
             base, own, _ = self.pairs[part]
-            self.pairs[part] = (base, own, min(max(drawn, 1e-3), 0.98))
+            self.pairs[part] = (base, own, min(max(drawn, DRAWN[0]), DRAWN[1]))
             self.redraw = True
 
     def set_restitutions(self) -> None:

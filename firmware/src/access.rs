@@ -2,9 +2,9 @@
 
 use kband_control::wire::{Access, Pin, Refusal};
 
-/// Number of wrong PINs after which the link waits.
+/// Number of wrong PINs after which PINs are refused for a time.
 const MAX_WRONG_PINS: u8 = 5;
-/// Time for which the link then refuses PINs, s.
+/// Duration of that refusal, s.
 const PIN_WAIT_S: u32 = 60;
 
 /// The lock of the link.
@@ -13,7 +13,7 @@ pub struct LinkLock {
     pin: Option<Pin>,
     /// Whether the PIN was given since the start.
     open: bool,
-    wrong: u8,
+    wrong_pins: u8,
     /// Time since the start of the last wrong PIN, s.
     since: u32,
 }
@@ -48,20 +48,20 @@ impl LinkLock {
     /// Opens the lock until the next start.
     ///
     /// # Errors
-    /// The PIN is wrong, or the wait after five wrong ones is not over.
+    /// The PIN is wrong, or the refusal after five wrong PINs lasts.
     pub fn unlock(&mut self, pin: Pin, now: u32) -> Result<(), Refusal<'static>> {
-        if self.wrong >= MAX_WRONG_PINS {
+        if self.wrong_pins >= MAX_WRONG_PINS {
             let waited = now.saturating_sub(self.since);
             if waited < PIN_WAIT_S {
                 return Err(Refusal::Wait((PIN_WAIT_S - waited) as u16));
             }
-            self.wrong = 0;
+            self.wrong_pins = 0;
         }
-        if self.pin.is_some_and(|right| right != pin) {
-            (self.wrong, self.since) = (self.wrong + 1, now);
+        if self.pin.is_some_and(|correct| correct != pin) {
+            (self.wrong_pins, self.since) = (self.wrong_pins + 1, now);
             return Err(Refusal::WrongPin);
         }
-        (self.open, self.wrong) = (true, 0);
+        (self.open, self.wrong_pins) = (true, 0);
         Ok(())
     }
 }
@@ -80,7 +80,7 @@ mod tests {
         for _ in 0..5 {
             assert_eq!(lock.unlock(pin("1234"), 100), Err(Refusal::WrongPin));
         }
-        // Not even the right PIN.
+        // The right PIN is refused too.
         assert_eq!(lock.unlock(pin("12345678"), 100), Err(Refusal::Wait(60)));
         assert_eq!(lock.unlock(pin("12345678"), 159), Err(Refusal::Wait(1)));
         assert_eq!(lock.unlock(pin("1234"), 160), Err(Refusal::WrongPin));

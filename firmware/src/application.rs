@@ -1,38 +1,38 @@
 //! Sampled control of the drive in two tasks: the sample interrupt and the control of each cycle.
 //!
-//! The interrupt takes the converter's codes and the enable contact once a sample (50 us), and
-//! gives the drive signal, -1..1. It demodulates the acceleration at the drive's frequency (lock-in
-//! amplifier: Meade 1983), and switches off after [`MAX_COMMAND_AGE_CYCLES`] cycles without a
-//! command. The control gets the demodulated cycle and commands the amplitude of the next.
+//! The interrupt reads the converter's codes and the enable contact once a sample (50 us). It sets
+//! the drive signal, -1..1, and demodulates the acceleration at the drive's frequency (lock-in
+//! amplifier: Meade 1983). After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command it switches
+//! off. The control receives the demodulated cycle and commands the amplitude of the next.
 
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
 use kband_control::{PLAN_SLICES, Signal};
 
 use crate::board::{Drive, Monitor, Panel, Sense};
-use crate::enable::{Contact, Debounce, EnableCycle};
 use crate::exchange::{COMMAND, Exchange, MAX_COMMAND_AGE_CYCLES, SIGNAL};
+use crate::inputs::enable::{Contact, Debounce, EnableCycle};
 use crate::station::Station;
 use crate::watch::{Roll, Watched};
 
 /// The sample interrupt.
 ///
-/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). The demodulation measures the shift
-/// of a late sample too; a lost one holds the output.
+/// Deadline: one sample, 50 us (8400 core cycles at 168 MHz). The demodulation also measures the
+/// shift of a late sample; a lost sample holds the output.
 pub struct Sampler<S, D> {
     signal: Signal,
     sense: S,
     drive: D,
     exchange: &'static Exchange,
-    /// Roll call of the tasks, on which the watchdog depends.
+    /// Record of the tasks that have checked in, on which the watchdog depends.
     roll: &'static Roll,
     enable: Debounce,
     /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
     on: bool,
     cycles_since_command: u8,
-    /// Whether the interrupt switched the drive off. It stays off until the control has commanded
-    /// it off too.
+    /// Whether the interrupt switched the drive off. It stays off until the control has also
+    /// commanded it off.
     is_forced_off: bool,
     /// Whether the previous sample ended a cycle that is not handed over yet.
     ended: bool,
@@ -70,13 +70,13 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         if let Some(contact) = contact {
             self.follow_enable(contact);
         }
-        let news = self.exchange.take_news_bits();
-        if news & SIGNAL != 0
+        let change_bits = self.exchange.take_change_bits();
+        if change_bits & SIGNAL != 0
             && let Some(signal) = self.exchange.take_signal_path()
         {
             self.signal = signal;
         }
-        if news & COMMAND != 0 {
+        if change_bits & COMMAND != 0 {
             let command = self.exchange.newest_command();
             self.cycles_since_command = 0;
             self.signal.command(command);
@@ -103,7 +103,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.switch_off_late();
             }
         }
-        // The sample that ends a cycle has the longest run time: the next sample hands the cycle
+        // The sample that ends a cycle has the longest run time, so the next sample hands the cycle
         // over.
         if self.ended {
             self.ended = false;
@@ -127,7 +127,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// Debounces one sample of the enable input. When it withdraws the enable, the drive goes off
+    /// Debounces one sample of the enable input. If the input is withdrawn, the drive switches off
     /// in this sample.
     #[inline]
     fn follow_enable(&mut self, contact: Contact) {
@@ -144,7 +144,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         self.exchange.set_late(true);
     }
 
-    /// Switches the drive off until the control has commanded it off too.
+    /// Switches the drive off until the control has also commanded it off.
     #[cold]
     fn switch_off_until_commanded_off(&mut self) {
         self.on = false;
@@ -162,8 +162,8 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
 
 /// Control task of the drive cycles: control, report, then planning in slices.
 ///
-/// Deadline: one drive cycle (20 ms at 50 Hz). A missed one is counted, and the drive keeps its
-/// amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
+/// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
+/// its amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
     exchange: &'static Exchange,
@@ -175,7 +175,7 @@ pub async fn control(
         let (cycle, enable) = exchange.next().await;
         roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
-            // The link answers a refused target; here the previous target stays.
+            // The link answers a refused target. Here the previous target stays.
             let _ = station.set_target(target);
         }
         if let Some(recipe) = panel.recipe() {
@@ -197,7 +197,7 @@ pub async fn control(
         monitor.report(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
-            // A slice takes up to 14 ms: a request on the bus goes first.
+            // A slice takes up to 14 ms, so a request on the bus has priority.
             while exchange.bus.is_waiting() && !exchange.has_waiting_cycle() {
                 yield_now().await;
             }
@@ -213,11 +213,11 @@ pub async fn control(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::last_words::LastWords;
-    use crate::store::{Condition, Found};
-    use core::future::Future;
+    use crate::storage::last_words::LastWords;
+    use crate::storage::store::{Condition, LoadedSettings};
     use core::pin::pin;
-    use core::task::{Context, Poll, Waker};
+    use core::task::Poll;
+    use embassy_futures::poll_once;
     use kband_control::{
         AdcCode, Command, Fault, Inputs, Report, StartCause, State, Target, phase_step,
     };
@@ -228,7 +228,7 @@ mod tests {
 
     struct Desk {
         bench: Bench,
-        /// The enable input as the sample interrupt reads it; `None`: read once a cycle.
+        /// The enable input as the sample interrupt reads it; `None` if it is read once a cycle.
         contact: Option<Contact>,
         output: f32,
         off: bool,
@@ -334,26 +334,20 @@ mod tests {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let desk = desk(scene);
-        let found = Found {
+        let loaded = LoadedSettings {
             settings: scene.settings,
             target: scene.target,
-            ..Found::none(Condition::Whole)
+            ..LoadedSettings::none(Condition::Whole)
         };
         let start = StartCause::Ordinary;
-        let controller = Station::controller(&found, start).unwrap();
-        let station = Station::new(&found, start, &controller, exchange, LastWords::EMPTY);
-        let signal = Signal::build(&found.settings).unwrap();
+        let controller = Station::controller(&loaded, start).unwrap();
+        let station = Station::new(&loaded, start, &controller, exchange, LastWords::EMPTY);
+        let signal = Signal::build(&loaded.settings).unwrap();
         let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
         assert!(desk.0.borrow().off, "the drive starts off");
-        let mut task = pin!(control(
-            &station,
-            exchange,
-            &ROLL,
-            desk.clone(),
-            desk.clone()
-        ));
-        let mut context = Context::from_waker(Waker::noop());
-        let _ = task.as_mut().poll(&mut context);
+        let (panel, monitor) = (desk.clone(), desk.clone());
+        let mut task = pin!(control(&station, exchange, &ROLL, panel, monitor));
+        let _ = poll_once(task.as_mut());
         let mut off = Vec::new();
         let mut waiting = 0;
         while desk.0.borrow().reports.len() < cycles {
@@ -368,7 +362,7 @@ mod tests {
             if waiting > late {
                 waiting = 0;
                 while exchange.is_unfinished() {
-                    let _ = task.as_mut().poll(&mut context);
+                    let _ = poll_once(task.as_mut());
                 }
                 off.push(desk.0.borrow().off);
             }
@@ -387,7 +381,7 @@ mod tests {
         }
         assert_eq!(missed, 0);
         let fault = (reports.iter().position(|r| r.state == State::Fault)).unwrap();
-        // The drive obeys the command at the next sample; this test sees it a cycle later.
+        // The drive follows the command at the next sample; this test observes it a cycle later.
         assert!(!off[fault - 1] && off[fault + 1]);
     }
 
@@ -434,7 +428,6 @@ mod tests {
     /// control receives.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
-        let mut context = Context::from_waker(Waker::noop());
         let mut last = None;
         let mut stays_off = true;
         for &(contact, time) in contacts {
@@ -443,7 +436,7 @@ mod tests {
                 sampler.interrupt();
                 stays_off &= desk.0.borrow().off;
                 if exchange.has_waiting_cycle()
-                    && let Poll::Ready((_, enable)) = pin!(exchange.next()).poll(&mut context)
+                    && let Poll::Ready((_, enable)) = poll_once(exchange.next())
                 {
                     last = enable;
                     exchange.command(command(amplitude));
@@ -461,15 +454,15 @@ mod tests {
             held_off,
             chatters,
         };
-        // The control commands it on although the input was never on.
+        // The control commands the drive on although the input was never on.
         assert!(commanded(0.2, &[(Open, 300)]).0);
-        // The control commands it on from the start: it must command it off first.
+        // The control commands the drive on from the start, but must command it off first.
         let (off, enable) = commanded(0.2, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, true, false));
         let (off, enable) = commanded(0.0, &[(Open, 120), (Closed, 100)]);
         assert!(off && enable == given(true, false, false));
-        let found = commanded(0.0, &[(Closed, 1000)]).1;
-        assert_eq!(found, given(true, true, false));
+        let enable = commanded(0.0, &[(Closed, 1000)]).1;
+        assert_eq!(enable, given(true, true, false));
         assert_eq!(commanded(0.0, &[(Open, 100)]).1, given(false, true, false));
         let chatter = [(Open, 120), (Closed, 15), (Moved, 10)];
         assert_eq!(commanded(0.0, &chatter).1, given(true, true, true));
@@ -490,8 +483,7 @@ mod tests {
         exchange.command(command(0.2));
         assert!(!after(Contact::Closed, 10));
         assert!(!after(Contact::Open, 8) && after(Contact::Open, 1));
-        // The input returns before the control has read it: the control must command the drive off
-        // first.
+        // The input returns unread by the control, which must command the drive off first.
         after(Contact::Open, 2100);
         after(Contact::Closed, 500);
         exchange.command(command(0.2));
@@ -535,9 +527,9 @@ mod tests {
         let (last, late) = until_off(|cycle| (cycle < 10).then_some(0.2));
         assert!(last.is_some_and(|cycle| cycle < 9 + 5), "{last:?}");
         assert!(late);
-        for bad in [f32::NAN, f32::INFINITY, 1.5] {
-            let (last, late) = until_off(|cycle| Some(if cycle < 10 { 0.2 } else { bad }));
-            assert!(last.is_some_and(|cycle| cycle <= 11), "{bad}: {last:?}");
+        for invalid in [f32::NAN, f32::INFINITY, 1.5] {
+            let (last, late) = until_off(|cycle| Some(if cycle < 10 { 0.2 } else { invalid }));
+            assert!(last.is_some_and(|cycle| cycle <= 11), "{invalid}: {last:?}");
             assert!(late);
         }
     }

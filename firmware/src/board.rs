@@ -2,7 +2,7 @@
 
 use kband_control::{AdcCode, Inputs, Report, Target};
 
-use crate::enable::Contact;
+use crate::inputs::enable::Contact;
 
 /// The power stage of the drive.
 pub trait Drive {
@@ -21,10 +21,10 @@ pub trait Sense {
     /// The newest reading of the converter.
     fn sample(&mut self) -> AdcCode;
 
-    /// The reading of the current sensor in the same sample; read where the settings have one.
+    /// The reading of the current sensor in the same sample; read if one is configured.
     fn current(&mut self) -> AdcCode;
 
-    /// The enable input since the last sample; `None` where only the [`Panel`] reads it, once a
+    /// The enable input since the last sample; `None` if only the [`Panel`] reads it, once a
     /// drive cycle.
     fn enable(&mut self) -> Option<Contact> {
         None
@@ -36,7 +36,7 @@ pub trait Panel {
     /// State of the inputs now.
     fn inputs(&mut self) -> Inputs;
 
-    /// Core cycle counter, wrapping; 0 where none are counted.
+    /// Core cycle counter, wrapping; 0 without one.
     fn now(&self) -> u32 {
         0
     }
@@ -56,10 +56,4 @@ pub trait Panel {
 pub trait Monitor {
     /// Receives the report of one drive cycle, and whether the target is met.
     fn report(&mut self, report: &Report, ready: bool);
-}
-
-/// The independent watchdog.
-pub trait Watchdog {
-    /// Defers the reset by another period.
-    fn feed(&mut self);
 }

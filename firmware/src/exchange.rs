@@ -9,21 +9,21 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
-use kband_control::{Command, Cycle, Overtone, Signal, UPPER};
+use kband_control::{Command, Cycle, Signal, UPPER};
 
 use crate::bus::line::BusLine;
-use crate::enable::EnableCycle;
+use crate::inputs::enable::EnableCycle;
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
-    news: AtomicU8,
+    change_bits: AtomicU8,
     /// Whether the last cycle has no command yet.
     command_due: AtomicBool,
     /// Whether the last cycle's control or planning is not finished yet.
-    owed: AtomicBool,
+    cycle_unfinished: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,
     /// The fieldbus's line.
@@ -38,25 +38,25 @@ impl Exchange {
             command: Mutex::new(Cell::new(Command {
                 amplitude: 0.0,
                 lead: Phase::ZERO,
-                overtones: [Overtone::NONE; UPPER],
+                overtones: [[0.0; 2]; UPPER],
                 step: 0,
                 immediate: true,
-                fold: None,
+                average_from: None,
                 whole: false,
             })),
             signal: Mutex::new(Cell::new(None)),
-            news: AtomicU8::new(0),
+            change_bits: AtomicU8::new(0),
             command_due: AtomicBool::new(false),
-            owed: AtomicBool::new(false),
+            cycle_unfinished: AtomicBool::new(false),
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
             bus: BusLine::listening(),
         }
     }
 
-    /// Whether the control task has not finished the last cycle, its planning included.
+    /// Whether control or planning of the last cycle is unfinished.
     pub fn is_unfinished(&self) -> bool {
-        self.owed.load(Ordering::Acquire)
+        self.cycle_unfinished.load(Ordering::Acquire)
     }
 
     /// Number of cycles that ended before the control of the previous one was finished.
@@ -64,7 +64,7 @@ impl Exchange {
         self.missed.load(Ordering::Relaxed)
     }
 
-    /// Whether the drive was switched off because no command came for [`MAX_COMMAND_AGE_CYCLES`] cycles.
+    /// Whether the drive went off after [`MAX_COMMAND_AGE_CYCLES`] cycles without a command.
     pub fn late(&self) -> bool {
         self.late.load(Ordering::Acquire)
     }
@@ -75,7 +75,7 @@ impl Exchange {
 
     #[inline(always)]
     pub(crate) fn post(&self, cycle: &Cycle, enable: Option<EnableCycle>) {
-        self.owed.store(true, Ordering::Release);
+        self.cycle_unfinished.store(true, Ordering::Release);
         if self.command_due.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
@@ -92,18 +92,18 @@ impl Exchange {
     pub(crate) async fn next(&self) -> (Cycle, Option<EnableCycle>) {
         self.controlled();
         if !self.cycle.signaled() {
-            self.owed.store(false, Ordering::Release);
+            self.cycle_unfinished.store(false, Ordering::Release);
         }
         self.cycle.wait().await
     }
 
-    /// The newest command; new where [`Self::news`] has the bit [`COMMAND`].
+    /// The newest command; new if [`Self::change_bits`] has the bit [`COMMAND`].
     #[inline]
     pub(crate) fn newest_command(&self) -> Command {
         self.command.lock(Cell::get)
     }
 
-    /// Takes the new signal path; present where [`Self::news`] has the bit [`SIGNAL`].
+    /// Takes the new signal path; present if [`Self::change_bits`] has the bit [`SIGNAL`].
     #[inline]
     pub(crate) fn take_signal_path(&self) -> Option<Signal> {
         self.signal.lock(Cell::take)
@@ -118,29 +118,29 @@ impl Exchange {
     /// at the next sample.
     pub fn command(&self, command: Command) {
         self.command.lock(|cell| cell.set(command));
-        self.news.fetch_or(COMMAND, Ordering::Release);
+        self.change_bits.fetch_or(COMMAND, Ordering::Release);
     }
 
     /// Replaces the signal path for new settings at the next sample. The drive is off then.
     pub fn replace_signal(&self, signal: Signal) {
         self.signal.lock(|cell| cell.set(Some(signal)));
-        self.news.fetch_or(SIGNAL, Ordering::Release);
+        self.change_bits.fetch_or(SIGNAL, Ordering::Release);
     }
 
     /// Takes the flags of new data for the sample interrupt.
     #[inline]
-    pub(crate) fn take_news_bits(&self) -> u8 {
-        match self.news.load(Ordering::Acquire) {
+    pub(crate) fn take_change_bits(&self) -> u8 {
+        match self.change_bits.load(Ordering::Acquire) {
             0 => 0,
-            _ => self.news.swap(0, Ordering::AcqRel),
+            _ => self.change_bits.swap(0, Ordering::AcqRel),
         }
     }
 }
 
-/// Number of drive cycles for which a command remains valid. Four are half the envelope's time
-/// constant at Q = 25. The amplitude covers at most 40 % of the way to its end value.
+/// Number of drive cycles for which a command remains valid: half the envelope's time constant at Q
+/// = 25. The amplitude covers at most 40 % of the way to its end value.
 pub const MAX_COMMAND_AGE_CYCLES: u8 = 4;
-/// Bit of [`Exchange::news`]: a new command.
+/// Bit of [`Exchange::change_bits`]: a new command.
 pub(crate) const COMMAND: u8 = 1;
-/// Bit of [`Exchange::news`]: a new signal path.
+/// Bit of [`Exchange::change_bits`]: a new signal path.
 pub(crate) const SIGNAL: u8 = 2;

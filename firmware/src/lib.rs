@@ -18,30 +18,16 @@ mod access;
 pub mod application;
 pub mod board;
 pub mod bus;
-#[cfg(target_os = "none")]
-pub mod chip;
-#[cfg(target_os = "none")]
-pub mod cortex;
-pub mod enable;
 pub mod exchange;
-mod journal;
-pub mod last_words;
-pub mod link;
 #[cfg(target_os = "none")]
-pub mod log;
-pub mod recipes;
-pub mod resets;
-mod saves;
-pub mod selector;
+pub mod hardware;
+pub mod inputs;
+pub mod link;
 pub mod start;
 pub mod station;
-#[cfg(target_os = "none")]
-pub mod stm32;
-pub mod store;
-pub mod supply;
+pub mod storage;
 #[cfg(test)]
 mod testing;
 pub mod trial;
 pub mod update;
-pub mod waiting;
 pub mod watch;

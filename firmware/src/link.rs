@@ -4,27 +4,31 @@
 //! ones are counted and dropped. Other tasks run after each request and each block of input.
 //! Telemetry that does not fit the line is dropped; an answer waits for at most 100 ms.
 
+use core::borrow::BorrowMut;
 use core::future::Future;
 
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
+use embedded_storage_async::nor_flash::NorFlash;
 use kband_bus::SaveProgress;
 use kband_control::wire::{
-    Access, Counters, Identity, Incoming, Kept, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
-    Response, SCHEMA, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION, fold_output,
-    read_reading, read_request, write_identity, write_response, write_update_answer,
+    Access, Counters, Identity, Incoming, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
+    Response, SCHEMA, SavedSettings, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION,
+    read_reading, read_request, update_output_check, write_identity, write_response,
+    write_update_answer,
 };
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
 
 use crate::access::LinkLock;
 use crate::bus::answer_over_link;
-use crate::saves::Saves;
 use crate::station::{Station, out_of_range};
-use crate::store::{Condition, Store, StoreFailed};
+use crate::storage::saves::Saves;
+use crate::storage::store::{Condition, Records, StoreFailed};
+use crate::storage::waiting::Waiting;
 use crate::update::{Slot, Update};
 
-/// Number of requests answered in a drive cycle. The dearest request takes 81 196 instructions
-/// (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
+/// Number of requests answered in a drive cycle. The most expensive request takes 81 196
+/// instructions (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
 const MAX_REQUESTS_PER_CYCLE: u8 = 32;
 /// Largest mean acceleration at rest, m/s^2: 9.81 along the sensor's axis and an error of 20 %.
 const MAX_MEAN_AT_REST: f32 = 11.8;
@@ -39,7 +43,7 @@ pub trait Line {
     /// Waits for input, copies it to `bytes` and returns the number of bytes.
     fn read(&mut self, bytes: &mut [u8]) -> impl Future<Output = usize>;
 
-    /// Sends a whole frame; returns false, with nothing sent, where it has no room.
+    /// Sends a whole frame; returns false, with nothing sent, if there is no room for it.
     fn send(&mut self, frame: &[u8]) -> bool;
 
     /// Waits for 1 ms.
@@ -64,9 +68,9 @@ pub struct Image {
 }
 
 /// The board's side of the link.
-pub struct Service<S> {
+pub struct Service<F, W> {
     image: Image,
-    store: S,
+    store: Records<F, W>,
     receiver: Receiver,
     counters: Counters,
     allowance: u8,
@@ -80,6 +84,7 @@ pub struct Service<S> {
 }
 
 /// The signal path of a plant that the desk simulates.
+#[derive(Clone)]
 struct Simulation {
     signal: Signal,
     /// Last converter reading, counts.
@@ -88,9 +93,9 @@ struct Simulation {
     outputs: u32,
 }
 
-impl<S: Store> Service<S> {
+impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
     /// Builds the service with telemetry off; `pin` is the PIN saved with the settings.
-    pub fn new(image: Image, store: S, pin: Option<Pin>) -> Self {
+    pub fn new(image: Image, store: Records<F, W>, pin: Option<Pin>) -> Self {
         Self {
             image,
             store,
@@ -130,23 +135,25 @@ impl<S: Store> Service<S> {
         } = self;
         let incoming = match receiver.push(byte)?.and_then(read_request) {
             Ok(incoming) => incoming,
-            Err(why) => {
-                counters.count(why);
+            Err(cause) => {
+                counters.count(cause);
                 return None;
             }
         };
-        station.record_valid_frame();
-        // During a simulation the drive is off: requests need no limit.
+        station.frame_received.set(true);
+        // During a simulation the drive is off, so requests need no limit.
         if simulation.is_none() {
-            let Some(left) = allowance.checked_sub(1) else {
+            let Some(remaining) = allowance.checked_sub(1) else {
                 counters.flooded = counters.flooded.wrapping_add(1);
                 return None;
             };
-            *allowance = left;
+            *allowance = remaining;
         }
         counters.requests = counters.requests.wrapping_add(1);
         let frame = match incoming {
-            Incoming::Question { sequence } => write_identity(buffer, sequence, &identity(image)),
+            Incoming::IdentityRequest { sequence } => {
+                write_identity(buffer, sequence, &identity(image))
+            }
             Incoming::Update { sequence, request } => {
                 let strapped = (image.strapped)();
                 let answer = update
@@ -181,13 +188,13 @@ impl<S: Store> Service<S> {
                         if let Request::Lock(pin) = request {
                             locked.close(pin);
                         }
-                        let response = save(station, store, saves, locked.pin()).await;
-                        if response == Response::Done {
+                        let saved = save(station, store, saves, locked.pin()).await;
+                        if saved.is_ok() {
                             *lock = locked;
                         }
-                        response
+                        done(saved)
                     }
-                    Request::SaveRecipes => save_recipes(station, store, saves).await,
+                    Request::SaveRecipes => done(save_recipes(station, store, saves).await),
                     Request::Unlock(pin) => done(lock.unlock(pin, station.seconds())),
                     Request::Status => Response::Status(station.status(access)),
                     _ => answer(&request, station, store, image, counters).await,
@@ -198,7 +205,7 @@ impl<S: Store> Service<S> {
         frame.ok()
     }
 
-    /// Identity frame sent without a request at the start, so that the desk sees a reset.
+    /// Identity frame sent without a request at the start, so that the desk detects a reset.
     pub fn hello(&mut self) -> Option<&[u8]> {
         write_identity(&mut self.buffer, 0, &identity(&self.image)).ok()
     }
@@ -213,14 +220,14 @@ impl<S: Store> Service<S> {
         }
     }
 
-    /// Serves the fieldbus: saves what it asked to save, and tells it whether settings may change.
+    /// Carries out saves requested by the fieldbus, and reports whether settings may change.
     pub async fn serve_bus(&mut self, station: &Station) {
         let access = self.lock.access((self.image.strapped)());
-        station.set_writable(access == Access::Full);
-        if station.save_progress() == SaveProgress::Pending {
+        station.bus.writable.set(access == Access::Full);
+        if station.bus.save.get() == SaveProgress::Pending {
             let pin = self.lock.pin();
-            let response = save(station, &mut self.store, &mut self.saves, pin).await;
-            station.end_save(response == Response::Done);
+            let saved = save(station, &mut self.store, &mut self.saves, pin).await;
+            station.end_save(saved.is_ok());
         }
     }
 
@@ -249,7 +256,7 @@ fn identity(image: &Image) -> Identity<'static> {
     }
 }
 
-/// Answers a request of Modbus; a call of its own keeps the stack small.
+/// Answers a request of Modbus; a separate call keeps the stack small.
 #[inline(never)]
 fn answer_bus<'b>(
     buffer: &'b mut [u8; MAX_FRAME_BYTES],
@@ -263,11 +270,10 @@ fn answer_bus<'b>(
     write_response(buffer, sequence, &Response::Bus(&answer)).ok()
 }
 
-/// Executes a request and returns its response.
 async fn answer<'a>(
     request: &Request<'_>,
     station: &'a Station,
-    store: &mut impl Store,
+    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     image: &Image,
     counters: &Counters,
 ) -> Response<'a> {
@@ -288,10 +294,10 @@ async fn answer<'a>(
         Request::Defaults => done(station.restore_defaults()),
         Request::Target(target) => done(station.set_target(target)),
         Request::Enable(enabled) => {
-            station.withhold(!enabled);
+            station.withheld.set(!enabled);
             Response::Done
         }
-        // `Service::take` answers all of these but the first.
+        // `Service::take` answers all of these except the first.
         Request::Alive
         | Request::Telemetry(_)
         | Request::Save
@@ -310,26 +316,26 @@ async fn answer<'a>(
             if !station.at_rest() {
                 return Response::Refused(Refusal::Running);
             }
-            let found = store.load().await;
-            let in_use = station.uses(&found);
+            let loaded = store.load().await;
+            let in_use = station.uses(&loaded);
             Response::SelfTest(SelfTest {
-                sensor: station.mean().abs() <= MAX_MEAN_AT_REST,
-                settings: match found.condition {
-                    Condition::Whole if in_use => Kept::InUse,
-                    Condition::Whole => Kept::Others,
-                    Condition::Never => Kept::Never,
-                    Condition::Lost | Condition::Newer => Kept::Damaged,
+                sensor: station.mean.get().abs() <= MAX_MEAN_AT_REST,
+                settings: match loaded.condition {
+                    Condition::Whole if in_use => SavedSettings::InUse,
+                    Condition::Whole => SavedSettings::Different,
+                    Condition::Never => SavedSettings::Never,
+                    Condition::Lost | Condition::Newer => SavedSettings::Damaged,
                 },
                 stack_free: (image.stack_free)(),
                 missed: station.missed(),
                 set_up: SetUp {
-                    control: station.longest_control_cycles(),
+                    control: station.longest.get(),
                     ..(image.set_up)()
                 },
             })
         }
         Request::Counters => Response::Counters(*counters),
-        Request::LastWords => Response::LastWords(station.last_words()),
+        Request::LastWords => Response::LastWords(station.last_words.read()),
         Request::Identification => Response::Identification(station.identification()),
         Request::Held => Response::Held(station.target()),
         Request::Fault(back) => {
@@ -358,8 +364,8 @@ fn changes(request: &Request<'_>) -> bool {
     )
 }
 
-/// Whether a request commands the drive, so that only the one in control may send it. The settings
-/// of the bus are no command: they say who is in control.
+/// Whether a request commands the drive, which only the party in control may do. The settings of
+/// the bus are no command: they determine who is in control.
 fn commands(request: &Request<'_>) -> bool {
     match request {
         Request::Set { key, .. } => !key.starts_with("bus"),
@@ -373,7 +379,7 @@ fn commands(request: &Request<'_>) -> bool {
     }
 }
 
-/// Sets the number of drive cycles between telemetry frames; refused where the line is too slow.
+/// Sets the number of drive cycles between telemetry frames; refused if the line is too slow.
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
@@ -387,11 +393,11 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Whether the memory may be written now: at rest, with a good supply, and at a rate that the flash
-/// endures.
+/// Whether the memory may be written now: at rest, with a good supply, and within the write rate
+/// that the flash endures.
 fn take_save(
     station: &Station,
-    store: &impl Store,
+    store: &Records<impl NorFlash, impl BorrowMut<Waiting>>,
     saves: &mut Saves,
 ) -> Result<(), Refusal<'static>> {
     if !station.at_rest() {
@@ -407,43 +413,36 @@ fn take_save(
 
 async fn save(
     station: &Station,
-    store: &mut impl Store,
+    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     saves: &mut Saves,
     pin: Option<Pin>,
-) -> Response<'static> {
-    let allowed = take_save(station, store, saves);
-    if allowed.is_err() {
-        return done(allowed);
-    }
+) -> Result<(), Refusal<'static>> {
+    take_save(station, store, saves)?;
     let saved = store.save(&station.settings(), station.target(), pin).await;
-    if saved.is_ok() {
-        station.saved();
-    }
-    done(saved.map_err(refusal_of))
+    saved.map_err(refusal_of)?;
+    station.saved();
+    Ok(())
 }
 
 async fn save_recipes(
     station: &Station,
-    store: &mut impl Store,
+    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     saves: &mut Saves,
-) -> Response<'static> {
-    let allowed = take_save(station, store, saves);
-    if allowed.is_err() {
-        return done(allowed);
-    }
-    let saved = store.save_recipes(&station.recipes()).await;
-    done(saved.map_err(refusal_of))
+) -> Result<(), Refusal<'static>> {
+    take_save(station, store, saves)?;
+    let recipes = station.recipes.borrow().clone();
+    store.save_recipes(&recipes).await.map_err(refusal_of)
 }
 
-fn refusal_of(why: StoreFailed) -> Refusal<'static> {
-    match why {
+fn refusal_of(cause: StoreFailed) -> Refusal<'static> {
+    match cause {
         StoreFailed::SupplyLow => Refusal::SupplyLow,
         StoreFailed::Memory => Refusal::Store,
         StoreFailed::NoSettings => Refusal::NoSettings,
     }
 }
 
-/// Starts a simulation by the desk; a call of its own keeps the stack small.
+/// Starts a simulation by the desk; a separate call keeps the stack small.
 #[inline(never)]
 fn begin_simulation(
     simulation: &mut Option<Simulation>,
@@ -467,24 +466,19 @@ async fn run_samples(
     end: Option<Inputs>,
     station: &Station,
 ) -> Response<'static> {
-    let Some(Simulation {
-        signal,
-        code,
-        outputs,
-    }) = simulation
-    else {
+    let Some(simulation) = simulation else {
         return Response::Refused(Refusal::OutOfStep);
     };
-    // A refused request must change nothing: the samples run on copies first.
-    let (mut tried, mut last, mut check) = (signal.clone(), *code, *outputs);
+    // A refused request must change nothing, so the samples first run on a copy.
+    let mut trial = simulation.clone();
     let mut wrapped = false;
     while !codes.is_empty() {
-        let Some(next) = read_reading(&mut codes, last) else {
+        let Some(next) = read_reading(&mut codes, trial.code) else {
             return Response::Refused(Refusal::OutOfStep);
         };
-        last = next;
-        let sampled = tried.sample(AdcCode(next));
-        check = fold_output(check, sampled.output);
+        trial.code = next;
+        let sampled = trial.signal.sample(AdcCode(next));
+        trial.outputs = update_output_check(trial.outputs, sampled.output);
         wrapped = sampled.wrapped;
         if wrapped && !(codes.is_empty() && end.is_some()) {
             return Response::Refused(Refusal::OutOfStep);
@@ -493,12 +487,12 @@ async fn run_samples(
     if end.is_some() && !wrapped {
         return Response::Refused(Refusal::OutOfStep);
     }
-    (*signal, *code, *outputs) = (tried, last, check);
+    *simulation = trial;
     let Some(inputs) = end else {
         return Response::Done;
     };
-    let report = station.simulated_cycle(signal.cycle(), inputs);
-    signal.command(report.command);
+    let report = station.simulated_cycle(simulation.signal.cycle(), inputs);
+    simulation.signal.command(report.command);
     for _ in 0..PLAN_SLICES {
         if !station.plan_step() {
             break;
@@ -506,35 +500,32 @@ async fn run_samples(
         yield_now().await;
     }
     Response::Cycle {
-        outputs: core::mem::take(outputs),
+        outputs: core::mem::take(&mut simulation.outputs),
         report,
     }
 }
 
 fn setting_position(key: &str) -> Option<usize> {
-    Settings::KEYS.iter().position(|known| known.name == key)
+    Settings::KEYS.iter().position(|entry| entry.name == key)
 }
 
 fn setting(station: &Station, number: usize) -> Response<'static> {
-    let Some(known) = Settings::KEYS.get(number) else {
+    let Some(entry) = Settings::KEYS.get(number) else {
         return Response::Refused(Refusal::Unknown);
     };
     Response::Setting(Setting {
         number: number as u8,
-        key: known.name,
-        unit: known.unit,
+        key: entry.name,
+        unit: entry.unit,
         value: station.settings().values()[number],
-        low: known.low,
-        high: known.high,
-        default: known.default,
+        low: entry.low,
+        high: entry.high,
+        default: entry.default,
     })
 }
 
 fn done(result: Result<(), Refusal<'static>>) -> Response<'static> {
-    match result {
-        Ok(()) => Response::Done,
-        Err(refusal) => Response::Refused(refusal),
-    }
+    result.map_or_else(Response::Refused, |()| Response::Done)
 }
 
 /// Sends an answer once the line has room for it, within 100 ms; returns whether it was sent.
@@ -548,20 +539,24 @@ async fn send_answer(line: &mut impl Line, frame: &[u8]) -> bool {
     line.send(frame)
 }
 
-/// The link's task. It has no deadline and no watchdog. Where it hangs, the drive behaves as for a
+/// The link's task. It has no deadline and no watchdog. If it hangs, the drive behaves as for a
 /// lost link (limit 7).
 ///
 /// The service is borrowed: an async function keeps two copies of an argument taken by value.
-pub async fn link(service: &mut Service<impl Store>, mut line: impl Line, station: &Station) -> ! {
+pub async fn link(
+    service: &mut Service<impl NorFlash, impl BorrowMut<Waiting>>,
+    mut line: impl Line,
+    station: &Station,
+) -> ! {
     service.update.begin_trial(station);
-    station.set_recipes(service.store.recipes().await);
+    station.recipes.replace(service.store.recipes().await);
     if let Some(frame) = service.hello() {
         line.send(frame);
     }
     let mut bytes = [0; 64];
     loop {
-        // The end of a cycle comes first, so that continuous input cannot block telemetry.
-        match select(station.tick(), line.read(&mut bytes)).await {
+        // The end of a cycle has priority, so that continuous input cannot block telemetry.
+        match select(station.tick.wait(), line.read(&mut bytes)).await {
             Either::First(()) => {
                 let sent = service.tick(station).is_none_or(|frame| line.send(frame));
                 let dropped = &mut service.counters.rows_dropped;

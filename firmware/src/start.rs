@@ -25,13 +25,13 @@ pub enum ResetCause {
     BrownOut,
     /// The watchdog was not fed in time.
     Watchdog,
-    /// The firmware caused it: after a panic or a fault, or for new firmware.
+    /// The firmware reset the board: after a panic or a fault, or for new firmware.
     Software,
 }
 
 impl ResetCause {
     /// Cause of the reset from the chip's flags. RAM that kept its mark shows that the power was
-    /// not really off: a chip may report a sag as power-on, and noise on its reset pin as a button.
+    /// not off. A chip may report a sag as power-on, and noise on its reset pin as a button.
     pub fn of(signs: ResetFlags) -> Self {
         if signs.watchdog {
             Self::Watchdog
@@ -56,8 +56,8 @@ impl ResetCause {
 
     /// Cause of the start for the controller.
     ///
-    /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5): the drive
-    /// stays off until a new edge of the enable input. Any cause but power-on is a fault.
+    /// A feeder must not start by itself when its supply returns (IEC 60204-1, 7.5). So the drive
+    /// stays off until a new edge of the enable input. Any cause except power-on is a fault.
     pub fn start(self) -> StartCause {
         match self {
             Self::Power => StartCause::PowerOn,

@@ -6,22 +6,22 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
 use kband_bus::{SaveProgress, Server};
-use kband_control::wire::{Access, KeptFault, Record, Refusal, Status, Stored};
+use kband_control::wire::{Access, FaultRecord, Record, Refusal, Status, Stored};
 use kband_control::{
     BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
     RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
 
 use crate::exchange::Exchange;
-use crate::last_words::LastWords;
-use crate::recipes::Recipes;
-use crate::store::{Condition, Found};
+use crate::storage::last_words::LastWords;
+use crate::storage::recipes::Recipes;
+use crate::storage::store::{Condition, LoadedSettings};
 
 /// Number of records in the event log, 20 bytes each.
 const LOG_RECORDS: usize = 64;
 
 /// Fault record for a cause of the start; `None` if the start is no fault.
-fn fault_of(start: StartCause) -> Option<KeptFault> {
+fn fault_of(start: StartCause) -> Option<FaultRecord> {
     let fault = match start {
         StartCause::Ordinary | StartCause::PowerOn => return None,
         StartCause::Reset => Fault::WatchdogReset,
@@ -29,16 +29,16 @@ fn fault_of(start: StartCause) -> Option<KeptFault> {
         StartCause::ImageDamaged => Fault::ImageDamaged,
         StartCause::Refused => Fault::SettingsInvalid,
     };
-    Some(KeptFault {
+    Some(FaultRecord {
         fault: fault.number(),
         state: State::Fault.number(),
-        ..KeptFault::default()
+        ..FaultRecord::default()
     })
 }
 
-/// Cause of the start for the controller. Settings that are missing or damaged make it a refusal.
-fn start_cause_for(found: &Found, start: StartCause) -> StartCause {
-    match (found.condition, start) {
+/// Cause of the start for the controller; `Refused` if settings are missing or damaged.
+fn start_cause_for(saved: &LoadedSettings, start: StartCause) -> StartCause {
+    match (saved.condition, start) {
         (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
         (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
     }
@@ -84,44 +84,28 @@ impl Log {
     }
 }
 
-/// Time since the start, counted in samples.
-#[derive(Clone, Copy, Debug, Default)]
-struct Uptime {
-    seconds: u32,
-    samples: u32,
-}
-
-impl Uptime {
-    fn after(self, samples: u16) -> Self {
-        let samples = self.samples + u32::from(samples);
-        Self {
-            seconds: self.seconds.wrapping_add(samples / SAMPLE_RATE),
-            samples: samples % SAMPLE_RATE,
-        }
-    }
-}
-
 /// Commands and requests of the fieldbus.
 #[derive(Default)]
-struct BusState {
-    /// The server, for the line of the bus and for the link: one control word, one count.
-    server: RefCell<Server>,
-    /// The run bit as written last; `None` before the first.
+pub(crate) struct BusState {
+    /// The server, shared by bus line and link: one control word, one set of counters.
+    pub server: RefCell<Server>,
+    /// The last written run bit; `None` before the first.
     run: Cell<Option<bool>>,
     /// Whether the run bit was 0 since the last cycle.
     run_was_off: Cell<bool>,
     /// Whether the acknowledge bit has risen since the last cycle.
     acknowledge: Cell<bool>,
     /// Whether a request arrived since the last cycle.
-    request_received: Cell<bool>,
-    save: Cell<SaveProgress>,
-    /// Whether neither strap nor PIN keeps the settings.
-    writable: Cell<bool>,
-    settings_changed: Mailbox<NoopRawMutex, ()>,
+    pub request_received: Cell<bool>,
+    /// Progress of the last save that the fieldbus requested.
+    pub save: Cell<SaveProgress>,
+    /// Whether neither strap nor PIN protects the settings.
+    pub writable: Cell<bool>,
+    pub settings_changed: Mailbox<NoopRawMutex, ()>,
 }
 
 impl BusState {
-    /// The commands of a drive cycle. A run bit that was 0 for a moment is 0 for a whole cycle.
+    /// The commands of a drive cycle. A run bit that was briefly 0 is 0 for a whole cycle.
     fn take_command(&self) -> BusCommand {
         let was_off = self.run_was_off.take();
         BusCommand {
@@ -136,24 +120,26 @@ pub struct Station {
     controller: RefCell<Controller>,
     settings: Cell<Settings>,
     report: Cell<Report>,
-    mean: Cell<f32>,
+    /// Mean acceleration over the last cycle, m/s^2.
+    pub(crate) mean: Cell<f32>,
     current: Cell<f32>,
     log: RefCell<Log>,
-    frame_received: Cell<bool>,
+    /// Whether a valid frame of the link arrived since the last cycle.
+    pub(crate) frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
-    withheld: Cell<bool>,
-    /// Time since the start, s, until which an update keeps the drive off.
-    kept_off_until: Cell<Option<u32>>,
-    bus: BusState,
-    recipes: RefCell<Recipes>,
-    /// The saved target, with its parts: recipe 0.
+    pub(crate) withheld: Cell<bool>,
+    /// Time since the start until which an update keeps the drive off, s.
+    off_until: Cell<Option<u32>>,
+    pub(crate) bus: BusState,
+    pub(crate) recipes: RefCell<Recipes>,
+    /// The saved target and its part settings: recipe 0.
     saved_parts: Cell<Recipe>,
     /// Number of the recipe in use, and the number at the inputs.
     recipe: Cell<u8>,
     selected: Cell<u8>,
-    /// Whether the recipe at the inputs was refused, so that the target is another one's.
+    /// Whether the recipe at the inputs was refused, so that another target is in use.
     recipe_is_refused: Cell<bool>,
-    /// Time in s since the start of the last request for the simulated plant; `None` without a
+    /// Time of the last request for the simulated plant, s since the start; `None` without a
     /// simulation.
     simulated: Cell<Option<u32>>,
     /// The board's own interlock and target while the desk simulates a plant.
@@ -161,30 +147,33 @@ pub struct Station {
     /// The board's inputs in the last cycle; all off before the first cycle.
     inputs: Cell<Inputs>,
     /// Longest control of a drive cycle, core cycles.
-    longest: Cell<u32>,
-    tick: Mailbox<NoopRawMutex, ()>,
-    uptime: Cell<Uptime>,
+    pub(crate) longest: Cell<u32>,
+    /// Signals the end of each drive cycle.
+    pub(crate) tick: Mailbox<NoopRawMutex, ()>,
+    /// Number of samples since the start.
+    samples: Cell<u64>,
     /// A fault that the store does not hold yet.
-    unsaved_fault: Cell<Option<KeptFault>>,
+    unsaved_fault: Cell<Option<FaultRecord>>,
     exchange: &'static Exchange,
-    last_words: LastWords,
+    /// Message of the firmware before its last reset.
+    pub(crate) last_words: LastWords,
 }
 
 impl Station {
-    /// Builds the controller from the stored settings and target, in a call of its own that keeps
-    /// the stack small. Settings that are missing or damaged start it in its fault.
+    /// Builds the controller from the stored settings and target, in a separate call to keep the
+    /// stack small. With missing or damaged settings it starts in its fault.
     ///
     /// # Errors
     /// A value is out of range.
     #[inline(never)]
-    pub fn controller(found: &Found, start: StartCause) -> Result<Controller, OutOfRange> {
-        Controller::build(&found.settings, found.target, start_cause_for(found, start))
+    pub fn controller(saved: &LoadedSettings, start: StartCause) -> Result<Controller, OutOfRange> {
+        Controller::build(&saved.settings, saved.target, start_cause_for(saved, start))
     }
 
     /// Builds the station with its [controller](Self::controller), inlined to save stack.
     #[inline(always)]
     pub fn new(
-        found: &Found,
+        saved: &LoadedSettings,
         start: StartCause,
         controller: &Controller,
         exchange: &'static Exchange,
@@ -192,7 +181,7 @@ impl Station {
     ) -> Self {
         Self {
             controller: RefCell::new(controller.clone()),
-            settings: Cell::new(found.settings),
+            settings: Cell::new(saved.settings),
             report: Cell::new(Report::default()),
             mean: Cell::new(0.0),
             current: Cell::new(0.0),
@@ -202,10 +191,10 @@ impl Station {
             }),
             frame_received: Cell::new(false),
             withheld: Cell::new(false),
-            kept_off_until: Cell::new(None),
+            off_until: Cell::new(None),
             bus: BusState::default(),
             recipes: RefCell::new(Recipes::default()),
-            saved_parts: Cell::new(Recipe::of(found.target, &found.settings)),
+            saved_parts: Cell::new(Recipe::of(saved.target, &saved.settings)),
             recipe: Cell::new(0),
             selected: Cell::new(0),
             recipe_is_refused: Cell::new(false),
@@ -214,35 +203,36 @@ impl Station {
             inputs: Cell::new(Inputs::default()),
             longest: Cell::new(0),
             tick: Mailbox::new(),
-            uptime: Cell::new(Uptime::default()),
-            unsaved_fault: Cell::new(fault_of(start_cause_for(found, start))),
+            samples: Cell::new(0),
+            unsaved_fault: Cell::new(fault_of(start_cause_for(saved, start))),
             exchange,
             last_words,
         }
     }
 
-    /// Runs the controller over one cycle with the board's inputs. `None` while the desk simulates
-    /// the plant: only the time advances.
+    /// Runs the controller over one cycle with the board's inputs. While the desk simulates the
+    /// plant, only the time advances, and the result is `None`.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
-        self.uptime.set(self.uptime.get().after(cycle.samples));
+        self.samples
+            .set(self.samples.get() + u64::from(cycle.samples));
         self.inputs.set(inputs);
-        if let Some(heard) = self.simulated.get() {
-            if self.seconds().wrapping_sub(heard) <= SIMULATION_TIMEOUT_S {
+        if let Some(last_received) = self.simulated.get() {
+            if self.seconds().wrapping_sub(last_received) <= SIMULATION_TIMEOUT_S {
                 return None;
             }
             self.end_simulation();
         }
-        let desk_heard = self.frame_received.take() || inputs.link_heard;
+        let desk_active = self.frame_received.take() || inputs.link_heard;
         let bus = self.bus.take_command();
-        let bus_heard = self.bus.request_received.take();
+        let bus_active = self.bus.request_received.take();
         let controls = self.bus_controls();
         Some(self.control(
             cycle,
             Inputs {
-                withheld: self.withheld.get() || self.is_kept_off(inputs.enable),
+                withheld: self.withheld.get() || self.is_disabled(inputs.enable),
                 bus: controls.then_some(bus),
-                link_heard: if controls { bus_heard } else { desk_heard },
+                link_heard: if controls { bus_active } else { desk_active },
                 ..inputs
             },
         ))
@@ -258,19 +248,18 @@ impl Station {
 
     /// Starts a controller for a simulated plant and returns its signal path; the drive stays off.
     ///
-    /// # Errors
-    /// The drive runs or its enable input is on: no machine is taken out of service.
+    /// # Errors The drive runs or its enable input is on: a machine stays in service.
     pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, Refusal<'static>> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
             return Err(Refusal::Running);
         }
         let settings = self.settings.get();
         let interlock = Interlock::begin(start, settings.frequency);
-        let own = (self.interlock(), self.target());
+        let before = (self.interlock(), self.target());
         self.renew_controller(&settings, target, &interlock)?;
         self.board_interlock_and_target
             .borrow_mut()
-            .get_or_insert(own);
+            .get_or_insert(before);
         self.simulated.set(Some(self.seconds()));
         // Built last because it is large; it cannot fail with the settings in use.
         Signal::build(&settings).map_err(out_of_range)
@@ -291,8 +280,8 @@ impl Station {
         self.controller.borrow().interlock().clone()
     }
 
-    /// Replaces the controller; when refused, the previous one stays. Controller and signal path
-    /// are large: each is built in a call of its own, so that their stack use does not add up.
+    /// Replaces the controller; if it is refused, the previous one stays. Controller and signal
+    /// path are large: a separate call builds each, so that their stack use does not add up.
     #[inline(never)]
     fn renew_controller(
         &self,
@@ -328,9 +317,9 @@ impl Station {
             && before.fault.is_none()
             && self.simulated.get().is_none()
         {
-            self.unsaved_fault.set(Some(KeptFault {
+            self.unsaved_fault.set(Some(FaultRecord {
                 number: 0,
-                seconds: self.uptime.get().seconds,
+                seconds: self.seconds(),
                 fault: fault.number(),
                 state: before.state.number(),
                 amplitude: report.amplitude,
@@ -346,12 +335,12 @@ impl Station {
         report
     }
 
-    /// Runs one slice of planning; returns whether more is to be done.
+    /// Runs one slice of planning; returns whether more remain.
     pub fn plan_step(&self) -> bool {
         self.controller.borrow_mut().plan_step()
     }
 
-    /// As [`Station::plan_step`], for the board's own cycles: none during a simulation.
+    /// As [`Station::plan_step`], for the board's own cycles; does nothing in a simulation.
     pub fn plan_own_step(&self) -> bool {
         self.simulated.get().is_none() && self.plan_step()
     }
@@ -366,31 +355,16 @@ impl Station {
         self.longest.set(self.longest.get().max(cycles));
     }
 
-    /// Longest control of a drive cycle since the start, core cycles.
-    pub fn longest_control_cycles(&self) -> u32 {
-        self.longest.get()
-    }
-
-    /// Waits for the end of the next drive cycle.
-    pub async fn tick(&self) {
-        self.tick.wait().await;
-    }
-
     /// Report of the last drive cycle.
     pub fn report(&self) -> Report {
         self.report.get()
-    }
-
-    /// Mean acceleration over the last cycle, m/s^2.
-    pub fn mean(&self) -> f32 {
-        self.mean.get()
     }
 
     /// Inputs and outputs of the board in the last cycle, and the access of the desk.
     pub fn status(&self, access: Access) -> Status {
         Status {
             inputs: self.inputs.get(),
-            permitted: !self.withheld.get() && self.kept_off_until.get().is_none(),
+            permitted: !self.withheld.get() && self.off_until.get().is_none(),
             access,
             ready: self.ready(),
             mean: self.mean.get(),
@@ -405,33 +379,23 @@ impl Station {
         matches!(self.report.get().state, State::Off | State::Fault)
     }
 
-    /// Records that a valid frame arrived.
-    pub fn record_valid_frame(&self) {
-        self.frame_received.set(true);
-    }
-
-    /// Withholds the drive's enable, or releases it.
-    pub fn withhold(&self, withheld: bool) {
-        self.withheld.set(withheld);
-    }
-
-    /// Whether the drive is at rest and cannot start: by the enable input or an update.
+    /// Whether the drive is at rest and cannot start, due to the enable input or an update.
     pub fn is_out_of_use(&self) -> bool {
-        let cannot_start = !self.inputs.get().enable || self.kept_off_until.get().is_some();
+        let cannot_start = !self.inputs.get().enable || self.off_until.get().is_some();
         self.at_rest() && cannot_start && self.simulated.get().is_none()
     }
 
     /// Keeps the drive off until this time since the start, s, and the enable input's next low.
-    pub fn keep_off_until(&self, seconds: u32) {
-        self.kept_off_until.set(Some(seconds));
+    pub fn disable_until(&self, seconds: u32) {
+        self.off_until.set(Some(seconds));
     }
 
     /// Whether an update keeps the drive off, with this level of the enable input.
-    fn is_kept_off(&self, enable: bool) -> bool {
-        let until = self.kept_off_until.get();
-        let kept = until.filter(|until| enable || self.seconds() < *until);
-        self.kept_off_until.set(kept);
-        kept.is_some()
+    fn is_disabled(&self, enable: bool) -> bool {
+        let until = self.off_until.get();
+        let active = until.filter(|until| enable || self.seconds() < *until);
+        self.off_until.set(active);
+        active.is_some()
     }
 
     /// Whether the fieldbus is in control, and the link reads only.
@@ -439,17 +403,7 @@ impl Station {
         self.settings.get().bus_controls()
     }
 
-    /// Works with the server of the fieldbus.
-    pub fn with_bus_server<T>(&self, work: impl FnOnce(&mut Server) -> T) -> T {
-        work(&mut self.bus.server.borrow_mut())
-    }
-
-    /// Records that a request came over the fieldbus.
-    pub fn record_bus_request(&self) {
-        self.bus.request_received.set(true);
-    }
-
-    /// Takes the run bit of the fieldbus, and whether its acknowledge bit has risen.
+    /// Sets the run bit of the fieldbus, and records whether its acknowledge bit has risen.
     pub fn take_bus_command(&self, run: bool, acknowledge: bool) {
         self.bus.run.set(Some(run));
         if !run {
@@ -460,35 +414,18 @@ impl Station {
         }
     }
 
-    /// Requests a save for the fieldbus; returns false while an earlier one is not done.
+    /// Requests a save for the fieldbus; returns false while an earlier save is pending.
     pub fn request_save(&self) -> bool {
         self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
     }
 
-    /// Progress of the last save that the fieldbus requested.
-    pub fn save_progress(&self) -> SaveProgress {
-        self.bus.save.get()
-    }
-
     /// Records whether the requested save succeeded.
     pub fn end_save(&self, saved: bool) {
-        let ends = [SaveProgress::Failed, SaveProgress::Done];
-        self.bus.save.set(ends[usize::from(saved)]);
-    }
-
-    /// Whether the fieldbus may change settings: neither strap nor PIN keeps them.
-    pub fn is_writable(&self) -> bool {
-        self.bus.writable.get()
-    }
-
-    /// Records whether neither strap nor PIN keeps the settings.
-    pub fn set_writable(&self, writable: bool) {
-        self.bus.writable.set(writable);
-    }
-
-    /// Waits for a change of settings.
-    pub async fn settings_changed(&self) {
-        self.bus.settings_changed.wait().await;
+        self.bus.save.set(if saved {
+            SaveProgress::Done
+        } else {
+            SaveProgress::Failed
+        });
     }
 
     /// Number of events since the start.
@@ -508,22 +445,12 @@ impl Station {
         Ok(())
     }
 
-    /// Takes the stored recipes, at the start.
-    pub fn set_recipes(&self, recipes: Recipes) {
-        self.recipes.replace(recipes);
-    }
-
     /// The recipe of this number.
     pub fn stored_recipe(&self, number: u8) -> Stored {
         self.recipes.borrow().get(number)
     }
 
-    /// All recipes.
-    pub fn recipes(&self) -> Recipes {
-        self.recipes.borrow().clone()
-    }
-
-    /// Changes or deletes a recipe, until the next start or for good once the recipes are saved.
+    /// Changes or deletes a recipe until the next start, or permanently once the recipes are saved.
     ///
     /// # Errors
     /// The drive runs, or the recipe does not fit the machine; nothing changes.
@@ -543,7 +470,7 @@ impl Station {
         exists.then_some(()).ok_or(Refusal::NoRecipe)
     }
 
-    /// Uses a recipe, also while the drive runs; 0: the saved target with its parts.
+    /// Uses a recipe, also while the drive runs; 0 is the saved target with its part settings.
     ///
     /// # Errors
     /// Refused; the previous target stays.
@@ -564,7 +491,7 @@ impl Station {
         Ok(())
     }
 
-    /// Uses the recipe that the inputs select, when they change and no fieldbus is in control.
+    /// Uses the recipe selected by the inputs, when they change and no fieldbus is in control.
     pub fn follow_inputs(&self, number: u8) {
         if self.simulated.get().is_some()
             || self.bus_controls()
@@ -583,14 +510,14 @@ impl Station {
         self.recipe.get()
     }
 
-    /// Whether settings and target in use are these, or these with the recipe in use.
-    pub fn uses(&self, found: &Found) -> bool {
+    /// Whether settings and target in use equal `saved`, or `saved` with the recipe in use.
+    pub fn uses(&self, saved: &LoadedSettings) -> bool {
         let (settings, target) = match self.stored_recipe(self.recipe()) {
             Stored::Recipe(_, recipe) => {
-                let settings = recipe.applied_to(&found.settings);
-                (settings.unwrap_or(found.settings), recipe.target)
+                let settings = recipe.applied_to(&saved.settings);
+                (settings.unwrap_or(saved.settings), recipe.target)
             }
-            Stored::None | Stored::Newer => (found.settings, found.target),
+            Stored::None | Stored::Newer => (saved.settings, saved.target),
         };
         (settings, target) == (self.settings(), self.target())
     }
@@ -618,7 +545,7 @@ impl Station {
         self.take_settings(settings, Interlock::clone)
     }
 
-    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine: the drive stays off
+    /// Sets the defaults, as [`Station::set_settings`]. They fit no machine, so the drive stays off
     /// until settings are saved.
     pub fn restore_defaults(&self) -> Result<(), Refusal<'static>> {
         self.take_settings(&Settings::default(), Interlock::without_settings)
@@ -646,7 +573,7 @@ impl Station {
         self.renew_signal(settings)
     }
 
-    /// Records that the settings in use were saved: their fault may be acknowledged.
+    /// Records that the settings in use were saved; their fault can then be acknowledged.
     pub fn saved(&self) {
         if self.simulated.get().is_some() {
             self.end_simulation();
@@ -658,22 +585,17 @@ impl Station {
 
     /// Time since the start, s.
     pub fn seconds(&self) -> u32 {
-        self.uptime.get().seconds
+        (self.samples.get() / u64::from(SAMPLE_RATE)) as u32
     }
 
-    /// Takes the fault that the store does not hold yet, while the drive is at rest.
-    pub fn fresh_fault(&self) -> Option<KeptFault> {
+    /// Takes the fault that is not stored yet, while the drive is at rest.
+    pub fn fresh_fault(&self) -> Option<FaultRecord> {
         self.at_rest().then(|| self.unsaved_fault.take()).flatten()
     }
 
     /// The first record of the event log whose number is at least `number`.
     pub fn event(&self, number: u32) -> Option<Record> {
         self.log.borrow().from(number)
-    }
-
-    /// Message of the firmware before its last reset.
-    pub fn last_words(&self) -> Option<&str> {
-        self.last_words.read()
     }
 
     /// Number of drive cycles whose control missed its deadline.

@@ -1,6 +1,6 @@
-//! What tests share: the seed of draws, and a changed value.
+//! Helpers of the tests: the seed of random draws, and a changed value.
 
-/// Seed of a draw: `KBAND_SEED`, else a fixed one.
+/// Seed of random draws: `KBAND_SEED`, else a fixed one.
 pub fn seed(fixed: u64) -> u64 {
     std::env::var("KBAND_SEED").map_or(fixed, |text| text.parse().expect("a whole number"))
 }

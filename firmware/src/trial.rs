@@ -5,7 +5,7 @@ use core::fmt;
 use kband_control::{Report, Shape, StartCause, Target, UpperTone};
 use kband_plant::{Change, Disturbance, Scene};
 
-/// A scene and how long it runs.
+/// A scene and its number of drive cycles.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
     /// Name on the command line.
@@ -49,8 +49,8 @@ impl Trial {
     }
 }
 
-/// The default scene from power-on. The enable input comes on once the board is up: one that is on
-/// before starts nothing.
+/// The default scene from power-on. The enable input comes on once the board runs: an input that is
+/// on earlier starts nothing.
 fn powered() -> Scene {
     let changes = [(0.0, Change::Enable(false)), (0.1, Change::Enable(true))];
     let mut scene = Scene {
@@ -78,8 +78,7 @@ fn scattering() -> Scene {
     scene
 }
 
-/// A drive with a second tone whose response differs from the configured one. The parts get into
-/// gear on it.
+/// A drive with a second tone and a response other than configured. The parts reach gear on it.
 fn two_tones() -> Scene {
     let mut scene = powered();
     scene.settings.second_tone = 0.2;
@@ -99,7 +98,7 @@ fn geared(mut scene: Scene) -> Scene {
     scene
 }
 
-/// The default scene for the real link: the scene's own is silent, and the enable input is off.
+/// The default scene for the real link: its own link is silent, and the enable input is off.
 fn linked() -> Scene {
     let mut scene = geared(Scene::default());
     let changes = [Change::Link(false), Change::Enable(false)];
@@ -107,18 +106,18 @@ fn linked() -> Scene {
     scene
 }
 
-/// The default scene from power-on for the real link: the scene's own is silent.
+/// The default scene from power-on for the real link: its own link is silent.
 fn running() -> Scene {
     let mut scene = geared(powered());
-    let unheard = Disturbance {
+    let disconnected = Disturbance {
         at: 0.0,
         change: Change::Link(false),
     };
-    scene.disturbances.insert(0, unheard).ok();
+    scene.disturbances.insert(0, disconnected).ok();
     scene
 }
 
-/// All events once: targets, drift, another lot of parts, a stop, a lost sensor.
+/// Each event once: targets, drift, another lot of parts, a stop, a lost sensor.
 fn eventful() -> Scene {
     let mut scene = powered();
     scene.parts = [0.2, 0.18, 0.22].into_iter().collect();
@@ -149,8 +148,7 @@ impl fmt::Display for TraceRow<'_> {
         let report = self.0;
         write!(formatter, "{}", report.cycle)?;
         let tones = report.shape.numbers().into_iter();
-        let overtones = report.command.overtones;
-        let tones = tones.zip(overtones.map(|output| [output.sine, output.cosine]));
+        let tones = tones.zip(report.command.overtones);
         let first = [report.k, report.lead, report.command.amplitude];
         for number in (first.into_iter()).chain(tones.flat_map(|(a, b)| a.into_iter().chain(b))) {
             write!(formatter, " {:08x}", number.to_bits())?;

@@ -1,12 +1,16 @@
 //! Update of the firmware over the link, into a slot of the flash.
 //!
-//! The image is written to the slot while the drive is at rest, its enable withheld. Its signature
-//! (Ed25519, RFC 8032) is of the SHA-512 of image and board's name. A correct one marks the slot
-//! and restarts the board: the loader swaps the slots, and the new image is on trial until the desk
-//! confirms it. A restart before that brings the previous image back. A chip with one slot restarts
-//! into its loader, which takes the image ([`kband_loader::one_slot`]).
+//! The image is written to the slot while the drive is at rest, with its enable withheld. Its
+//! signature (Ed25519, RFC 8032) covers the SHA-512 of the image and the board's name. A correct
+//! signature marks the slot and restarts the board. The loader swaps the slots, and the new image
+//! is on trial until the desk confirms it. A restart before that restores the previous image. A
+//! chip with one slot restarts into its loader, which receives the image
+//! ([`kband_loader::one_slot`]).
+
+use core::borrow::BorrowMut;
 
 use embassy_futures::yield_now;
+use embedded_storage_async::nor_flash::NorFlash;
 use kband_control::wire::{
     Access, MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, Refusal, UpdateAnswer, UpdateRefusal,
     UpdateRequest, check_chunk,
@@ -16,13 +20,14 @@ use salty::{PublicKey, Sha512};
 
 use crate::access::LinkLock;
 use crate::station::Station;
-use crate::store::{Store, StoreFailed};
+use crate::storage::store::{Records, StoreFailed};
+use crate::storage::waiting::Waiting;
 
-/// Number of bytes that are hashed before other tasks run.
+/// Number of bytes hashed before other tasks run.
 const BYTES_PER_SLICE: usize = MAX_UPDATE_BYTES;
-/// Time without a request after which the drive is no longer kept off for an update, s.
+/// Time without a request after which an update no longer keeps the drive off, s.
 const SILENCE_S: u32 = 10;
-/// Time after which an image that nobody confirmed restarts the board, s.
+/// Time after which an unconfirmed image restarts the board, s.
 pub(crate) const TRIAL_S: u32 = 60;
 
 /// The chip's slot for an update.
@@ -34,7 +39,7 @@ pub struct Slot {
     pub size: u32,
     /// Restarts the board.
     pub restart: fn(),
-    /// What writes the image.
+    /// Writer of the image.
     pub writer: Writer,
 }
 
@@ -48,16 +53,16 @@ impl Slot {
     }
 }
 
-/// What writes the image of an update.
+/// Writer of the image of an update.
 #[derive(Clone, Copy, Debug)]
 pub enum Writer {
     /// This program, to a second slot.
     Program(SecondSlot),
-    /// The loader, over this program. The function leaves it a request with the public key.
+    /// The loader, over this program. The function leaves the loader a request with the public key.
     Loader(fn(&[u8; 32])),
 }
 
-/// A second slot. Its functions return false where the flash fails.
+/// A second slot. Its functions return false on a failure of the flash.
 #[derive(Clone, Copy, Debug)]
 pub struct SecondSlot {
     /// Size of an erasable sector, bytes.
@@ -78,11 +83,10 @@ pub struct SecondSlot {
     pub has_room: fn() -> bool,
 }
 
-/// Progress of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
     None,
-    /// An image of this length in bytes comes; `written` of them are in the slot.
+    /// An image of this length in bytes is expected; `written` of them are in the slot.
     Open {
         length: u32,
         written: u32,
@@ -115,7 +119,7 @@ impl Update {
     /// Keeps the drive of an image on trial off, from the start on.
     pub fn begin_trial(&self, station: &Station) {
         if self.on_trial {
-            station.keep_off_until(u32::MAX);
+            station.disable_until(u32::MAX);
         }
     }
 
@@ -140,7 +144,7 @@ impl Update {
         lock: &mut LinkLock,
         strapped: bool,
         station: &Station,
-        store: &mut impl Store,
+        store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> UpdateAnswer<'static> {
         match *request {
             UpdateRequest::State => {
@@ -176,11 +180,11 @@ impl Update {
         request: &UpdateRequest<'_>,
         has_pin: bool,
         station: &Station,
-        store: &mut impl Store,
+        store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         let slot = self.slot.ok_or(UpdateRefusal::NoSlot)?;
         let was_open = self.progress != Progress::None;
-        // A drive that runs is not stopped by an update that was left open.
+        // An abandoned update does not stop a running drive.
         if !station.is_out_of_use() {
             self.progress = Progress::None;
             return Err(UpdateRefusal::Running);
@@ -204,22 +208,22 @@ impl Update {
             _ => Ok(UpdateAnswer::Done),
         };
         match self.progress {
-            Progress::Open { .. } => station.keep_off_until(station.seconds() + SILENCE_S),
-            Progress::Marked { .. } => station.keep_off_until(u32::MAX),
-            Progress::None if was_open => station.keep_off_until(0),
+            Progress::Open { .. } => station.disable_until(station.seconds() + SILENCE_S),
+            Progress::Marked { .. } => station.disable_until(u32::MAX),
+            Progress::None if was_open => station.disable_until(0),
             Progress::None => {}
         }
         changed
     }
 
-    /// Confirms an image on trial; one that is not on trial needs no confirmation.
+    /// Confirms an image on trial; otherwise there is nothing to confirm.
     fn confirm(&mut self, station: &Station) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         if self.on_trial {
             if !(self.second_slot()?.confirm)() {
                 return Err(UpdateRefusal::Store);
             }
             self.on_trial = false;
-            station.keep_off_until(0);
+            station.disable_until(0);
         }
         Ok(UpdateAnswer::Done)
     }
@@ -237,10 +241,10 @@ impl Update {
         length: u32,
         slot: &Slot,
         station: &Station,
-        store: &mut impl Store,
+        store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         match (self.progress, slot.writer) {
-            // A repeated request was carried out already.
+            // A repeated request has already been carried out.
             (Progress::Marked { .. }, Writer::Loader(_)) => return Ok(UpdateAnswer::Loader),
             (Progress::Marked { .. }, Writer::Program(_)) => return Err(UpdateRefusal::OnTrial),
             _ if self.on_trial => return Err(UpdateRefusal::OnTrial),
@@ -252,7 +256,8 @@ impl Update {
         if length == 0 || length > slot.size || !length.is_multiple_of(4) {
             return Err(UpdateRefusal::Length);
         }
-        // With the key all settings have left the sectors 10 and 11, where older images had them.
+        // With a stored key, no settings are left in sectors 10 and 11, their place in older
+        // images.
         let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
         if self.begun == MAX_UPDATES_PER_START {
             return Err(UpdateRefusal::TooOften);
@@ -285,7 +290,7 @@ impl Update {
         let Some(end) = check_chunk(offset, bytes, *length, *written)? else {
             return Ok(UpdateAnswer::Done);
         };
-        // Bytes that reach into another sector begin with its erasure.
+        // Bytes that reach into another sector start with its erasure.
         let second = second?;
         let sector = (end - 1) / second.sector * second.sector;
         let erased = sector < offset || (second.erase)(sector);
@@ -301,11 +306,11 @@ impl Update {
         &mut self,
         signature: &[u8],
         station: &Station,
-        store: &mut impl Store,
+        store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         let (length, written) = match self.progress {
             Progress::Open { length, written } => (length, written),
-            // A repeated request was carried out already.
+            // A repeated request has already been carried out.
             Progress::Marked { .. } => return Ok(UpdateAnswer::Done),
             Progress::None => return Err(UpdateRefusal::Order(0)),
         };
@@ -336,11 +341,11 @@ impl Update {
     }
 }
 
-/// Stores the public key, once; another one needs a PIN.
+/// Stores the public key; a change of the key needs a PIN.
 async fn set_key(
     key: &[u8],
     has_pin: bool,
-    store: &mut impl Store,
+    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
 ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
     let key: &[u8; 32] = key.try_into().map_err(|_| UpdateRefusal::Length)?;
     if PublicKey::try_from(key).is_err() {
@@ -354,8 +359,8 @@ async fn set_key(
     Ok(UpdateAnswer::Done)
 }
 
-fn refusal_of(why: StoreFailed) -> UpdateRefusal {
-    match why {
+fn refusal_of(cause: StoreFailed) -> UpdateRefusal {
+    match cause {
         StoreFailed::SupplyLow => UpdateRefusal::SupplyLow,
         StoreFailed::Memory | StoreFailed::NoSettings => UpdateRefusal::Store,
     }

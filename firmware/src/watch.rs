@@ -12,7 +12,7 @@ pub enum Watched {
     Cycle = 2,
 }
 
-/// Roll of the tasks that have checked in since the last feed.
+/// Record of the tasks that have checked in since the last feed.
 #[derive(Debug)]
 pub struct Roll {
     expected: u32,
@@ -20,7 +20,7 @@ pub struct Roll {
 }
 
 impl Roll {
-    /// Builds a roll on which all of `expected` must appear.
+    /// Requires all of `expected` to check in.
     pub const fn of(expected: &[Watched]) -> Self {
         let mut bits = 0;
         let mut index = 0;
@@ -39,7 +39,7 @@ impl Roll {
         self.present.fetch_or(who as u32, Ordering::Relaxed);
     }
 
-    /// Whether all tasks have checked in; if so, the roll starts over.
+    /// Whether all tasks have checked in; if so, the record is cleared.
     pub fn complete(&self) -> bool {
         let complete = self.present.load(Ordering::Relaxed) & self.expected == self.expected;
         if complete {

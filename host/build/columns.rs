@@ -1,8 +1,8 @@
-//! Turns the table of columns into the constants of `report::columns`.
+//! Generates the constants of `report::columns` from the table of columns.
 
 use std::fmt::Write;
 
-/// Constants of the columns above the empty line, and the list of all rows.
+/// Constants for the columns above the empty line, and the list of all rows.
 pub fn source(table: &str) -> String {
     let (mut constants, mut entries, mut column) = (String::new(), String::new(), true);
     for line in table.lines().filter(|line| !line.starts_with('#')) {

@@ -1,14 +1,14 @@
-//! The commit that a folder of sources stands at.
+//! Commit of a source folder.
 
 use std::path::Path;
 use std::process::Command;
 
-/// The commit of the git tree around `folder`, with `-dirty` where a file of it differs from that commit; `unknown` where
-/// there is no such tree, or no git to ask.
+/// Commit of the git tree around `folder`, with `-dirty` if a file differs from it; `unknown`
+/// without such a tree or without git.
 pub fn commit(folder: &Path) -> String {
-    let git = |words: &[&str]| {
+    let git = |args: &[&str]| {
         let output = Command::new("git")
-            .args(words)
+            .args(args)
             .current_dir(folder)
             .output()
             .ok()

@@ -3,10 +3,8 @@
 //! An error of a parser is one line with the accepted range. clap adds the option and the value.
 
 mod amplitude;
-mod look;
 
 pub use amplitude::{AmplitudeArguments, k_of};
-pub use look::{LookArguments, PICTURES};
 
 use std::path::{Path, PathBuf};
 
@@ -15,13 +13,13 @@ use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSetti
 use kband::impact::{ContactTime, Scatter, Tone, Wave};
 
 use crate::file::Destination;
-use crate::picture::Picture;
+use crate::picture::{Look, PICTURES, Picture};
 use crate::refusal::{Exit, Refusal};
 use crate::report::{Column, Format, Printout, Rows, rows_file, when};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
-pub struct Printed {
+pub struct FormatArguments {
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     pub format: Format,
@@ -29,7 +27,7 @@ pub struct Printed {
 
 /// The file a picture or a table goes to, and how it looks.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Drawn {
+pub struct FileArguments {
     /// Also write a file. Its ending selects the content: .svg, .png or .pdf for the picture, .csv
     /// or .json for the numbers. An older file of that name is overwritten. `-` writes the picture
     /// to standard output, `--out=-.png` another form of it.
@@ -37,31 +35,31 @@ pub struct Drawn {
     out: Option<PathBuf>,
 
     #[command(flatten)]
-    look: LookArguments,
+    look: Look,
 }
 
 /// Where a whole result goes: its form on standard output, and a file with its picture or numbers.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Shown {
+pub struct OutputArguments {
     #[command(flatten)]
-    printed: Printed,
+    printed: FormatArguments,
 
     #[command(flatten)]
-    drawn: Drawn,
+    drawn: FileArguments,
 }
 
-impl Shown {
+impl OutputArguments {
     /// The destination of the picture or the numbers, checked before anything is computed. A
     /// picture on standard output is refused if `--format` prints numbers there.
-    pub fn output(&self) -> Result<Output, Refusal> {
-        self.drawn.output(self.printed.format, false)
+    pub fn check(&self) -> Result<Output, Refusal> {
+        self.drawn.check(self.printed.format, false)
     }
 
-    /// The same; without `--out`, a picture called `name` beside a printed table.
-    pub fn output_or(&self, name: &str) -> Result<Output, Refusal> {
+    /// The same with a default: without `--out`, a picture called `name` beside a printed table.
+    pub fn check_or(&self, name: &str) -> Result<Output, Refusal> {
         let format = self.printed.format;
         if self.drawn.out.is_some() || format != Format::Table {
-            return self.output();
+            return self.check();
         }
         let target = Destination::default_name(Path::new(name), own_picture, "--out FILE.svg")?;
         Ok(Output {
@@ -71,10 +69,10 @@ impl Shown {
     }
 }
 
-impl Drawn {
-    /// The checked destination beside a result in this form on standard output. Numbers that are
-    /// written `by_rows` may also go to a .parquet file.
-    pub fn output(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
+impl FileArguments {
+    /// Checked destination beside a result in this form on standard output. Numbers written
+    /// `by_rows` may also go to a .parquet file.
+    pub fn check(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
             return Ok(Output { format, kind: None });
         };
@@ -127,12 +125,11 @@ pub struct Output {
 
 #[derive(Clone, Copy, Debug)]
 enum Kind {
-    Picture(LookArguments),
+    Picture(Look),
     Numbers(Format),
 }
 
 impl Output {
-    /// Whether a picture is wanted.
     pub fn draws(&self) -> bool {
         matches!(self.kind, Some((_, Kind::Picture(_))))
     }
@@ -146,7 +143,7 @@ impl Output {
         let target = self.rows_target();
         let result = rows_file::write(target, columns, work)?;
         if let Some(target) = target {
-            eprintln!("{}", target.told());
+            eprintln!("{}", target.describe_write());
         }
         Ok(result)
     }
@@ -169,7 +166,7 @@ impl Output {
         report.print(self.format)?;
         if let Some((target, Kind::Numbers(format))) = &self.kind {
             report.save(*format, target)?;
-            eprintln!("{}", target.told());
+            eprintln!("{}", target.describe_write());
         }
         self.draw(picture)
     }
@@ -178,7 +175,7 @@ impl Output {
     pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<Exit, Refusal> {
         if let Some((target, Kind::Picture(look))) = &self.kind {
             look.write(target, &picture())?;
-            eprintln!("{}", target.told());
+            eprintln!("{}", target.describe_write());
         }
         Ok(Exit::Done)
     }
@@ -187,9 +184,7 @@ impl Output {
 /// An evenly spaced range `LO..HI:N`, ends included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
-    /// First value.
     pub low: f64,
-    /// Last value.
     pub high: f64,
     /// Number of values, at least 1.
     pub count: usize,
@@ -244,7 +239,7 @@ pub struct ContactArguments {
 }
 
 impl ContactArguments {
-    /// The duration in the phase of a drive of this frequency.
+    /// Contact time as a phase of a drive of this frequency.
     pub fn time(self, frequency: f64) -> Result<ContactTime, Refusal> {
         ContactTime::from_milliseconds(self.contact, frequency).map_err(|refused| {
             Refusal::value(
@@ -256,10 +251,35 @@ impl ContactArguments {
         })
     }
 
-    /// `, contacts of 0.4 ms`; nothing for impacts in no time.
-    pub fn words(self) -> String {
-        let words = || format!(", contacts of {} ms", self.contact);
-        when(self.contact > 0.0, words)
+    /// `, contacts of 0.4 ms` for the text of a result; empty for instantaneous impacts.
+    pub fn describe(self) -> String {
+        let text = || format!(", contacts of {} ms", self.contact);
+        when(self.contact > 0.0, text)
+    }
+}
+
+/// Upper tones of the track.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ToneArguments {
+    /// Second tone of the track: amplitude over that of the first tone, 0..0.5, and angle in rad.
+    #[arg(long, value_name = "E,TH", value_parser = tone)]
+    pub second_tone: Option<Tone>,
+
+    /// Third tone, E3 sin(3 t + TH3).
+    #[arg(long, value_name = "E3,TH3", value_parser = tone)]
+    pub third_tone: Option<Tone>,
+}
+
+impl ToneArguments {
+    /// The second and the third tone; of amplitude 0 where none is given.
+    pub fn upper(self) -> [Tone; 2] {
+        [self.second_tone, self.third_tone].map(Option::unwrap_or_default)
+    }
+
+    /// Motion of the track, over its first tone's amplitude. The error names a tone out of range.
+    pub fn wave(self) -> Result<Wave, OutOfRange> {
+        let [second, third] = self.upper();
+        Wave::build(second, third)
     }
 }
 
@@ -277,7 +297,7 @@ pub struct ScatterArguments {
 }
 
 impl ScatterArguments {
-    /// The restitutions of orbit number `stream` about a mean; `None` where nothing scatters.
+    /// Restitutions of orbit number `stream` about a mean; `None` without scatter.
     pub fn stream(self, mean: f64, stream: u64) -> Result<Option<Scatter>, OutOfRange> {
         if self.scatter == 0.0 {
             return Ok(None);
@@ -298,22 +318,20 @@ pub struct NoScatter {
 }
 
 impl NoScatter {
-    /// Refused with scatter; `why` there is no answer, and the `next` step.
+    /// Refuses scatter with the reason `why` and the `next` step.
     pub fn check(self, why: &str, next: &str) -> Result<(), Refusal> {
         match self.scatter {
-            Some(scatter) if scatter > 0.0 => Err(Refusal::value(
-                "--scatter",
-                scatter,
-                format!("0: {why}"),
-                next,
-            )),
+            Some(scatter) if scatter > 0.0 => {
+                let accepted = format!("0: {why}");
+                Err(Refusal::value("--scatter", scatter, accepted, next))
+            }
             _ => Ok(()),
         }
     }
 }
 
 impl DriveArguments {
-    /// The track, for its motion normal to itself alone.
+    /// The track, with motion normal to it alone.
     pub fn track(self) -> Result<Track, OutOfRange> {
         Track::build(TrackSettings {
             frequency: self.frequency,
@@ -325,7 +343,6 @@ impl DriveArguments {
     }
 }
 
-/// A finite number, for any option that takes one.
 pub fn number(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -341,9 +358,8 @@ pub fn within(
     unit: &'static str,
 ) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
     move |text| {
-        let value = number(text)
-            .ok()
-            .filter(|value| (low..=high).contains(value));
+        let value = number(text).ok();
+        let value = value.filter(|value| (low..=high).contains(value));
         value.ok_or_else(|| {
             let space = if unit.is_empty() { "" } else { " " };
             format!("accepted: {low}..{high}{space}{unit}")
@@ -362,12 +378,11 @@ pub fn count(
     }
 }
 
-/// A PIN.
 pub fn pin(text: &str) -> Result<kband_control::wire::Pin, String> {
     kband_control::wire::Pin::parse(text).ok_or_else(|| "accepted: 4 to 8 digits".into())
 }
 
-/// A numeric address and a port to listen at.
+/// Parses a numeric address and port.
 pub fn socket(text: &str) -> Result<std::net::SocketAddr, String> {
     let read = text.trim().parse();
     read.map_err(|_| {
@@ -376,13 +391,12 @@ pub fn socket(text: &str) -> Result<std::net::SocketAddr, String> {
     })
 }
 
-/// A seed.
 pub fn seed(text: &str) -> Result<u64, String> {
     let read = text.trim().parse();
     read.map_err(|_| format!("accepted: a whole number, 0..{}", u64::MAX))
 }
 
-/// A restitution `R` or an interval of it `LO..HI`.
+/// Parses a restitution `R` or an interval `LO..HI`.
 pub fn restitution(text: &str) -> Result<Restitution, String> {
     let read = || {
         let (low, high) = text.split_once("..").unwrap_or((text, text));
@@ -394,7 +408,7 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
     })
 }
 
-/// Friction as one coefficient, or as that of sliding and that of sticking, `MU,MU_S`.
+/// Parses friction: one coefficient, or those of sliding and static friction, `MU,MU_S`.
 pub fn friction(text: &str) -> Result<(f64, f64), String> {
     let (sliding, sticking) = text.split_once(',').unwrap_or((text, text));
     let (sliding, sticking) = (number(sliding.trim())?, number(sticking.trim())?);
@@ -407,7 +421,8 @@ pub fn friction(text: &str) -> Result<(f64, f64), String> {
     )
 }
 
-/// A harmonic of the track's motion, `E,TH`: its amplitude over that of the first tone and its angle in rad.
+/// Parses a harmonic of the track's motion, `E,TH`: amplitude over that of the first tone, and
+/// angle in rad.
 pub fn tone(text: &str) -> Result<Tone, String> {
     let read = || {
         let (amplitude, angle) = text.split_once(',')?;
@@ -429,10 +444,9 @@ pub fn range_or_value(
 ) -> impl Fn(&str) -> Result<Range, String> + Clone + Send + Sync + 'static {
     move |text| {
         let (low, high) = accepted;
-        let spelled = when(text.contains("..") && !text.contains(':'), || {
-            format!(":{count}")
-        });
-        let range = range(&format!("{text}{spelled}")).ok();
+        let is_open = text.contains("..") && !text.contains(':');
+        let counted = when(is_open, || format!(":{count}"));
+        let range = range(&format!("{text}{counted}")).ok();
         let within = range.filter(|range| low <= range.low && range.high <= high);
         within.ok_or_else(|| {
             format!(
@@ -443,7 +457,7 @@ pub fn range_or_value(
     }
 }
 
-/// A range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
+/// Parses a range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
 pub fn range(text: &str) -> Result<Range, String> {
     let read = || {
         let Some((low, rest)) = text.split_once("..") else {

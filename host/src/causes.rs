@@ -1,8 +1,8 @@
-//! Causes for a share of time in gear below the lot's best, each with its remedy.
+//! Causes of a share of time in gear below the best of the lot, each with its remedy.
 //!
 //! The method is relaxation of one constraint at a time. The plan of gear is repeated without one
-//! bound of the drive or the lot, in the order in which a setter should check them. The result is
-//! the predicted share in gear, 0..1, and the amplitude in mm.
+//! bound of the drive or the lot, in the order for checking them. The result is the predicted share
+//! in gear, 0..1, and the amplitude in mm.
 
 use std::f64::consts::TAU;
 
@@ -20,20 +20,20 @@ const MIN_GAIN: f64 = 0.05;
 /// Amplitude of the tried second tone, over the first.
 const SECOND_TONE: f32 = 0.15;
 /// Factor by which the drive is made stronger to lift its output limit.
-const STRONGER: f32 = 10.0;
+const OUTPUT_LIFT_FACTOR: f32 = 10.0;
 
 /// The predicted best setpoint of a lot on a drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Best {
+pub struct BestSetpoint {
     /// Share of time in gear, 0..=1.
     pub share: f64,
     /// Amplitude b in mm; 0 if no amplitude brings parts into gear.
     pub amplitude: f64,
 }
 
-impl Best {
+impl BestSetpoint {
     /// The best setpoint of a lot and an order, as the controller plans it.
-    pub fn of(settings: &Settings, order: u8) -> Self {
+    pub fn from_settings(settings: &Settings, order: u8) -> Self {
         plan(settings, order).map_or(Self::default(), |(plan, amplitude)| Self {
             share: f64::from(plan.share),
             amplitude,
@@ -50,7 +50,7 @@ pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
     Some((controller.gear()?, f64::from(controller.setpoint()) * 1e3))
 }
 
-/// Settings of a drive that bounds no plan, for a lot.
+/// Settings of an unlimited drive for a lot.
 pub fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settings {
     let frequency = f64::from(Settings::default().frequency);
     Settings {
@@ -71,11 +71,11 @@ pub struct Cause {
     /// The cause with its numbers, and the change that removes it.
     pub remedy: String,
     /// Predicted best setpoint with this one change.
-    pub best: Best,
+    pub best: BestSetpoint,
 }
 
-/// The causes whose remedy raises the share of `now`, the most likely first.
-pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
+/// Causes whose remedies raise the share of `now`, most likely first.
+pub fn causes(settings: &Settings, order: u8, now: BestSetpoint) -> Vec<Cause> {
     let Settings {
         frequency,
         resonance,
@@ -100,9 +100,10 @@ pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
     lift(
         format!("a stronger drive: the output is at its limit of {output_maximum}"),
         &|lifted| {
-            lifted.gain = (STRONGER * lifted.gain).min(100.0);
-            lifted.second_gain = (STRONGER * lifted.second_gain).min(100.0);
-            lifted.third_gain = (STRONGER * lifted.third_gain).min(100.0);
+            let raised = |gain: f32| (OUTPUT_LIFT_FACTOR * gain).min(100.0);
+            lifted.gain = raised(lifted.gain);
+            lifted.second_gain = raised(lifted.second_gain);
+            lifted.third_gain = raised(lifted.third_gain);
         },
     );
     lift(
@@ -142,49 +143,45 @@ pub fn causes(settings: &Settings, order: u8, now: Best) -> Vec<Cause> {
     all.into_iter()
         .map(|(remedy, lifted)| Cause {
             remedy,
-            best: Best::of(&lifted, order),
+            best: BestSetpoint::from_settings(&lifted, order),
         })
         .filter(|cause| cause.best.share >= now.share + MIN_GAIN)
         .collect()
 }
 
-/// The cause after the controller has detected that the parts do not fit the lot. `amplitude` in mm
-/// is the held one, without any share in gear.
+/// Cause after the controller has detected that the parts do not fit the lot. `amplitude` in mm is
+/// the present one, without any share in gear.
 pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
-    let Settings {
-        restitution_low,
-        restitution_high,
-        scatter,
-        ..
-    } = *settings;
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
     Cause {
         remedy: format!(
-            "parts that do not fit the lot: restitution {restitution_low}..{restitution_high} with scatter {scatter}; they \
-             tumble, or are another sort (kband target identify)"
+            "parts that do not fit the lot: restitution {low}..{high} with scatter {}; they tumble, or are another sort \
+             (kband target identify)",
+            settings.scatter
         ),
-        best: Best {
+        best: BestSetpoint {
             share: 0.0,
             amplitude,
         },
     }
 }
 
-/// Cache of one controller's causes. They need up to seven plans, so they are computed again only
+/// Cache of the causes of one controller. They need up to seven plans, so they are computed only
 /// after a change of settings, order or plan.
 #[derive(Clone, Debug, Default)]
 pub struct CauseCache {
-    of: Option<(Settings, u8, Best)>,
+    inputs: Option<(Settings, u8, BestSetpoint)>,
     causes: Vec<Cause>,
 }
 
 impl CauseCache {
-    /// The causes for a target of gear, most likely first; `limits` hold the drive back. Empty if
-    /// the lot stays in gear or no plan exists yet.
+    /// Causes for a target of gear, most likely first; `limits` are the active ones. Empty if the
+    /// lot stays in gear, or without a plan.
     pub fn causes(
         &mut self,
         settings: &Settings,
         order: u8,
-        now: Best,
+        now: BestSetpoint,
         limits: Limits,
     ) -> Vec<Cause> {
         if limits.contains(Limits::MISFIT) {
@@ -194,24 +191,21 @@ impl CauseCache {
         if now.share >= MIN_SHARE_IN_GEAR || !planned {
             return vec![];
         }
-        let of = Some((*settings, order, now));
-        if self.of != of {
+        let inputs = Some((*settings, order, now));
+        if self.inputs != inputs {
             self.causes = causes(settings, order, now);
-            self.of = of;
+            self.inputs = inputs;
         }
         self.causes.clone()
     }
 }
 
-/// The causes in lines for a reader, with the share and the amplitude that each remedy gives.
+/// The causes in words, with predicted share and amplitude after each remedy.
 pub fn describe(causes: &[Cause]) -> Vec<String> {
     let line = |cause: &Cause| {
-        format!(
-            "{} in gear at {} mm with {}",
-            number(cause.best.share, 2),
-            number(cause.best.amplitude, 3),
-            cause.remedy
-        )
+        let best = cause.best;
+        let (share, amplitude) = (number(best.share, 2), number(best.amplitude, 3));
+        format!("{share} in gear at {amplitude} mm with {}", cause.remedy)
     };
     causes.iter().map(line).collect()
 }
@@ -220,7 +214,7 @@ pub fn describe(causes: &[Cause]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// A narrow lot on a drive that serves it.
+    /// A narrow lot that the drive can keep in gear.
     fn served() -> Settings {
         Settings {
             restitution_low: 0.19,
@@ -233,7 +227,7 @@ mod tests {
     #[test]
     fn served_lot_has_no_cause() {
         let settings = served();
-        let best = Best::of(&settings, 1);
+        let best = BestSetpoint::from_settings(&settings, 1);
         assert!(best.share >= MIN_SHARE_IN_GEAR, "{best:?}");
         assert_eq!(causes(&settings, 1, best), []);
     }
@@ -256,35 +250,32 @@ mod tests {
         for (remedy, change) in cases {
             let mut settings = served();
             change(&mut settings);
-            let now = Best::of(&settings, 1);
+            let now = BestSetpoint::from_settings(&settings, 1);
             let causes = causes(&settings, 1, now);
             let cause = causes.iter().find(|cause| cause.remedy.starts_with(remedy));
             let cause = cause.unwrap_or_else(|| panic!("{remedy}: {now:?} {causes:?}"));
             assert!(cause.best.share > 0.9, "{remedy}: {now:?} {cause:?}");
-            // Only the drive off its resonance also lacks output; a second tone comes last.
+            // Off resonance the drive also lacks output. A second tone is the last cause.
             let others = causes.iter().filter(|other| {
                 !other.remedy.starts_with("a second tone") && other.remedy != cause.remedy
             });
             let others: Vec<&Cause> = others.collect();
-            assert_eq!(
-                others.len(),
-                usize::from(remedy.contains("resonance")),
-                "{others:?}"
-            );
+            let expected = usize::from(remedy.contains("resonance"));
+            assert_eq!(others.len(), expected, "{others:?}");
         }
     }
 
     #[test]
     fn misfit_is_the_only_cause_while_its_limit_holds() {
         let settings = served();
-        let now = Best {
+        let now = BestSetpoint {
             share: 0.0,
             amplitude: 0.327,
         };
         let mut cache = CauseCache::default();
-        let found = cache.causes(&settings, 1, now, Limits::MISFIT);
-        assert_eq!(found.len(), 1);
-        let lines = describe(&found);
+        let causes = cache.causes(&settings, 1, now, Limits::MISFIT);
+        assert_eq!(causes.len(), 1);
+        let lines = describe(&causes);
         let begin =
             "0 in gear at 0.327 mm with parts that do not fit the lot: restitution 0.19..0.21";
         assert!(lines[0].starts_with(begin), "{lines:?}");
@@ -296,25 +287,26 @@ mod tests {
             gain: 0.15,
             ..served()
         };
-        let now = Best::of(&weak, 1);
+        let now = BestSetpoint::from_settings(&weak, 1);
         let mut cache = CauseCache::default();
         let first = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
         assert!(!first.is_empty());
         // A second call plans nothing and takes a thousandth of the time.
-        let begun = std::time::Instant::now();
-        let first_again = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
-        let again = begun.elapsed();
-        assert_eq!(first_again, first);
-        assert!(again.as_millis() < 5, "{again:?}");
+        let start = std::time::Instant::now();
+        let first_repeated = cache.causes(&weak, 1, now, Limits::NO_SETPOINT);
+        let repeated = start.elapsed();
+        assert_eq!(first_repeated, first);
+        assert!(repeated.as_millis() < 5, "{repeated:?}");
         let poor = Settings {
             scatter: 0.2,
             ..weak
         };
-        let other = cache.causes(&poor, 1, Best::of(&poor, 1), Limits::NO_SETPOINT);
+        let now_poor = BestSetpoint::from_settings(&poor, 1);
+        let other = cache.causes(&poor, 1, now_poor, Limits::NO_SETPOINT);
         assert_ne!(other, first);
         assert_eq!(cache.causes(&weak, 1, now, Limits::default()), []);
         let served = served();
-        let best = Best::of(&served, 1);
+        let best = BestSetpoint::from_settings(&served, 1);
         assert_eq!(cache.causes(&served, 1, best, Limits::default()), []);
     }
 
@@ -326,10 +318,9 @@ mod tests {
                 second_gain,
                 ..served()
             };
-            let causes = causes(&settings, 1, Best::of(&settings, 1));
-            causes
-                .iter()
-                .any(|cause| cause.remedy.starts_with("a second tone"))
+            let causes = causes(&settings, 1, BestSetpoint::from_settings(&settings, 1));
+            let mut remedies = causes.iter().map(|cause| &cause.remedy);
+            remedies.any(|remedy| remedy.starts_with("a second tone"))
         };
         assert!(advised(0.5));
         assert!(!advised(0.0));

@@ -1,10 +1,8 @@
-//! Work on all cores, with progress and Ctrl-C.
+//! Work on all cores, with a progress bar and Ctrl-C.
 
 use std::io::IsTerminal;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -12,18 +10,17 @@ use rayon::prelude::*;
 
 use crate::refusal::Refusal;
 
-/// Whether the user has requested a stop.
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
-/// Number of calls without an answer, each after 50 ms, that a link waits after such a request: the
-/// last requests of a verb have this time.
-const LAST_WAITS: u32 = 6;
+/// Number of waits of 50 ms for a silent board after a request to stop; the last requests of a verb
+/// have this time.
+const MAX_WAITS_AFTER_STOP: u32 = 6;
 
-/// What ends the waits of a link, where a board does not answer, after a request to stop.
-pub fn end_of_waits() -> impl FnMut() -> Result<(), Refusal> + Send {
+/// Ends the waits for a silent board after a request to stop.
+pub(crate) fn limit_waits() -> impl FnMut() -> Result<(), Refusal> + Send {
     let mut waits = 0;
     move || {
         waits += u32::from(STOP_REQUESTED.load(Ordering::Relaxed));
-        if waits > LAST_WAITS {
+        if waits > MAX_WAITS_AFTER_STOP {
             let cause = "interrupted while the board did not answer";
             Err(Refusal::cut(cause, "start it again"))
         } else {
@@ -32,7 +29,7 @@ pub fn end_of_waits() -> impl FnMut() -> Result<(), Refusal> + Send {
     }
 }
 
-/// Environment of every verb: the cores, the progress bar, the user's request to stop.
+/// Environment of every verb: cores, progress bar, request to stop.
 #[derive(Debug)]
 pub struct Desk {
     stop: Arc<AtomicBool>,
@@ -60,7 +57,7 @@ impl Desk {
     /// From now on Ctrl-C (or SIGTERM) requests a stop of the work; a second one stops at once.
     pub fn listen_for_interruption(&self) {
         let stop = Arc::clone(&self.stop);
-        // It fails only if a handler is installed already, which then stays.
+        // It fails only if a handler is already installed; that one remains.
         let _ = ctrlc::set_handler(move || {
             STOP_REQUESTED.store(true, Ordering::Relaxed);
             if stop.swap(true, Ordering::SeqCst) {
@@ -70,8 +67,8 @@ impl Desk {
         });
     }
 
-    /// Refuses after a request to stop; work of many steps calls it between them.
-    pub fn go_on(&self) -> Result<(), Refusal> {
+    /// Returns a refusal after a request to stop. Work of many steps calls it between them.
+    pub fn check_stop(&self) -> Result<(), Refusal> {
         if self.stop.load(Ordering::Relaxed) {
             Err(Refusal::interrupted())
         } else {
@@ -79,8 +76,8 @@ impl Desk {
         }
     }
 
-    /// Calls `work` for each of `0..count` on all cores; results are in order. Each result must
-    /// depend on its number alone: then any number of threads gives the same bits.
+    /// Calls `work` for each of `0..count` on all cores; results are in order. A result may depend
+    /// only on its number, so any number of threads gives the same bits.
     pub fn map<T: Send>(
         &self,
         title: &str,
@@ -88,22 +85,19 @@ impl Desk {
         work: impl Fn(usize) -> T + Sync + Send,
     ) -> Result<Vec<T>, Refusal> {
         let progress = Progress::new(title, count as u64);
-        let results = self.pool.install(|| {
-            (0..count)
-                .into_par_iter()
-                .map(|n| {
-                    self.go_on()?;
-                    let result = work(n);
-                    progress.advance(1);
-                    Ok(result)
-                })
-                .collect()
-        });
+        let step = |n| {
+            self.check_stop()?;
+            let result = work(n);
+            progress.advance(1);
+            Ok(result)
+        };
+        let all = || (0..count).into_par_iter().map(step).collect();
+        let results = self.pool.install(all);
         progress.finish();
         results
     }
 
-    /// Like [`Desk::map`] for work that can itself refuse; the first refusal in order is returned.
+    /// Like [`Desk::map`] for work that may refuse; the first refusal in order is returned.
     pub fn try_map<T: Send>(
         &self,
         title: &str,
@@ -113,19 +107,17 @@ impl Desk {
         self.map(title, count, work)?.into_iter().collect()
     }
 
-    /// Like [`Desk::try_map`] for work that does several of `0..count` at once, spread over the
-    /// whole range. They are at most `together`, and fewer if there are threads for them.
+    /// Like [`Desk::try_map`] for work on groups of `0..count`, each spread over the whole range. A
+    /// group has at most `block_size` members, and fewer if threads would be idle.
     pub fn spread<T: Send>(
         &self,
         title: &str,
         count: usize,
-        together: usize,
+        block_size: usize,
         work: impl Fn(&[usize]) -> Result<Vec<T>, Refusal> + Sync + Send,
     ) -> Result<Vec<T>, Refusal> {
-        let tasks = count
-            .div_ceil(together.max(1))
-            .max(self.threads())
-            .min(count);
+        let blocks = count.div_ceil(block_size.max(1));
+        let tasks = blocks.max(self.threads()).min(count);
         let of_task = |task: usize| (task..count).step_by(tasks).collect::<Vec<_>>();
         let results = self.try_map(title, tasks, |task| work(&of_task(task)))?;
         let mut results: Vec<_> = results.into_iter().map(Vec::into_iter).collect();
@@ -133,91 +125,58 @@ impl Desk {
         Ok(in_order.collect())
     }
 
-    /// Number of threads that work.
+    /// Number of threads.
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
 }
 
-/// Time after which the progress bar appears; shorter work needs none.
-const SHOWN_AFTER: Duration = Duration::from_millis(400);
-
-/// A progress bar on a terminal's standard error. It appears within the first second, also before
-/// the first step is done.
+/// A progress bar on a terminal's standard error, also before the first step is completed.
 #[derive(Debug)]
-pub struct Progress {
-    bar: ProgressBar,
-    /// The thread that shows the bar, and the channel that ends it early.
-    waiting: Mutex<Option<(Sender<()>, JoinHandle<()>)>>,
-}
+pub(crate) struct Progress(ProgressBar);
 
 impl Progress {
-    /// A bar of `length` steps.
     pub fn new(title: &str, length: u64) -> Self {
-        Self::on(title, length, std::io::stderr().is_terminal())
+        Self::on(title, length, ProgressDrawTarget::stderr_with_hz(10))
     }
 
-    /// A bar beside rows on standard output; none if both are on a terminal.
+    /// A bar beside rows on standard output; none if rows and bar share a terminal.
     pub fn beside_rows(title: &str, length: u64) -> Self {
-        let shown = std::io::stderr().is_terminal() && !std::io::stdout().is_terminal();
-        Self::on(title, length, shown)
+        if std::io::stdout().is_terminal() {
+            Self::on(title, length, ProgressDrawTarget::hidden())
+        } else {
+            Self::new(title, length)
+        }
     }
 
-    fn on(title: &str, length: u64, shown: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
-        let waiting = shown.then(|| {
-            let (over, told) = channel();
-            let (bar, title) = (bar.clone(), title.to_string());
-            let shows = std::thread::spawn(move || {
-                if told.recv_timeout(SHOWN_AFTER) == Err(RecvTimeoutError::Timeout) {
-                    show(&bar, title);
-                }
-            });
-            (over, shows)
-        });
-        Self {
-            bar,
-            waiting: Mutex::new(waiting),
+    fn on(title: &str, length: u64, target: ProgressDrawTarget) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(length), target);
+        bar.set_prefix(title.to_string());
+        let form = "{prefix} [{wide_bar}] {percent:>3} % {elapsed:>3} so far, {eta:>3} left";
+        if let Ok(style) = ProgressStyle::with_template(form) {
+            bar.set_style(style.progress_chars("=> "));
         }
+        if !bar.is_hidden() {
+            bar.enable_steady_tick(Duration::from_millis(250));
+        }
+        Self(bar)
     }
 
     /// Counts finished steps.
     pub fn advance(&self, steps: u64) {
-        self.bar.inc(steps);
+        self.0.inc(steps);
     }
 
-    /// Removes the bar.
     pub fn finish(&self) {
-        let waiting = self
-            .waiting
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        if let Some((over, shows)) = waiting {
-            drop(over);
-            // It cannot panic; after a panic there would be no bar.
-            let _ = shows.join();
-        }
-        self.bar.finish_and_clear();
+        self.0.finish_and_clear();
     }
 }
 
 impl Drop for Progress {
-    /// Removes the bar after a refusal, too.
+    /// Also removes the bar after a refusal.
     fn drop(&mut self) {
         self.finish();
     }
-}
-
-fn show(bar: &ProgressBar, title: String) {
-    let form = "{prefix} [{wide_bar}] {percent:>3} % {elapsed:>3} so far, {eta:>3} left";
-    if let Ok(style) = ProgressStyle::with_template(form) {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar.set_prefix(title);
-    bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(10));
-    bar.tick();
-    bar.enable_steady_tick(Duration::from_millis(250));
 }
 
 #[cfg(test)]
@@ -228,13 +187,11 @@ mod tests {
     fn an_interruption_stops_the_work() {
         let desk = Desk::new(Some(2)).unwrap();
         let stop = Arc::clone(&desk.stop);
-        let refused = desk
-            .map("", 1_000_000, |n| {
-                if n == 10 {
-                    stop.store(true, Ordering::SeqCst);
-                }
-            })
-            .unwrap_err();
-        assert_eq!(refused.status(), 130);
+        let stopped = desk.map("", 1_000_000, |n| {
+            if n == 10 {
+                stop.store(true, Ordering::SeqCst);
+            }
+        });
+        assert_eq!(stopped.unwrap_err().status(), 130);
     }
 }

@@ -1,6 +1,9 @@
-//! Output files, written whole or not at all, and never over an input or output of the same run.
+//! Output files, written completely or not at all, and never over an input or output of the same
+//! run.
 //!
 //! The method is a temporary file in the same folder, renamed when complete (atomic replacement).
+//! Data of a board is also flushed to the disk. Results of a computation are not: on a busy disk
+//! that took longer than the main job, and they can be computed again.
 //! A file that the user names replaces an older one, with a message. A file with a default name
 //! replaces only a file that kband wrote.
 
@@ -13,28 +16,27 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::refusal::Refusal;
-use used::Written;
 
 /// Temporary files of this run, removed before a forced stop.
-static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+static UNFINISHED_FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 /// Whether a result goes to standard output: messages then go to standard error.
-static STANDARD_OUTPUT_TAKEN: AtomicBool = AtomicBool::new(false);
+static STANDARD_OUTPUT_IN_USE: AtomicBool = AtomicBool::new(false);
 
 /// Whether a result goes to standard output.
-pub fn takes_standard_output() -> bool {
-    STANDARD_OUTPUT_TAKEN.load(Ordering::Relaxed)
+pub fn is_standard_output_in_use() -> bool {
+    STANDARD_OUTPUT_IN_USE.load(Ordering::Relaxed)
 }
 
-/// Whether the reader of standard output has gone away (`| head`).
-static READER_GONE: AtomicBool = AtomicBool::new(false);
+/// Whether the reader has closed standard output (`| head`).
+static READER_CLOSED: AtomicBool = AtomicBool::new(false);
 
-/// Whether the reader of standard output has gone away: the run then ends quietly.
-pub fn reader_is_gone() -> bool {
-    READER_GONE.load(Ordering::Relaxed)
+/// Whether the reader has closed standard output; the run then ends without a message.
+pub fn is_reader_closed() -> bool {
+    READER_CLOSED.load(Ordering::Relaxed)
 }
 
-/// Standard output that notes when its reader has gone away.
+/// Standard output that detects a reader's closing it.
 pub fn standard_output() -> impl Write {
     Standard(std::io::stdout())
 }
@@ -47,7 +49,7 @@ impl Write for Standard {
         if let Err(error) = &written
             && error.kind() == ErrorKind::BrokenPipe
         {
-            READER_GONE.store(true, Ordering::Relaxed);
+            READER_CLOSED.store(true, Ordering::Relaxed);
         }
         written
     }
@@ -57,7 +59,7 @@ impl Write for Standard {
     }
 }
 
-/// The ending in `-` or `-.png`, which are standard output; `None` for the name of a file.
+/// Ending after `-` or `-.` for standard output; `None` for the name of a file.
 fn standard(path: &Path) -> Option<&str> {
     match path.to_str()? {
         "-" => Some(""),
@@ -72,94 +74,80 @@ fn standard(path: &Path) -> Option<&str> {
 pub struct Destination {
     path: PathBuf,
     standard: bool,
-    /// Whether there was a file of this name already.
+    /// Whether a file of this name already existed.
     replaces: bool,
-    _written: Option<Written>,
+    /// Whether the file must survive a loss of power: it cannot be computed again.
+    durable: bool,
 }
 
 impl Destination {
-    /// The target `path`, or standard output for `-` and `-.png`. The ending gives the format;
-    /// without one it is `ending`.
+    /// The destination `path`, or standard output for `-` and `-.png`. The ending selects the
+    /// format; the default is `ending`.
     pub fn output(path: &Path, ending: &str) -> Result<Self, Refusal> {
-        let Some(said) = standard(path) else {
+        let Some(requested) = standard(path) else {
             return Self::check(path);
         };
-        if STANDARD_OUTPUT_TAKEN.swap(true, Ordering::Relaxed) {
+        if STANDARD_OUTPUT_IN_USE.swap(true, Ordering::Relaxed) {
             return Err(Refusal::new(
                 "standard output (-) is named for two outputs of this run",
                 "give one of them the name of a file",
             ));
         }
-        let ending = if said.is_empty() { ending } else { said };
+        let ending = if requested.is_empty() {
+            ending
+        } else {
+            requested
+        };
         Ok(Self {
             path: format!("-.{ending}").into(),
             standard: true,
             replaces: false,
-            _written: None,
+            durable: false,
         })
     }
 
-    /// The target `path`. Refused: a folder, a file in a missing folder, and a file that this run
-    /// reads or writes elsewhere, by any name.
+    /// The destination `path`. Refused: a folder, a file in a missing folder, and a file that this
+    /// run already reads or writes under any name.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
+        let (name, folder) = (path.display(), folder(path));
+        let refuse = |cause: String, next: &str| Err(Refusal::new(cause, next));
         if standard(path).is_some() {
-            return Err(Refusal::new(
-                format!(
-                    "{} is standard output, which this option does not take",
-                    path.display()
-                ),
-                "give the name of a file",
-            ));
+            let cause = format!("{name} is standard output, which this option does not take");
+            return refuse(cause, "give the name of a file");
         }
         if path.is_dir() {
-            return Err(Refusal::new(
-                format!("{} is a folder", path.display()),
-                "give the name of a file in it",
-            ));
+            let cause = format!("{name} is a folder");
+            return refuse(cause, "give the name of a file in it");
         }
         if path.file_name().is_none() {
-            return Err(Refusal::new(
-                format!("'{}' is not the name of a file", path.display()),
-                "give a file name such as out.svg",
-            ));
+            let cause = format!("'{name}' is not the name of a file");
+            return refuse(cause, "give a file name such as out.svg");
         }
-        let folder = folder(path);
+        let within = folder.display();
         if !folder.is_dir() {
-            return Err(Refusal::new(
-                format!(
-                    "the folder {} of {} does not exist",
-                    folder.display(),
-                    path.display()
-                ),
-                format!(
-                    "create it (mkdir -p {}) or give another path",
-                    folder.display()
-                ),
-            ));
+            let next = format!("create it (mkdir -p {within}) or give another path");
+            let cause = format!("the folder {within} of {name} does not exist");
+            return refuse(cause, &next);
         }
         if fs::metadata(folder).is_ok_and(|data| data.permissions().readonly()) {
-            return Err(Refusal::new(
-                format!("the folder {} cannot be written to", folder.display()),
-                "give a path in a folder of yours",
-            ));
+            let cause = format!("the folder {within} cannot be written to");
+            return refuse(cause, "give a path in a folder of yours");
         }
         if path.is_symlink() && !path.exists() {
-            return Err(Refusal::new(
-                format!("{} is a symbolic link to nothing", path.display()),
-                "remove the link, or give another path",
-            ));
+            let cause = format!("{name} is a symbolic link to nothing");
+            return refuse(cause, "remove the link, or give another path");
         }
-        let written = used::writes(path)?;
+        used::add_output(path)?;
         Ok(Self {
             path: path.into(),
             replaces: path.is_file(),
+            durable: false,
             standard: false,
-            _written: Some(written),
         })
     }
 
     /// The same for a default name: also refused if the file exists and kband did not write it.
-    /// `own` decides that by the file's beginning.
+    /// `own` decides that from the file's first bytes.
     pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
         let target = Self::check(path)?;
         if target.replaces {
@@ -167,11 +155,9 @@ impl Destination {
             let read = File::open(path).and_then(|mut file| file.read(&mut begin));
             begin.truncate(read.unwrap_or(0));
             if !own(&String::from_utf8_lossy(&begin)) {
+                let name = path.display();
                 return Err(Refusal::new(
-                    format!(
-                        "{} is there already, and kband did not write it",
-                        path.display()
-                    ),
+                    format!("{name} is there already, and kband did not write it"),
                     format!("name the file: {option}, or move this one away"),
                 ));
             }
@@ -180,7 +166,7 @@ impl Destination {
     }
 
     /// Message for the user that the file was written.
-    pub fn told(&self) -> String {
+    pub fn describe_write(&self) -> String {
         if self.standard {
             return "wrote standard output".into();
         }
@@ -190,13 +176,11 @@ impl Destination {
 
     /// Ending of the file name in lower case, without the dot; empty without one.
     pub fn ending(&self) -> String {
-        self.path
-            .extension()
-            .map(|ending| ending.to_string_lossy().to_lowercase())
-            .unwrap_or_default()
+        let ending = self.path.extension().unwrap_or_default();
+        ending.to_string_lossy().to_lowercase()
     }
 
-    /// Refuses another ending than these of an option's file.
+    /// Refuses an ending that is not in the list, for an option's file.
     pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<(), Refusal> {
         if endings.contains(&self.ending().as_str()) {
             return Ok(());
@@ -209,27 +193,34 @@ impl Destination {
         ))
     }
 
-    /// The path that will be written.
+    /// The same destination, whose content is on the disk once it is written.
+    pub fn durable(self) -> Self {
+        Self {
+            durable: true,
+            ..self
+        }
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Writes the file by `content`: into a temporary file in its folder, renamed when complete.
+    /// Writes the file with `content`: into a temporary file in its folder, renamed when complete.
     pub fn write(
         &self,
         content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
     ) -> Result<(), Refusal> {
-        self.write_by(|file| content(file).map_err(|error| self.unwritten(&error)))
+        self.write_by(|file| content(file).map_err(|error| self.write_refusal(&error)))
     }
 
-    /// Writes the file by work that may itself refuse; returns the work's result.
+    /// Writes the file by `work`, which may refuse; returns its result.
     ///
     /// A symbolic link is followed. A pipe or a device is written directly. Neither is replaced.
     pub fn write_by<T>(
         &self,
-        work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
+        work: impl FnOnce(&mut dyn Write) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
-        let refuse = |error: std::io::Error| self.unwritten(&error);
+        let refuse = |error: std::io::Error| self.write_refusal(&error);
         if self.standard {
             let mut out = BufWriter::new(standard_output());
             let result = work(&mut out)?;
@@ -245,17 +236,18 @@ impl Destination {
         }
         // An existing file is resolved to the target of its links.
         let place = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
-        let name = name_of(&place);
+        let name = place.file_name().unwrap_or_default().to_string_lossy();
         let temporary =
             folder(&place).join(format!(".{name}.{}{UNFINISHED_ENDING}", std::process::id()));
         unfinished().push(temporary.clone());
         let written = (|| {
             let mut file = BufWriter::new(File::create(&temporary).map_err(refuse)?);
             let result = work(&mut file)?;
-            let file = file
-                .into_inner()
-                .map_err(|error| refuse(error.into_error()))?;
-            file.sync_data().map_err(refuse)?;
+            let file = file.into_inner();
+            let file = file.map_err(|error| refuse(error.into_error()))?;
+            if self.durable {
+                file.sync_data().map_err(refuse)?;
+            }
             fs::rename(&temporary, &place).map_err(refuse)?;
             Ok(result)
         })();
@@ -266,19 +258,17 @@ impl Destination {
         written
     }
 
-    fn unwritten(&self, error: &std::io::Error) -> Refusal {
-        Refusal::file(
-            &self.path,
-            error,
-            "check space and permissions of the folder",
-        )
+    fn write_refusal(&self, error: &std::io::Error) -> Refusal {
+        Refusal::file(&self.path, error, NEXT_WRITABLE)
     }
 
-    /// Writes `bytes` as the whole file.
     pub fn write_bytes(&self, bytes: &[u8]) -> Result<(), Refusal> {
         self.write(|file| file.write_all(bytes))
     }
 }
+
+/// Next step after a failure to write.
+pub const NEXT_WRITABLE: &str = "check space and permissions of the folder";
 
 /// Ending of a temporary file, after the number of the process.
 const UNFINISHED_ENDING: &str = ".unfinished";
@@ -295,27 +285,22 @@ fn source(path: &Path) -> &Path {
 /// Opens an input; `next` is the next step of the error.
 pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
     let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::reads(path)?;
+    used::add_input(path)?;
     Ok(file)
 }
 
 /// Reads a whole input; `next` is the next step of the error.
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::reads(path)?;
+    used::add_input(path)?;
     Ok(bytes)
 }
 
-/// Reads a whole text file.
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
     let text = fs::read_to_string(source(path))
         .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
-    used::reads(path)?;
+    used::add_input(path)?;
     Ok(text)
-}
-
-fn name_of(path: &Path) -> std::borrow::Cow<'_, str> {
-    path.file_name().unwrap_or_default().to_string_lossy()
 }
 
 /// Removes the temporary files of this run; the last act before a forced stop.
@@ -326,7 +311,8 @@ pub fn remove_unfinished() {
 }
 
 fn unfinished() -> std::sync::MutexGuard<'static, Vec<PathBuf>> {
-    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+    let files = UNFINISHED_FILES.lock();
+    files.unwrap_or_else(PoisonError::into_inner)
 }
 
 fn folder(path: &Path) -> &Path {
@@ -340,15 +326,10 @@ fn folder(path: &Path) -> &Path {
 mod tests {
     use super::*;
 
-    fn folder_of(test: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("kband-{test}-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        folder
-    }
-
     #[test]
     fn a_failed_write_leaves_the_old_file_and_nothing_else() {
-        let folder = folder_of("file");
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
         let target = Destination::check(&folder.join("a.csv")).unwrap();
         target.write_bytes(b"old").unwrap();
         let refused = target.write(|file| {
@@ -357,34 +338,32 @@ mod tests {
         });
         assert!(refused.unwrap_err().to_string().contains("disk full"));
         assert_eq!(fs::read(target.path()).unwrap(), b"old");
-        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
-        fs::remove_dir_all(folder).unwrap();
+        assert_eq!(fs::read_dir(folder).unwrap().count(), 1);
     }
 
     #[test]
     #[cfg(unix)]
     fn a_link_is_written_through_and_one_to_nothing_is_refused() {
-        let folder = folder_of("link");
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
         let (file, link) = (folder.join("a.csv"), folder.join("link.csv"));
         std::os::unix::fs::symlink(&file, &link).unwrap();
         let refused = Destination::check(&link).unwrap_err().to_string();
         assert!(refused.contains("a symbolic link to nothing"), "{refused}");
         fs::write(&file, "old").unwrap();
-        Destination::check(&link)
-            .unwrap()
-            .write_bytes(b"new")
-            .unwrap();
+        let target = Destination::check(&link).unwrap();
+        target.write_bytes(b"new").unwrap();
         assert!(link.is_symlink());
         assert_eq!(fs::read(&file).unwrap(), b"new");
-        assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
-        fs::remove_dir_all(folder).unwrap();
+        assert_eq!(fs::read_dir(folder).unwrap().count(), 2);
     }
 
     #[test]
     #[cfg(unix)]
     fn a_device_is_written_to_and_not_replaced() {
         use std::os::unix::fs::FileTypeExt;
-        let folder = folder_of("pipe");
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
         let pipe = folder.join("pipe.csv");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status();
         assert!(made.unwrap().success());
@@ -396,6 +375,5 @@ mod tests {
         target.write_bytes(b"rows").unwrap();
         assert_eq!(reader.join().unwrap(), b"rows");
         assert!(fs::metadata(&pipe).unwrap().file_type().is_fifo());
-        fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -1,4 +1,4 @@
-//! `kband` at the desk: the thin binary over the verbs.
+//! Binary `kband`; the verbs are in the library.
 
 use std::process::ExitCode;
 

@@ -1,8 +1,7 @@
-//! Provenance of a result: version, commit, command, parameters with their units, seed, arithmetic.
+//! Provenance of a result: version, commit, command, parameters with units, seed, arithmetic.
 //!
-//! Every file and every CSV or JSON on standard output contains it. A run has one provenance, set
-//! once by the command line. It is the same for two runs of one command: it has no time, no
-//! machine, no number of threads.
+//! Every file and every CSV or JSON on standard output contains it. The command line sets it once.
+//! It is equal for two runs of one command: no time, no machine, no number of threads.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -16,45 +15,31 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The commit of the build, with `-dirty` if the sources differed; `unknown` outside a git tree.
 const COMMIT: &str = env!("KBAND_COMMIT");
 
-/// Begin of each comment line of a CSV.
-pub const COMMENT: &str = "# ";
-/// Begin of the first comment of a CSV.
-pub const FIRST: &str = "# kband ";
+/// Prefix of the first comment of a CSV.
+pub const FIRST_COMMENT: &str = "# kband ";
 
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
 
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 struct Run {
     command: String,
-    parameters: Vec<Parameter>,
-    scene: Vec<Parameter>,
+    parameters: Map<String, Json>,
+    scene: Map<String, Json>,
     seed: Option<Json>,
     arithmetic: &'static str,
 }
 
 /// A given or default value.
-#[derive(Clone, Debug, PartialEq)]
-struct Parameter {
-    name: String,
-    value: Json,
-    unit: String,
-}
-
-impl Parameter {
-    fn json(parameters: &[Self]) -> Json {
-        let pair = |parameter: &Self| {
-            let mut fields = json!({"value": parameter.value});
-            if !parameter.unit.is_empty() {
-                fields["unit"] = parameter.unit.as_str().into();
-            }
-            (parameter.name.clone(), fields)
-        };
-        Json::Object(parameters.iter().map(pair).collect())
+fn parameter(value: Json, unit: &str) -> Json {
+    let mut fields = json!({"value": value});
+    if !unit.is_empty() {
+        fields["unit"] = unit.into();
     }
+    fields
 }
 
-/// Options of a result's destination and appearance, which do not change its numbers.
-const ASIDE: [&str; 11] = [
+/// Options for destination and appearance of a result, which do not change its numbers.
+const IGNORED_OPTIONS: [&str; 11] = [
     "threads",
     "out",
     "trace",
@@ -83,10 +68,10 @@ const UNITS: [(&str, &str); 11] = [
     ("E,TH", "of the first tone, rad"),
 ];
 
-/// The number systems in which a verb computes.
-fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
+/// Number system of a verb's computation.
+fn arithmetic(verb: &str, matches: &ArgMatches) -> &'static str {
     match verb {
-        "impacts" => match chosen(given, "arithmetic").as_deref() {
+        "impacts" => match chosen(matches, "arithmetic").as_deref() {
             Some("f32") => "f32 with a phase of 32 bits",
             Some("integer") => "integers of 32 bits",
             _ => "f64",
@@ -100,40 +85,34 @@ fn arithmetic(verb: &str, given: &ArgMatches) -> &'static str {
     }
 }
 
-fn chosen(given: &ArgMatches, id: &str) -> Option<String> {
-    let mut raw = given.try_get_raw(id).ok()??;
+fn chosen(matches: &ArgMatches, id: &str) -> Option<String> {
+    let mut raw = matches.try_get_raw(id).ok()??;
     raw.next().map(|value| value.to_string_lossy().into_owned())
 }
 
 /// Records the run: its words as typed, and its verb with the values that clap parsed.
-pub fn begin(words: impl Iterator<Item = OsString>, verb: &clap::Command, given: &ArgMatches) {
-    let words: Vec<String> = words
-        .map(|word| word.to_string_lossy().into_owned())
-        .collect();
+pub fn begin(args: impl Iterator<Item = OsString>, verb: &clap::Command, matches: &ArgMatches) {
+    let args = args.map(|word| word.to_string_lossy().into_owned());
     let run = Run {
-        command: spelled(&words),
-        parameters: parameters(verb, given),
-        scene: Vec::new(),
-        seed: chosen(given, "seed").map(|seed| read(&seed)),
-        arithmetic: arithmetic(verb.get_name(), given),
+        command: quote_command(args),
+        parameters: parameters(verb, matches),
+        scene: Map::new(),
+        seed: chosen(matches, "seed").map(|seed| read(&seed)),
+        arithmetic: arithmetic(verb.get_name(), matches),
     };
-    *held() = Some(run);
+    *lock_run() = Some(run);
 }
 
-/// Records the whole scene of the run, with the units of its keys by section and key.
-pub fn scene(table: &toml::Table, unit: impl Fn(&str, &str) -> String) {
-    let mut flat = Vec::new();
+/// Records the complete scene of the run, with the units of its keys by section and key.
+pub fn scene(table: &toml::Table, unit: impl Fn(&str, &str) -> &'static str) {
+    let mut flat = Map::new();
     for (section, value) in table {
         flatten(section, value, &mut |key, value| {
             let last = key.rsplit('.').next().unwrap_or_default();
-            flat.push(Parameter {
-                name: key.into(),
-                value,
-                unit: unit(section, last),
-            });
+            flat.insert(key.into(), parameter(value, unit(section, last)));
         });
     }
-    let mut held = held();
+    let mut held = lock_run();
     let run = held.get_or_insert_default();
     // The default seed is 1.
     let seed = table.get("seed").and_then(toml::Value::as_integer);
@@ -157,18 +136,18 @@ fn flatten(key: &str, value: &toml::Value, take: &mut dyn FnMut(&str, Json)) {
     }
 }
 
-fn parameters(verb: &clap::Command, given: &ArgMatches) -> Vec<Parameter> {
-    let mut found = Vec::new();
+fn parameters(verb: &clap::Command, matches: &ArgMatches) -> Map<String, Json> {
+    let mut entries = Map::new();
     for argument in verb.get_arguments() {
         let id = argument.get_id().as_str();
-        if ASIDE.contains(&id) || given.value_source(id).is_none() {
+        if IGNORED_OPTIONS.contains(&id) || matches.value_source(id).is_none() {
             continue;
         }
-        let Ok(Some(raw)) = given.try_get_raw(id) else {
+        let Ok(Some(raw)) = matches.try_get_raw(id) else {
             continue;
         };
         let mut values: Vec<Json> = raw.map(|value| read(&value.to_string_lossy())).collect();
-        let default = given.value_source(id) == Some(ValueSource::DefaultValue);
+        let default = matches.value_source(id) == Some(ValueSource::DefaultValue);
         if default && values == [Json::Bool(false)] {
             continue;
         }
@@ -179,21 +158,18 @@ fn parameters(verb: &clap::Command, given: &ArgMatches) -> Vec<Parameter> {
         let called = argument.get_value_names().unwrap_or_default();
         let called = called.first().map_or("", |name| name.as_str());
         let unit = UNITS.iter().find(|(name, _)| *name == called);
-        found.push(Parameter {
-            name: id.into(),
-            value,
-            unit: unit.map_or("", |(_, unit)| unit).into(),
-        });
+        let unit = unit.map_or("", |(_, unit)| unit);
+        entries.insert(id.into(), parameter(value, unit));
     }
-    if let Some((name, given)) = given.subcommand()
+    if let Some((name, matches)) = matches.subcommand()
         && let Some(verb) = verb.find_subcommand(name)
     {
-        found.extend(parameters(verb, given));
+        entries.extend(parameters(verb, matches));
     }
-    found
+    entries
 }
 
-/// A typed value, as a number if it is one.
+/// A typed value; a number where it parses as one.
 fn read(text: &str) -> Json {
     match text {
         "true" => return true.into(),
@@ -209,42 +185,42 @@ fn read(text: &str) -> Json {
     }
 }
 
-/// The words quoted for a shell, without the number of threads, on which no result depends.
-fn spelled(words: &[String]) -> String {
-    let mut spelled = String::from("kband");
-    let mut words = words.iter().skip(1);
-    while let Some(word) = words.next() {
+/// The words quoted for a shell, without the number of threads, because no result depends on it.
+fn quote_command(args: impl Iterator<Item = String>) -> String {
+    let mut command = String::from("kband");
+    let mut args = args.skip(1);
+    while let Some(word) = args.next() {
         if word == "--threads" {
-            words.next();
+            args.next();
             continue;
         }
         if word.starts_with("--threads=") {
             continue;
         }
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+".contains(c);
-        spelled.push(' ');
+        command.push(' ');
         if !word.is_empty() && word.chars().all(plain) {
-            spelled.push_str(word);
+            command.push_str(&word);
         } else {
-            spelled += &format!("'{}'", word.replace('\'', r"'\''"));
+            command += &format!("'{}'", word.replace('\'', r"'\''"));
         }
     }
-    spelled
+    command
 }
 
 /// The provenance as a JSON object; `units` are those of the numbers in the file, by name.
 pub fn object(units: Map<String, Json>) -> Json {
-    let run = held().clone().unwrap_or_default();
+    let run = lock_run().clone().unwrap_or_default();
     let mut fields = json!({
         "kband": VERSION,
         "commit": COMMIT,
         "command": run.command,
-        "parameters": Parameter::json(&run.parameters),
+        "parameters": run.parameters,
         "seed": run.seed,
         "arithmetic": run.arithmetic,
     });
     if !run.scene.is_empty() {
-        fields["scene"] = Parameter::json(&run.scene);
+        fields["scene"] = run.scene.into();
     }
     if !units.is_empty() {
         fields["units"] = Json::Object(units);
@@ -266,56 +242,47 @@ pub fn write_comments(units: Map<String, Json>, out: &mut dyn Write) -> std::io:
         Json::String(text) => text.replace(['\n', '\r'], " "),
         other => other.to_string(),
     };
-    writeln!(
-        out,
-        "{FIRST}{}",
-        fields.get("kband").map_or_else(String::new, line)
-    )?;
+    writeln!(out, "{FIRST_COMMENT}{VERSION}")?;
     for (key, value) in fields.iter().filter(|(key, _)| *key != "kband") {
-        writeln!(out, "{COMMENT}{key}: {}", line(value))?;
+        writeln!(out, "# {key}: {}", line(value))?;
     }
     Ok(())
 }
 
 /// A JSON document with its provenance first; a list becomes the `rows` of an object.
-pub fn with(document: Json, units: Map<String, Json>) -> Json {
+pub fn add(document: Json, units: Map<String, Json>) -> Json {
     let mut whole = Map::new();
     whole.insert("provenance".into(), object(units));
     match document {
         Json::Object(fields) => whole.extend(fields),
-        Json::Array(_) => {
-            whole.insert("rows".into(), document);
-        }
-        other => {
-            whole.insert("value".into(), other);
-        }
+        rows => _ = whole.insert("rows".into(), rows),
     }
     Json::Object(whole)
 }
 
-/// A JSON document without its provenance, the inverse of [`with`], for comparing several commands.
-pub fn without(mut document: Json) -> Json {
+/// A JSON document without its provenance, the inverse of [`add`], for comparing several commands.
+pub fn strip(mut document: Json) -> Json {
     if let Json::Object(fields) = &mut document
         && fields.shift_remove("provenance").is_some()
         && fields.len() == 1
-        && let Some(rows) = fields.remove("rows").or_else(|| fields.remove("value"))
+        && let Some(rows) = fields.remove("rows")
     {
         return rows;
     }
     document
 }
 
-/// A CSV, JSON or SVG without its provenance, likewise.
+/// A CSV, JSON or SVG without its provenance.
 pub fn stripped(text: &str) -> String {
     if let Ok(document) = serde_json::from_str::<Json>(text) {
-        return format!("{:#}\n", without(document));
+        return format!("{:#}\n", strip(document));
     }
     let aside = |line: &&str| !line.starts_with('#') && !line.starts_with("<metadata>");
     let lines = text.split_inclusive('\n');
     lines.filter(aside).collect()
 }
 
-fn held() -> std::sync::MutexGuard<'static, Option<Run>> {
+fn lock_run() -> std::sync::MutexGuard<'static, Option<Run>> {
     RUN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -329,25 +296,11 @@ mod tests {
 
     #[test]
     fn the_command_runs_in_a_shell_and_names_no_threads() {
-        let words = [
-            "/bin/kband",
-            "target",
-            "mm/s",
-            "--threads",
-            "2",
-            "--note",
-            "it's # 1",
-            "",
-        ];
-        let words = words.map(String::from);
-        assert_eq!(
-            spelled(&words),
-            r"kband target mm/s --note 'it'\''s # 1' ''"
-        );
-        assert_eq!(
-            spelled(&["kband".into(), "--threads=3".into(), "bands".into()]),
-            "kband bands"
-        );
+        let quoted = |args: &[&str]| quote_command(args.iter().map(ToString::to_string));
+        let args = ["/bin/kband", "target", "mm/s", "--threads", "2"];
+        let args = [&args[..], &["--note", "it's # 1", ""]].concat();
+        assert_eq!(quoted(&args), r"kband target mm/s --note 'it'\''s # 1' ''");
+        assert_eq!(quoted(&["kband", "--threads=3", "bands"]), "kband bands");
     }
 
     #[test]
@@ -355,9 +308,9 @@ mod tests {
         let list = json!([{"k": 0.4}]);
         let document = json!({"k": 0.4, "rows": [1]});
         for plain in [list, document] {
-            let whole = with(plain.clone(), Map::new());
+            let whole = add(plain.clone(), Map::new());
             assert!(whole["provenance"]["commit"].is_string());
-            assert_eq!(without(whole.clone()), plain);
+            assert_eq!(strip(whole.clone()), plain);
             assert_eq!(stripped(&whole.to_string()), format!("{plain:#}\n"));
         }
         let mut csv = Vec::new();
@@ -373,13 +326,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
         assert_eq!(commit::commit(path), "unknown");
-        let git = |words: &[&str]| {
-            let done = std::process::Command::new("git")
-                .args(["-c", "user.name=a", "-c", "user.email=a@b"])
-                .args(words)
-                .current_dir(path)
-                .output()
-                .unwrap();
+        let git = |args: &[&str]| {
+            let mut git = std::process::Command::new("git");
+            git.args(["-c", "user.name=a", "-c", "user.email=a@b"]);
+            let done = git.args(args).current_dir(path).output().unwrap();
             assert!(done.status.success(), "{done:?}");
         };
         git(&["init", "-q"]);

@@ -1,6 +1,7 @@
-//! Random numbers that are the same in every run: SplitMix64 (Steele, Lea and Flood 2014).
+//! Random numbers equal in every run: SplitMix64 (Steele, Lea and Flood 2014).
 
-pub(crate) struct SplitMix(pub u64);
+/// A generator with its state, at first the seed.
+pub struct SplitMix(pub u64);
 
 impl SplitMix {
     /// 64 random bits.
@@ -15,5 +16,10 @@ impl SplitMix {
     /// Uniform in 0..1.
     pub fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Uniform in `low..high`.
+    pub fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.uniform()
     }
 }

@@ -1,4 +1,4 @@
-//! Exit status of a verb, and its one message after a refusal.
+//! Exit status of a verb, and its message after a refusal.
 
 pub use kband_scene::refusal::Refusal;
 

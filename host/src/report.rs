@@ -11,7 +11,7 @@ mod view;
 
 pub use json_rows::JsonRows;
 pub use table::{Column, CsvRows, Rows, Table};
-pub use value::{Value, number, shortest, when};
+pub use value::{Value, counted, finite, number, shortest, span, when};
 pub(crate) use view::fields;
 pub use view::{Field, View};
 
@@ -36,7 +36,7 @@ pub enum Format {
     Json,
 }
 
-/// A result: a table, words above and below it, its JSON form, and rows too many for a table.
+/// A result: a table, lines above and below it, its JSON form, and rows too many for a table.
 #[derive(Default)]
 pub struct Printout {
     heading: String,
@@ -57,42 +57,40 @@ impl Printout {
         }
     }
 
-    /// The printout with a line above the table for readers.
+    /// The printout with a line above the table.
     pub fn heading(mut self, heading: impl Into<String>) -> Self {
         self.heading = heading.into();
         self
     }
 
-    /// The printout with one more line below the table for readers.
+    /// The printout with one more line below the table.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
     }
 
-    /// The printout with these lines below the table for readers; empty ones are left out.
+    /// The printout with these lines below the table; empty ones are left out.
     pub fn notes(self, notes: impl IntoIterator<Item = impl Into<String>>) -> Self {
         let notes = notes.into_iter().map(Into::into);
         notes.filter(|note| !note.is_empty()).fold(self, Self::note)
     }
 
-    /// The printout whose text has the columns that do not fit on a screen below the others.
+    /// The printout whose columns beyond the width of the screen continue below.
     pub fn folded(mut self) -> Self {
         self.table = self.table.folded();
         self
     }
 
-    /// The printout with a JSON form of its own.
+    /// The printout with its own JSON form.
     pub fn json(mut self, value: &impl Serialize) -> Result<Self, Refusal> {
         self.json = Some(serde_json::to_value(value).map_err(|error| {
-            Refusal::new(
-                format!("the result has no JSON form: {error}"),
-                "use --format csv",
-            )
+            let cause = format!("the result has no JSON form: {error}");
+            Refusal::new(cause, "use --format csv")
         })?);
         Ok(self)
     }
 
-    /// The printout with rows of its own as CSV, for more of them than a table should hold.
+    /// The printout with its own CSV rows, for results too large for a table.
     pub fn csv(
         mut self,
         columns: &[Column],
@@ -104,11 +102,10 @@ impl Printout {
 
     /// The printout with another table as CSV.
     pub fn csv_of(self, table: Table) -> Self {
-        let columns = table.columns().to_vec();
+        let columns = table.columns.clone();
         self.csv(&columns, move |rows| table.write_rows(rows))
     }
 
-    /// Writes it in a format.
     pub fn write(&self, format: Format, out: &mut dyn Write) -> std::io::Result<()> {
         match format {
             Format::Table => out.write_all(self.to_text(None).as_bytes()),
@@ -116,7 +113,7 @@ impl Printout {
                 Some((columns, write)) => {
                     CsvRows::begin(out, columns).and_then(|mut rows| write(&mut rows))
                 }
-                None => CsvRows::begin(out, self.table.columns())
+                None => CsvRows::begin(out, &self.table.columns)
                     .and_then(|mut rows| self.table.write_rows(&mut rows)),
             }
             .map_err(std::io::Error::other),
@@ -126,21 +123,21 @@ impl Printout {
                     None => self.table.to_json(),
                 };
                 let units = columns::units_of(&document);
-                let whole = provenance::with(document, units);
+                let whole = provenance::add(document, units);
                 serde_json::to_writer_pretty(&mut *out, &whole)?;
                 writeln!(out)
             }
         }
     }
 
-    /// The table for readers with heading and notes, at most as wide as the screen.
+    /// The text with heading and notes, at most as wide as the screen.
     fn to_text(&self, screen: Option<usize>) -> String {
         let within = |line: &str| screen.map_or(line.to_string(), |screen| wrapped(line, screen));
         let mut parts = Vec::new();
         if !self.heading.is_empty() {
             parts.push(within(&self.heading) + "\n");
         }
-        if !self.table.columns().is_empty() {
+        if !self.table.columns.is_empty() {
             let table = match screen {
                 Some(_) => self.table.within(screen),
                 None => self.table.to_text(),
@@ -154,12 +151,11 @@ impl Printout {
         parts.join("\n")
     }
 
-    /// Prints it on standard output.
     pub fn print(&self, format: Format) -> Result<(), Refusal> {
         if let (Format::Table, Some(screen)) = (format, screen()) {
             return print(&self.to_text(Some(screen)));
         }
-        let mut out = std::io::BufWriter::new(words());
+        let mut out = std::io::BufWriter::new(text_output());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
 
@@ -168,16 +164,16 @@ impl Printout {
         if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
             let mut counted = table::CountedRows::default();
             write(&mut counted)?;
-            state_size(target, counted.bytes());
+            state_size(target.path().display(), counted.bytes());
         }
         target.write(|out| self.write(format, out))
     }
 }
 
-/// Largest number of rows of a table for readers.
+/// Largest number of rows of a text table.
 const MAX_ROWS_TO_READ: usize = 50_000;
 
-/// Rows whose columns have no widths yet.
+/// Rows for a text table; column widths need all of them.
 struct RowsToRead(Table);
 
 impl Rows for RowsToRead {
@@ -195,9 +191,9 @@ impl Rows for RowsToRead {
     }
 }
 
-/// Prints the rows of `work` on standard output one by one; a table for readers after the last row.
+/// Prints the rows of `work` on standard output one by one; as text, after the last row.
 ///
-/// [`file::reader_is_gone`] reports a reader that has gone away.
+/// [`file::is_reader_closed`] tells whether the reader has closed the pipe.
 pub fn print_rows<T>(
     format: Format,
     columns: &[Column],
@@ -209,14 +205,14 @@ pub fn print_rows<T>(
         Printout::new(rows.0).print(format)?;
         return Ok(result);
     }
-    let mut out = std::io::BufWriter::new(words());
+    let mut out = std::io::BufWriter::new(text_output());
     let result = if format == Format::Csv {
         work(&mut CsvRows::begin(&mut out, columns)?)?
     } else {
         let mut rows = JsonRows::begin(&mut out, columns)?;
         let result = work(&mut rows)?;
         let ended = rows.end();
-        if !file::reader_is_gone() {
+        if !file::is_reader_closed() {
             ended?;
         }
         result
@@ -225,13 +221,8 @@ pub fn print_rows<T>(
     Ok(result)
 }
 
-/// Prints the expected size of a file above 100 MB.
-pub fn state_size(target: &Destination, bytes: u64) {
-    state_size_of(target.path().display(), bytes);
-}
-
-/// [`state_size`] of any destination.
-pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
+/// Reports the expected size of an output above 100 MB.
+pub fn state_size(target: impl std::fmt::Display, bytes: u64) {
     if bytes > 100_000_000 {
         let size = bytes / 1_000_000;
         eprintln!("note: {target} will have about {size} MB");
@@ -239,32 +230,30 @@ pub fn state_size_of(target: impl std::fmt::Display, bytes: u64) {
 }
 
 pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
-    columns
-        .iter()
-        .filter(|column| !column.unit().is_empty())
-        .map(|column| (column.name().to_string(), column.unit().into()))
-        .collect()
+    let columns = columns.iter().filter(|column| !column.unit.is_empty());
+    let units = columns.map(|column| (column.name.to_string(), column.unit.into()));
+    units.collect()
 }
 
-/// Destination of messages: standard output, or standard error if a result takes standard output.
-fn words() -> Box<dyn Write> {
-    if file::takes_standard_output() {
+/// Output for messages: standard output, or standard error if a result uses standard output.
+fn text_output() -> Box<dyn Write> {
+    if file::is_standard_output_in_use() {
         Box::new(std::io::stderr().lock())
     } else {
         Box::new(file::standard_output())
     }
 }
 
-/// Prints a line or more on standard output; a reader that has gone away (`| head`) is no failure.
+/// Prints lines on standard output; a pipe closed by its reader (`| head`) is not an error.
 pub fn print(text: &str) -> Result<(), Refusal> {
-    let mut out = words();
+    let mut out = text_output();
     let text = screen().map_or(text.into(), |screen| wrapped(text, screen));
     quiet_if_closed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
 
-/// Columns of the terminal of messages; `None` without a terminal.
+/// Width of the terminal for messages, in columns; `None` without a terminal.
 fn screen() -> Option<usize> {
-    if file::takes_standard_output() {
+    if file::is_standard_output_in_use() {
         return None;
     }
     #[cfg(unix)]
@@ -277,18 +266,18 @@ fn screen() -> Option<usize> {
     None
 }
 
-/// Smallest number of columns of a screen on which a table is laid out.
+/// Smallest screen width to which tables are fitted, in columns.
 #[cfg(unix)]
 const MIN_SCREEN_COLUMNS: u16 = 40;
 
-/// Sentences broken between words at a width. After a label and its gap they continue below their
-/// begin. Columns aligned by several gaps and comments of a scene stay.
+/// Breaks sentences between words at the screen width. Text after a label continues below its
+/// beginning. Lines of several aligned columns and comments of a scene are unchanged.
 fn wrapped(text: &str, screen: usize) -> String {
     let line = |line: &str| {
-        let words = line.trim_start();
-        let indent = line.len() - words.len();
-        let begin = words.find("  ").map_or(indent, |gap| {
-            let behind = &words[gap..];
+        let trimmed = line.trim_start();
+        let indent = line.len() - trimmed.len();
+        let begin = trimmed.find("  ").map_or(indent, |gap| {
+            let behind = &trimmed[gap..];
             indent + gap + behind.len() - behind.trim_start().len()
         });
         let (label, sentence) = line.split_at(begin);
@@ -308,7 +297,7 @@ fn wrapped(text: &str, screen: usize) -> String {
 
 fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
     match written {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::reader_is_gone() => {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::is_reader_closed() => {
             Err(Refusal::new(
                 format!("standard output: {error}"),
                 "check where the output goes, or write a file with --out",

@@ -1,4 +1,5 @@
-//! Rows printed as they come: aligned, as CSV, or a JSON object a line, the first of them with the provenance.
+//! Rows printed one by one: aligned, as CSV, or as a JSON object a line. The provenance comes
+//! first.
 
 use std::io::{ErrorKind, Write};
 
@@ -8,36 +9,35 @@ use crate::provenance;
 use crate::refusal::Refusal;
 use crate::report::{Column, CsvRows, Format, Value, units};
 
-/// Rows to a writer, each as soon as it is there.
 pub struct Stream<W> {
     format: Format,
     columns: Vec<(Column, usize)>,
-    begun: bool,
+    started: bool,
     out: W,
 }
 
 impl<W: Write> Stream<W> {
-    /// A stream of rows with these columns, each so many characters wide in the table to read.
+    /// A stream of rows with these columns, each with its width in characters in the text table.
     pub fn new(format: Format, columns: Vec<(Column, usize)>, out: W) -> Self {
         Self {
             format,
             columns,
-            begun: false,
+            started: false,
             out,
         }
     }
 
-    /// Prints a row; whether there is still somebody who reads.
+    /// Prints a row; returns whether the output still has a reader.
     pub fn row(&mut self, row: &[Value]) -> Result<bool, Refusal> {
         let mut text = String::new();
-        if !self.begun {
-            self.begun = true;
+        if !self.started {
+            self.started = true;
             text += &self.header();
         }
         match self.format {
             Format::Table => {
-                let shown = self.columns.iter().zip(row);
-                text += &self.aligned(shown.map(|((column, _), value)| column.shown(value)));
+                let cells = self.columns.iter().zip(row);
+                text += &self.aligned(cells.map(|((column, _), value)| column.format(value)));
             }
             Format::Csv => {
                 let cells: Vec<String> = row.iter().map(Value::csv).collect();
@@ -46,11 +46,8 @@ impl<W: Write> Stream<W> {
             Format::Json => text += &object(&self.columns, row).to_string(),
         }
         text.push('\n');
-        match self
-            .out
-            .write_all(text.as_bytes())
-            .and_then(|()| self.out.flush())
-        {
+        let written = self.out.write_all(text.as_bytes());
+        match written.and_then(|()| self.out.flush()) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
             Err(error) => Err(Refusal::new(
@@ -74,7 +71,7 @@ impl<W: Write> Stream<W> {
                 let _ = CsvRows::begin(&mut head, &columns);
                 String::from_utf8_lossy(&head).into_owned()
             }
-            Format::Json => provenance::with(Json::Object(Map::new()), units).to_string() + "\n",
+            Format::Json => provenance::add(Json::Object(Map::new()), units).to_string() + "\n",
         }
     }
 
@@ -90,12 +87,12 @@ impl<W: Write> Stream<W> {
     }
 }
 
-/// A row as an object, without what is missing.
+/// A row as an object, without missing values.
 pub fn object(columns: &[(Column, usize)], row: &[Value]) -> Json {
-    let known = columns.iter().zip(row);
-    let object: Map<String, Json> = known
+    let pairs = columns.iter().zip(row);
+    let object: Map<String, Json> = pairs
         .filter(|(_, value)| **value != Value::Missing)
-        .map(|((column, _), value)| (column.name().to_string(), value.json()))
+        .map(|((column, _), value)| (column.name.to_string(), value.json()))
         .collect();
     Json::Object(object)
 }
@@ -116,10 +113,8 @@ mod tests {
 
     #[test]
     fn a_row_is_printed_in_three_forms() {
-        assert_eq!(
-            printed(Format::Table),
-            "time (s)     state\n    0.02       off\n    0.04         -\n"
-        );
+        let table = "time (s)     state\n    0.02       off\n    0.04         -\n";
+        assert_eq!(printed(Format::Table), table);
         assert!(printed(Format::Csv).ends_with(
             "\n# units: {\"time\":\"s\"}\ntime (s),state\n0.02,off\n0.040000000000000001,\n"
         ));

@@ -1,6 +1,6 @@
-//! Every command that README and manual show in a `console` block runs and succeeds.
+//! Runs every command in the `console` blocks of README and manual; all must succeed.
 
-mod came;
+mod outcome;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -42,17 +42,17 @@ fn commands(text: &str) -> Vec<String> {
     commands
 }
 
-/// A shell line with `kband` and `cargo run` as the binary under test.
+/// A shell line with `kband` and `cargo run` replaced by the binary under test.
 fn through_the_binary(command: &str) -> String {
-    let words = ["cargo run --release -- ", "cargo run --release", "kband"];
-    let rest = words.iter().find_map(|word| command.strip_prefix(word));
+    let prefixes = ["cargo run --release -- ", "cargo run --release", "kband"];
+    let rest = prefixes.iter().find_map(|word| command.strip_prefix(word));
     let rest = rest.unwrap_or_else(|| {
         panic!("'{command}' is neither kband nor cargo run; show it in an `sh` block")
     });
     format!("'{}' {rest}", env!("CARGO_BIN_EXE_kband"))
 }
 
-/// The image of the emulated board where a clone of the project has it.
+/// Puts the image of the emulated board where a clone of the project has it.
 fn as_built_here(folder: &Path) {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let place = folder.join("target/thumbv7em-none-eabihf/firmware");
@@ -60,7 +60,7 @@ fn as_built_here(folder: &Path) {
     fs::copy(image, place.join("virtual_feeder")).expect("the image is copied");
 }
 
-/// What is wrong with the page's commands, run in order in one folder of its own.
+/// Failures of the page's commands, run in order in a temporary folder.
 fn failures(page: &Path) -> Vec<String> {
     let text = fs::read_to_string(page).expect("the page is read");
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -73,7 +73,7 @@ fn failures(page: &Path) -> Vec<String> {
         let status = Command::new("timeout")
             .args([
                 "--kill-after=5",
-                came::LIMIT,
+                outcome::TIMEOUT,
                 "sh",
                 "-c",
                 &through_the_binary(&command),
@@ -85,8 +85,8 @@ fn failures(page: &Path) -> Vec<String> {
             .status()
             .expect("the command timeout is on the path");
         if !status.success() {
-            let said = fs::read_to_string(folder.path().join(".log")).unwrap_or_default();
-            failures.push(format!("{}: {command}: {status}\n{said}", page.display()));
+            let output = fs::read_to_string(folder.path().join(".log")).unwrap_or_default();
+            failures.push(format!("{}: {command}: {status}\n{output}", page.display()));
         }
     }
     failures
@@ -95,7 +95,7 @@ fn failures(page: &Path) -> Vec<String> {
 #[test]
 fn every_command_of_the_manual_succeeds() {
     let pages = pages();
-    // Two at a time: most commands use all cores anyway.
+    // Two pages at a time: most commands use all cores.
     let failures: Vec<String> = std::thread::scope(|scope| {
         let halves: Vec<_> = (0..2)
             .map(|half| {
@@ -109,8 +109,8 @@ fn every_command_of_the_manual_succeeds() {
             .collect()
     });
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    let shown = commands(&page("quick-start.md")).len();
-    assert!(shown >= 3, "the quick start shows commands");
+    let count = commands(&page("quick-start.md")).len();
+    assert!(count >= 3, "the quick start shows commands");
 }
 
 fn page(name: &str) -> String {
@@ -123,7 +123,7 @@ fn page(name: &str) -> String {
 }
 
 #[track_caller]
-fn holds(name: &str, text: &str) {
+fn assert_contains(name: &str, text: &str) {
     assert!(page(name).contains(text), "{name} should hold\n{text}");
 }
 
@@ -135,7 +135,7 @@ fn the_table_of_settings_is_that_of_the_controller() {
         let (accepted, meaning) = (key.accepted.trim(), key.meaning.trim());
         table += &format!("| `{name}` | {default} | {accepted} | {meaning} |\n");
     }
-    holds("settings.md", &table);
+    assert_contains("settings.md", &table);
 }
 
 #[test]
@@ -153,20 +153,20 @@ fn the_table_of_states_is_that_of_the_controller() {
         }
         table += "\n";
     }
-    holds("faults.md", &table);
+    assert_contains("faults.md", &table);
 }
 
 #[test]
 fn the_scene_shown_is_the_default_one() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let scene = came::kband(&folder, "simulate --print-scene").done();
+    let scene = outcome::kband(&folder, "simulate --print-scene").done();
     let block = format!("```toml\n{}\n```", scene.trim_end());
-    holds("scenes.md", &block);
+    assert_contains("scenes.md", &block);
 }
 
 #[test]
 fn the_link_page_names_this_version() {
     let (version, schema) = (kband_control::wire::VERSION, kband_control::wire::SCHEMA);
     let line = format!("This is version {version}, schema `{schema:#010x}`.");
-    holds("link.md", &line);
+    assert_contains("link.md", &line);
 }

@@ -1,4 +1,4 @@
-//! The pictures of the manual are what their commands draw.
+//! The pictures of the manual match the output of their commands.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -14,9 +14,9 @@ fn every_picture_is_what_its_command_draws() {
         .output()
         .expect("bash is on the path");
     let printed = String::from_utf8_lossy(&output.stdout);
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
         output.status.success(),
-        "docs/pictures/draw.sh draws anew:\n{printed}{said}"
+        "docs/pictures/draw.sh draws anew:\n{printed}{stderr}"
     );
 }

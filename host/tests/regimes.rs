@@ -1,27 +1,30 @@
-//! The verbs about regimes as a user meets them: numbers, JSON keys, refusals.
+//! Verbs about regimes: numbers, JSON keys, refusals.
 
-mod came;
+mod outcome;
 
-use came::kband;
 use kband_host::provenance;
+use outcome::kband;
 
-/// What `kband` prints, in a folder that is gone afterwards.
-fn printed(words: &str) -> String {
-    kband(tempfile::tempdir().unwrap(), words).done()
+/// Output of `kband`, in a temporary folder.
+fn printed(args: &str) -> String {
+    kband(tempfile::tempdir().unwrap(), args).done()
 }
 
-fn json(words: &str) -> serde_json::Value {
-    let words = format!("{words} --format json");
-    kband(tempfile::tempdir().unwrap(), &words).json()
+fn json(args: &str) -> serde_json::Value {
+    let args = format!("{args} --format json");
+    kband(tempfile::tempdir().unwrap(), &args).json()
 }
 
-fn close(value: &serde_json::Value, reference: f64, within: f64) {
+fn close(value: &serde_json::Value, reference: f64, tolerance: f64) {
     let value = value.as_f64().expect("a number");
-    assert!((value - reference).abs() <= within, "{value} {reference}");
+    assert!(
+        (value - reference).abs() <= tolerance,
+        "{value} {reference}"
+    );
 }
 
 #[test]
-fn an_empty_band_is_said_plainly() {
+fn an_empty_band_is_reported_plainly() {
     let bands = json("bands --restitution 0.1..0.3 --orders 1");
     assert_eq!(bands[0]["empty"], true);
     assert!(bands[0]["setpoint"].is_null());
@@ -37,31 +40,30 @@ fn an_exponent_has_its_error_and_rest_is_no_chaos() {
     let chaotic = json("exponent --restitution 0.2 --k 0.35 --impacts 50000");
     let error = chaotic[0]["exponent_error"].as_f64().expect("a number");
     assert!(error > 0.0 && error < 0.01);
-    // docs/theory-reference.md#t11.3, +-0.003; four standard errors of this run on top.
+    // docs/theory-reference.md#t11.3, +-0.003, plus four standard errors of this run.
     close(&chaotic[0]["exponent"], 0.3622, 0.003 + 4.0 * error);
     assert_eq!(chaotic[0]["motion"], "chaotic");
-    // Its flights leave the gear: no proof that it lasts, for any number of impacts.
+    // Flights leave the gear, so no number of impacts proves that the chaos persists.
     let open = json("exponent --impacts 50000 --restitution 0.2 --k 0.336");
     assert_eq!(open[0]["motion"], "chaotic so far");
-    let words = |impacts| {
+    let open_chaos = |impacts| {
         format!("chaotic for at least {impacts} impacts; whether it is a transient is open")
     };
-    assert_eq!(open[0]["regime"], words(52_000));
+    assert_eq!(open[0]["regime"], open_chaos(52_000));
     let basins = json("basins --grid 2 --restitution 0.2 --k 0.336");
-    assert_eq!(basins["from_rest"], words(20_000));
+    assert_eq!(basins["from_rest"], open_chaos(20_000));
     let rest = json("exponent --restitution 0.5 --k 0.5 --settle 0");
     assert_eq!(rest[0]["motion"], "rest");
 }
 
-/// The same question, asked of each verb that answers it: where a part ends that starts from rest,
-/// and one that starts in flight.
+/// Each verb gives the same final regime, for a part from rest and for one in flight.
 #[test]
 fn every_verb_gives_the_same_answer() {
     for (k, restitution, expected) in [
         ("0.43", "0.2", "hops and rests"),
         ("0.405", "0.2", "locked, r = 1"),
         ("0.35", "0.2", "chaotic"),
-        // Irregular for thousands of impacts, and then at rest: no chaos.
+        // Irregular for thousands of impacts, then at rest: not chaos.
         ("0.4", "0.7", "hops and rests"),
         ("0.05", "0.9", ""),
         ("1.2", "0.5", "rests for ever"),
@@ -78,12 +80,12 @@ fn every_verb_gives_the_same_answer() {
         let rested: Vec<_> = rows.filter(|row| row["from_rest"] == true).collect();
         assert_eq!(rested.len(), 1);
         assert_eq!(rested[0]["regime"], from_rest.as_str());
-        let beside = k.parse::<f64>().expect("a number") + 0.01;
+        let next_k = k.parse::<f64>().expect("a number") + 0.01;
         let diagram = json(&format!(
-            "diagram --k {k}..{beside}:2 --restitution {restitution} --starts rest"
+            "diagram --k {k}..{next_k}:2 --restitution {restitution} --starts rest"
         ));
         assert_eq!(diagram["regimes"][0]["regime"], from_rest.as_str());
-        // The middles of the cells of a grid of 2 by 2.
+        // Centres of the cells of a grid of 2 by 2.
         let csv = printed(&format!("basins --grid 2 --format csv {at}"));
         for line in provenance::stripped(&csv).lines().skip(1) {
             let mut cells = line.splitn(3, ',');
@@ -99,8 +101,8 @@ fn every_verb_gives_the_same_answer() {
     }
 }
 
-/// A simulation ends as `basins` has it of the same part from rest, at a few k; what is irregular
-/// for thousands of impacts before it rests is undecided after those that there were, and no chaos.
+/// At a few k, a simulation ends in the same regime as `basins`, from rest. A part that is
+/// irregular for thousands of impacts and then rests is undecided, not chaotic.
 #[test]
 fn a_simulation_agrees_on_the_regime_or_is_undecided() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -147,7 +149,7 @@ fn an_unsettled_orbit_is_undecided_with_its_length() {
 }
 
 #[test]
-fn scatter_is_seeded_and_refused_where_nothing_is_left_to_tell() {
+fn scatter_is_seeded_and_changes_regime_and_exponent() {
     let impacts = |seed: &str, scatter: &str| {
         let orbit = "impacts --k 0.43 --restitution 0.3 --phase 0.5 --velocity 0.4 --count 30";
         let printed = printed(&format!("{orbit} --scatter {scatter} --seed {seed}"));
@@ -156,17 +158,17 @@ fn scatter_is_seeded_and_refused_where_nothing_is_left_to_tell() {
     assert_eq!(impacts("3", "0.05"), impacts("3", "0.05"));
     assert_ne!(impacts("3", "0.05"), impacts("4", "0.05"));
     assert_eq!(impacts("3", "0"), impacts("4", "0"));
-    // docs/theory-real-parts.md#t10.1: gear at k = 0.45 for 0.81 of the time, none at 0.523.
+    // docs/theory-real-parts.md#t10.1: share in gear 0.81 at k = 0.45, and 0 at 0.523.
     let over = "--restitution 0.3 --scatter 0.05";
     let diagram = json(&format!("diagram {over} --k 0.45..0.523:2 --starts rest"));
     assert_eq!(diagram["regimes"][0]["regime"], "in gear about 0.8, r = 1");
     let transport = json(&format!("transport {over} --k 0.45 --impacts 2000"));
     close(&transport["rows"][0]["in_gear"], 0.811, 0.05);
-    // At the end of the cascade of R = 0.2, 0.3587, scatter makes chaos of what doubles without it.
+    // At the end of the cascade of R = 0.2, 0.3587, scatter turns a doubled orbit into chaos.
     let exponent = |scatter| {
         let at = "exponent --restitution 0.2 --k 0.362 --impacts 50000";
-        let found = json(&format!("{at} --scatter {scatter}"));
-        found[0]["exponent"].as_f64().expect("a number")
+        let rows = json(&format!("{at} --scatter {scatter}"));
+        rows[0]["exponent"].as_f64().expect("a number")
     };
     assert!(exponent("0") < -0.01 && exponent("0.01") > 0.0);
 }

@@ -1,12 +1,12 @@
-//! The page of a feeder in a real browser: its sliders moved, its values compared with what the
-//! verbs say.
+//! The page of a feeder in a real browser: moves the sliders and compares the values with the
+//! verbs.
 
-mod came;
+mod outcome;
 
 use std::path::Path;
 
-use came::kband;
 use kband_machines::browser::{Browser, keys};
+use outcome::kband;
 use serde_json::Value as Json;
 
 fn numbers(text: &str) -> Vec<f64> {
@@ -16,27 +16,27 @@ fn numbers(text: &str) -> Vec<f64> {
         .collect()
 }
 
-/// Ends of the band, setpoint in mm and margin in percent, as `kband bands` has them of order 1.
+/// Ends of the band, setpoint in mm and margin in percent for order 1, by `kband bands`.
 fn band(folder: &Path, lot: &str, frequency: &str) -> [f64; 4] {
-    let words = format!("bands --restitution {lot} --frequency {frequency} --format json");
-    let rows = kband(folder, &words).json();
-    let of = |name: &str| {
+    let args = format!("bands --restitution {lot} --frequency {frequency} --format json");
+    let rows = kband(folder, &args).json();
+    let get = |name: &str| {
         rows[0][name]
             .as_f64()
             .unwrap_or_else(|| panic!("{name} in {rows}"))
     };
-    [of("b_at_k1"), of("b_at_k2"), of("b"), of("margin")]
+    [get("b_at_k1"), get("b_at_k2"), get("b"), get("margin")]
 }
 
 #[test]
-fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
+fn the_feeder_page_shows_the_results_of_the_verbs() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let file = path.join("page.html");
-    // A page that is named takes the place of what is there.
+    // A named page replaces an existing file.
     std::fs::write(&file, "mine").unwrap();
-    let said = kband(path, "report --out page.html").ended(0).said;
-    assert!(said.contains("replaced page.html"), "{said}");
+    let stderr = kband(path, "report --out page.html").ended(0).stderr;
+    assert!(stderr.contains("replaced page.html"), "{stderr}");
     let html = std::fs::read_to_string(&file).unwrap();
     assert!(html.len() < 2_000_000, "{} bytes", html.len());
 
@@ -46,10 +46,10 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let whole = |when: &str| {
         let failed = browser.script("return document.documentElement.dataset.failed ?? ''");
         assert_eq!(failed, "", "{when}");
-        assert_eq!(browser.complaints(), [""; 0], "{when}");
+        assert_eq!(browser.errors(), [""; 0], "{when}");
     };
     whole("opened");
-    // Of one file: nothing else was requested.
+    // The page requests no other file.
     let asked = browser.script("return performance.getEntriesByType('resource').filter((one) => !one.name.startsWith('data:')).map((one) => one.name)");
     assert_eq!(asked, serde_json::json!([]));
     assert_eq!(
@@ -57,20 +57,20 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
         7
     );
 
-    // The lot's slider, by its keys as a user has them, four steps of 0.005 to the left; then the
-    // drive's frequency.
+    // Moves the lot's slider by its keys, four steps of 0.005 to the left; then the drive's
+    // frequency.
     let verdict = || numbers(&browser.text("#bands .verdict"));
     let agree = |lot: &str, frequency: &str| {
-        let said = verdict();
-        // R low, high, order, Hz, from, to, setpoint, margin.
+        let reported = verdict();
+        // The values are R low, R high, order, Hz, from, to, setpoint, margin.
         let [from, to, setpoint, margin] = band(path, lot, frequency);
-        for (printed, expected) in said[4..].iter().zip([from, to, setpoint, margin]) {
+        for (printed, expected) in reported[4..].iter().zip([from, to, setpoint, margin]) {
             assert!(
                 (printed / expected - 1.0).abs() < 6e-3,
-                "{said:?}: {expected}"
+                "{reported:?}: {expected}"
             );
         }
-        assert_eq!(said.len(), 8);
+        assert_eq!(reported.len(), 8);
     };
     agree("0.18..0.22", "50");
     browser.press("#lot-low", &keys::LEFT.to_string().repeat(4));
@@ -85,11 +85,11 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
             .contains("no amplitude locks every part")
     );
 
-    // Gear falls with the scatter, and the second tone holds what one does not.
+    // The share in gear falls with the scatter, and is higher with the second tone.
     let gear = |key: char| {
         browser.press("#scatter", &key.to_string());
-        let said = numbers(&browser.text("#gear .verdict"));
-        (said[0], said[1], said[3])
+        let reported = numbers(&browser.text("#gear .verdict"));
+        (reported[0], reported[1], reported[3])
     };
     let (none, wide) = (gear(keys::HOME), gear(keys::END));
     assert_eq!((none.0, wide.0), (0.0, 0.15));
@@ -98,7 +98,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
         "{none:?} {wide:?}"
     );
 
-    // One map further on: the shares of the verb at the same amplitude.
+    // After one step the map has the shares of the verb at the same amplitude.
     let before = browser.text("#basins .verdict");
     browser.press("#basin", &keys::RIGHT.to_string());
     let after = browser.text("#basins .verdict");
@@ -110,13 +110,13 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let printed = kband(path, &format!("{basins} --k {k}")).json();
     let share = |shares: &Json, name: &str| -> f64 {
         let shares = shares.as_array().unwrap().iter();
-        let of = shares.filter(|one| one["regime"] == name);
-        of.filter_map(|one| one["share"].as_f64()).sum()
+        let matching = shares.filter(|one| one["regime"] == name);
+        matching.filter_map(|one| one["share"].as_f64()).sum()
     };
     let locked = share(&map["shares"], "locked, r = 1");
     assert!(locked > 0.1 && (locked - share(&printed["shares"], "locked, r = 1")).abs() < 1e-3);
 
-    // Friction of 0.05 does not hold a part on 3 degrees; more of it conveys more.
+    // Friction of 0.05 does not hold a part at 3 degrees; more friction conveys faster.
     browser.press("#friction", &keys::HOME.to_string());
     let slippery = browser.text("#transport .verdict");
     assert!(slippery.contains("does not hold"), "{slippery}");
@@ -127,7 +127,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let (low, high) = (fastest(keys::RIGHT), fastest(keys::END));
     assert!(0.0 < low && low < high, "{low} {high}");
 
-    // The run from its start to its end.
+    // The run from start to end.
     browser.press("#time", &keys::HOME.to_string());
     assert!(
         browser
@@ -137,7 +137,7 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     browser.press("#time", &keys::END.to_string());
     assert!(browser.text("#amplitude .verdict").starts_with("At 10 s: "));
 
-    // Values under the pointer, and by the keys without one.
+    // Values at the pointer, and by the keys without a pointer.
     browser.point("#gear .plot", 0, 0);
     let under = browser.text("#gear .reading:not(.verdict)");
     assert!(
@@ -148,10 +148,10 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     let under = browser.text("#basins .reading:not(.verdict)");
     assert!(under.starts_with("phase 3."), "{under}");
     browser.click("#bands summary");
-    // A browser reports the unfolding a moment later.
+    // The browser reports the unfolding a moment later.
     browser.wait_for("document.querySelectorAll('#bands .numbers tbody tr').length === 141");
 
-    // Dark and light, a telephone's width, and paper.
+    // Dark and light colours, the width of a phone, and paper.
     let background = "return getComputedStyle(document.body).backgroundColor";
     let first = browser.script(background);
     browser.click("#colours");
@@ -163,8 +163,8 @@ fn the_page_of_a_feeder_says_in_a_browser_what_the_verbs_say() {
     whole("used");
 }
 
-/// For each figure of a page, how many dots and middles of lines' first segments lie within its own
-/// clip, and at how many of them the browser finds the mark.
+/// For each figure of a page two numbers: marks within the figure's clip, and those of them that
+/// the browser finds at their place. Marks are dots and midpoints of the first segments of lines.
 const MARKS: &str = "
     return [...document.querySelectorAll('svg')].map((svg) => {
         svg.scrollIntoView();
@@ -191,16 +191,16 @@ fn browser_shows_every_mark_of_the_figures_of_paper() {
     let folder = tempfile::tempdir().unwrap();
     kband(&folder, "paper --out page.html").ended(0);
     let browser = Browser::start();
-    // Higher than the highest figure: only what is in the window can be found there.
+    // Higher than the highest figure, because only marks within the window are found.
     browser.resize(1000, 1500);
     browser.open(&folder.path().join("page.html"));
     let figures = browser.script(MARKS);
     let figures = figures.as_array().unwrap();
     assert_eq!(figures.len(), 5);
     for (n, figure) in figures.iter().enumerate() {
-        let [due, seen] = [0, 1].map(|which| figure[which].as_u64().unwrap());
-        assert_eq!(seen, due, "figure {n} of {figures:?}");
+        let [expected, actual] = [0, 1].map(|which| figure[which].as_u64().unwrap());
+        assert_eq!(actual, expected, "figure {n} of {figures:?}");
     }
-    let due: u64 = figures.iter().filter_map(|figure| figure[0].as_u64()).sum();
-    assert!(due > 500, "{figures:?}");
+    let expected: u64 = figures.iter().filter_map(|figure| figure[0].as_u64()).sum();
+    assert!(expected > 500, "{figures:?}");
 }

@@ -1,10 +1,10 @@
-//! A PLC's way through a simulated feeder, and through the gateway to a board, over Modbus TCP.
+//! A PLC's control of a simulated feeder, and of a board through the gateway, over Modbus TCP.
 
 #[cfg(feature = "mqtt")]
 #[path = "serve/mqtt.rs"]
 mod mqtt;
 
-mod came;
+mod outcome;
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -18,8 +18,8 @@ use kband_host::board::{Address, Emulated};
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 
-/// Longest wait for a state of the feeder, s; a loaded machine is allowed for.
-const LIMIT: Duration = Duration::from_secs(60);
+/// Longest wait for a state of the feeder, s; sufficient on a busy machine.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Registers of the table.
 mod register {
@@ -39,12 +39,12 @@ mod status {
     pub const IN_CONTROL: u16 = 1 << 9;
 }
 
-struct Served {
+struct Server {
     child: Child,
     address: String,
 }
 
-impl Served {
+impl Server {
     fn start(arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
             .arg("serve")
@@ -67,8 +67,8 @@ impl Served {
         }
     }
 
-    /// The gateway to the emulated board whose flash is in this folder.
-    fn of_board(folder: &Path) -> Self {
+    /// The gateway to the emulated board with its flash in this folder.
+    fn from_board(folder: &Path) -> Self {
         let flash = folder.join("board.flash");
         let (image, flash) = (image(), flash.to_str().unwrap());
         Self::start(&["--on", "qemu", "--image", &image, "--flash-image", flash])
@@ -83,7 +83,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for Server {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -97,17 +97,17 @@ struct Master {
 }
 
 impl Master {
-    fn connect(served: &Served) -> Self {
-        let stream = TcpStream::connect(&served.address).unwrap();
-        stream.set_read_timeout(Some(LIMIT)).unwrap();
+    fn connect(server: &Server) -> Self {
+        let stream = TcpStream::connect(&server.address).unwrap();
+        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
         Self {
             stream,
             transaction: 0,
         }
     }
 
-    /// Sends a request; the answer behind the unit, or the number of an exception.
-    fn ask(&mut self, request: &[u8]) -> Result<Vec<u8>, u8> {
+    /// Sends a request; returns the answer after the unit, or the number of an exception.
+    fn request(&mut self, request: &[u8]) -> Result<Vec<u8>, u8> {
         self.transaction += 1;
         let mut frame = self.transaction.to_be_bytes().to_vec();
         frame.extend([0, 0]);
@@ -130,70 +130,73 @@ impl Master {
 
     fn read(&mut self, address: u16) -> u16 {
         let [high, low] = address.to_be_bytes();
-        let answer = self.ask(&[3, high, low, 0, 1]).unwrap();
+        let answer = self.request(&[3, high, low, 0, 1]).unwrap();
         u16::from_be_bytes([answer[2], answer[3]])
     }
 
-    fn write(&mut self, address: u16, words: &[u16]) -> Result<(), u8> {
+    fn write(&mut self, address: u16, registers: &[u16]) -> Result<(), u8> {
         let mut request = vec![16];
         request.extend(address.to_be_bytes());
-        request.extend((words.len() as u16).to_be_bytes());
-        request.push(2 * words.len() as u8);
-        request.extend(words.iter().flat_map(|word| word.to_be_bytes()));
-        self.ask(&request).map(|_| ())
+        request.extend((registers.len() as u16).to_be_bytes());
+        request.push(2 * registers.len() as u8);
+        request.extend(registers.iter().flat_map(|word| word.to_be_bytes()));
+        self.request(&request).map(|_| ())
     }
 
-    /// Gives the run bit the edge that it needs.
+    /// Makes a rising edge of the run bit.
     fn start(&mut self) {
         for run in [0, 1] {
             self.write(register::CONTROL, &[run]).unwrap();
         }
     }
 
-    /// Asks until the status word has these bits set and these clear.
+    /// Polls until the status word has these bits set and those clear.
     fn wait(&mut self, set: u16, clear: u16) {
-        let begun = Instant::now();
+        let start = Instant::now();
         loop {
             let word = self.read(register::STATUS);
             if word & set == set && word & clear == 0 {
                 return;
             }
-            assert!(begun.elapsed() < LIMIT, "{set:04x} {clear:04x}: {word:04x}");
+            assert!(
+                start.elapsed() < TIMEOUT,
+                "{set:04x} {clear:04x}: {word:04x}"
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
 }
 
 #[test]
-fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
+fn a_plc_reaches_gear_changes_the_target_and_clears_a_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = came::kband(&folder, "simulate --print-scene").done();
+    let scene = outcome::kband(&folder, "simulate --print-scene").done();
     assert!(scene.contains("duration = 10.0"), "{scene}");
     let scene = scene.replace("duration = 10.0", "duration = 600.0")
         + "\n[[disturbance]]\nat = 12.0\nsensor_lost = true\n"
         + "\n[[disturbance]]\nat = 13.0\nsensor_lost = false\n";
     let path = folder.path().join("scene.toml");
     std::fs::write(&path, scene).unwrap();
-    let served = Served::start(&[path.to_str().unwrap(), "--for", "600"]);
-    let mut plc = Master::connect(&served);
-    // The enable input is given half a second after power-on.
+    let server = Server::start(&[path.to_str().unwrap(), "--for", "600"]);
+    let mut plc = Master::connect(&server);
+    // The enable input turns on 0.5 s after power-on.
     plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
     plc.start();
     plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
     let share = plc.read(register::SHARE_IN_GEAR);
     assert!(share > 5000, "in units of 0.01 %: {share}");
-    // A second client reads, and a request that makes no sense is an exception of its own.
-    let mut other = Master::connect(&served);
+    // A second client reads. Its invalid requests return exceptions to it alone.
+    let mut other = Master::connect(&server);
     assert_ne!(other.read(register::STATUS) & status::RUNS, 0);
     assert_eq!(other.write(register::KIND, &[99]), Err(3));
-    assert_eq!(other.ask(&[3, 0xff, 0xff, 0, 1]), Err(2));
+    assert_eq!(other.request(&[3, 0xff, 0xff, 0, 1]), Err(2));
     // An amplitude of 0.15 mm: kind and number in one request.
     let number = 0.15_f32.to_bits();
-    let words = [33, (number >> 16) as u16, number as u16];
-    plc.write(register::KIND, &words).unwrap();
+    let registers = [33, (number >> 16) as u16, number as u16];
+    plc.write(register::KIND, &registers).unwrap();
     assert_eq!(plc.read(register::KIND), 33);
     plc.wait(status::RUNS, status::FAULT);
-    // The sensor is lost for a second.
+    // The sensor fails for 1 s.
     plc.wait(status::FAULT, status::RUNS);
     assert_eq!(plc.read(register::FAULT), 1);
     std::thread::sleep(Duration::from_secs(2));
@@ -206,36 +209,36 @@ fn a_plc_gets_parts_into_gear_changes_the_target_and_ends_a_fault() {
 
 #[test]
 fn a_run_ends_by_its_time_and_by_an_interruption() {
-    let (status, rest) = Served::start(&["--for", "0.5"]).end();
+    let (status, rest) = Server::start(&["--for", "0.5"]).end();
     assert!(status.success(), "{status}");
     assert!(rest.contains("ended: 0 requests of 0 clients"), "{rest}");
-    let served = Served::start(&[]);
-    let mut plc = Master::connect(&served);
+    let server = Server::start(&[]);
+    let mut plc = Master::connect(&server);
     assert_eq!(plc.read(register::FAULT), 0);
-    let process = served.child.id().to_string();
+    let process = server.child.id().to_string();
     let killed = Command::new("kill").args(["-INT", &process]).status();
     assert!(killed.unwrap().success());
-    let (status, rest) = served.end();
+    let (status, rest) = server.end();
     assert!(status.success(), "{status}");
     assert!(rest.contains("ended: 1 requests of 1 clients"), "{rest}");
 }
 
 #[test]
-fn an_address_that_is_taken_is_refused() {
+fn an_address_in_use_is_refused() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let folder = tempfile::tempdir().unwrap();
-    let came = came::kband(&folder, &format!("serve --modbus {address}"));
-    came.refused(&[&address, "--modbus"]);
+    let outcome = outcome::kband(&folder, &format!("serve --modbus {address}"));
+    outcome.refused(&[&address, "--modbus"]);
 }
 
-/// The gateway to an emulated board whose bus has this authority and timeout, and the folder of its
-/// flash.
-fn gateway(bus: f32, timeout: f32) -> (Served, tempfile::TempDir) {
+/// The gateway to an emulated board whose bus has this authority and timeout, and the folder with
+/// its flash.
+fn gateway(bus: f32, timeout: f32) -> (Server, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let address = Address {
         flash_image: Some(folder.path().join("board.flash")),
-        ..Address::of("qemu", Some(Path::new(&image())))
+        ..Address::new("qemu", Some(Path::new(&image())))
     };
     let mut link = address.open(Emulated::AtRest).unwrap();
     for request in [
@@ -244,11 +247,11 @@ fn gateway(bus: f32, timeout: f32) -> (Served, tempfile::TempDir) {
         Request::set("bus", bus),
         Request::Save,
     ] {
-        link.ask(&request, |response| assert_eq!(response, Response::Done))
+        link.request(&request, |response| assert_eq!(response, Response::Done))
             .unwrap();
     }
     drop(link);
-    (Served::of_board(folder.path()), folder)
+    (Server::from_board(folder.path()), folder)
 }
 
 fn image() -> String {
@@ -257,27 +260,27 @@ fn image() -> String {
 }
 
 #[test]
-fn the_gateway_takes_a_board_to_gear_and_a_silent_bus_is_a_lost_link() {
-    let (served, _folder) = gateway(2.0, 2.0);
-    let mut plc = Master::connect(&served);
+fn a_gateway_board_reaches_gear_and_detects_a_silent_bus() {
+    let (server, _folder) = gateway(2.0, 2.0);
+    let mut plc = Master::connect(&server);
     plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
     plc.write(register::CONTROL, &[0]).unwrap();
     plc.write(register::KIND, &[1]).unwrap();
     plc.write(register::CONTROL, &[1]).unwrap();
     plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
     assert!(plc.read(register::SHARE_IN_GEAR) > 5000);
-    // Another client shares the control word; what makes no sense is an exception of the board.
-    let mut other = Master::connect(&served);
+    // Another client shares the control word; an invalid request returns an exception of the board.
+    let mut other = Master::connect(&server);
     assert_eq!(other.read(register::CONTROL), 1);
     assert_eq!(other.write(register::KIND, &[99]), Err(3));
-    assert_eq!(other.ask(&[3, 0xff, 0xff, 0, 1]), Err(2));
-    assert_eq!(other.ask(&[20, 0, 0]), Err(1));
-    // Three times the board's timeout in silence; the emulator may be slower than the clock.
+    assert_eq!(other.request(&[3, 0xff, 0xff, 0, 1]), Err(2));
+    assert_eq!(other.request(&[20, 0, 0]), Err(1));
+    // Three times the board's timeout without requests; the emulator may be slower than the clock.
     let lost = |plc: &mut Master| {
         (0..8).any(|age| plc.read(1004 + 8 * age) == u16::from(Event::Limited.number()))
     };
     assert!(!lost(&mut plc));
-    let end = Instant::now() + LIMIT;
+    let end = Instant::now() + TIMEOUT;
     while !lost(&mut plc) {
         assert!(Instant::now() < end);
         std::thread::sleep(Duration::from_secs(6));
@@ -288,9 +291,9 @@ fn the_gateway_takes_a_board_to_gear_and_a_silent_bus_is_a_lost_link() {
 }
 
 #[test]
-fn clients_only_read_through_the_gateway_to_a_board_whose_bus_is_off() {
-    let (served, _folder) = gateway(0.0, 2.0);
-    let mut plc = Master::connect(&served);
+fn gateway_clients_only_read_a_board_whose_bus_is_off() {
+    let (server, _folder) = gateway(0.0, 2.0);
+    let mut plc = Master::connect(&server);
     plc.wait(0, status::IN_CONTROL);
     assert_eq!(plc.write(register::CONTROL, &[0]), Err(4));
     assert_eq!(plc.write(100, &[0x4270, 0]), Err(4));
@@ -300,7 +303,7 @@ fn clients_only_read_through_the_gateway_to_a_board_whose_bus_is_off() {
 #[test]
 fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
     let clients = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/clients");
-    let (served, folder) = gateway(1.0, 60.0);
+    let (server, folder) = gateway(1.0, 60.0);
     let client = folder.path().join("client");
     let compiled = Command::new("gcc")
         .arg("-o")
@@ -315,35 +318,23 @@ fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
         (python, "pymodbus: held"),
         (Command::new(client), "libmodbus: held"),
     ] {
-        let ran = command.args([&served.address, "17"]).output().unwrap();
-        let said = String::from_utf8_lossy(&ran.stdout);
+        let ran = command.args([&server.address, "17"]).output().unwrap();
+        let text = String::from_utf8_lossy(&ran.stdout);
         let wrong = String::from_utf8_lossy(&ran.stderr);
-        assert!(said.starts_with(begin), "{said}{wrong}");
+        assert!(text.starts_with(begin), "{text}{wrong}");
     }
 }
 
+/// The procedure of the manual: docs/registers.md and docs/recipes.md.
 #[test]
-fn a_gateway_without_a_board_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    for (words, said) in [
-        ("--on /dev/null", "/dev/null"),
-        ("--image none", "--image"),
-        ("scene.toml --on qemu", "SCENE.toml"),
-    ] {
-        came::kband(&folder, &format!("serve {words} --modbus 127.0.0.1:0")).refused(&[said]);
-    }
-}
-
-/// The way of the manual: docs/registers.md and docs/recipes.md.
-#[test]
-fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
+fn a_commissioned_board_runs_recipe_1_after_a_power_cut() {
     let folder = tempfile::tempdir().unwrap();
     let image = image();
-    let kband = |words: &str| {
+    let kband = |args: &str| {
         let board = ["--on", "qemu", "--image", &image];
         let flash = ["--flash-image", "board.flash"];
-        let words: Vec<&str> = words.split(' ').chain(board).chain(flash).collect();
-        came::run(&folder, came::LIMIT, &words).done()
+        let args: Vec<&str> = args.split(' ').chain(board).chain(flash).collect();
+        outcome::run(&folder, outcome::TIMEOUT, &args).done()
     };
     kband("commission line3.html --step found --seconds 1");
     kband("settings save");
@@ -358,8 +349,8 @@ fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
     }
     kband("commission line3.html --step left --seconds 1");
     for _ in 0..2 {
-        let served = Served::of_board(folder.path());
-        let (_, port) = served.address.split_once(':').unwrap();
+        let server = Server::from_board(folder.path());
+        let (_, port) = server.address.split_once(':').unwrap();
         let write = |register: &str, value: &str| {
             let fixed = [
                 "-m", "tcp", "-p", port, "-a", "17", "-0", "-1", "-q", "-o", "5",
@@ -371,7 +362,7 @@ fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
                 .unwrap();
             assert!(ran.status.success(), "{ran:?}");
         };
-        let mut plc = Master::connect(&served);
+        let mut plc = Master::connect(&server);
         plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
         assert_eq!(plc.read(8), 0, "the saved target");
         write("8", "1");
@@ -379,7 +370,7 @@ fn a_new_board_is_commissioned_and_runs_recipe_1_again_after_a_power_cut() {
         write("0", "1");
         plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
         assert_eq!((plc.read(8), plc.read(register::KIND)), (1, 32));
-        // Its end is that of the emulator: the power cut.
-        drop(served);
+        // Ending the gateway also ends the emulator: the power cut.
+        drop(server);
     }
 }

@@ -1,4 +1,4 @@
-//! Rows that go out as they come: `kband impacts` in memory that does not grow with their number.
+//! Rows written one by one: the memory of `kband impacts` does not grow with their number.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -7,14 +7,14 @@ use std::process::{Child, Command, Stdio};
 use kband::impact::{Kernel, Map, PartState};
 use serde_json::Value;
 
-/// Largest memory of a command in KiB.
+/// Largest memory of a command, KiB.
 const MAX_MEMORY: u64 = 64 << 10;
 
 const ORBIT: &str = "impacts --k 0.34 --restitution 0.2 --phase 0.5 --velocity 0.45";
 
-fn begin(folder: &Path, words: &str) -> Child {
+fn begin(folder: &Path, args: &str) -> Child {
     Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(words.split(' '))
+        .args(args.split(' '))
         .current_dir(folder)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -23,31 +23,32 @@ fn begin(folder: &Path, words: &str) -> Child {
         .unwrap()
 }
 
-/// Peak of a process's memory so far, in KiB; `None` once it has ended.
+/// Peak memory of a process so far, KiB; `None` after its end.
 fn peak(child: &Child) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Lines that a command prints, and the peak of its memory near its end: it waits for its reader.
-fn printed(folder: &Path, words: &str, lines: usize) -> (usize, u64) {
-    let mut child = begin(folder, words);
+/// Number of lines that a command prints, and its peak memory near the end, when it waits for its
+/// reader.
+fn printed(folder: &Path, args: &str, lines: usize) -> (usize, u64) {
+    let mut child = begin(folder, args);
     let mut out = BufReader::new(child.stdout.take().unwrap());
-    let (mut line, mut count, mut most) = (Vec::new(), 0, 0);
+    let (mut line, mut count, mut peak_memory) = (Vec::new(), 0, 0);
     while out.read_until(b'\n', &mut line).unwrap() > 0 {
         line.clear();
         count += 1;
-        // A pipe holds 64 KiB, some hundred lines.
+        // A pipe has a buffer of 64 KiB, some hundred lines.
         if count % 1000 == 0 && count + 5000 < lines {
-            most = peak(&child).expect("it still writes").max(most);
+            peak_memory = peak(&child).expect("it still writes").max(peak_memory);
         }
     }
-    assert!(child.wait().unwrap().success(), "{words}");
-    (count, most)
+    assert!(child.wait().unwrap().success(), "{args}");
+    (count, peak_memory)
 }
 
-/// The states after each impact, as the map itself has them.
+/// States after each impact, by the map itself.
 fn states(count: usize) -> Vec<(f64, PartState)> {
     let map = Map::build(0.34, 0.2).unwrap();
     let mut state = Map::state(0.5, 0.45).unwrap();
@@ -68,7 +69,7 @@ fn memory_does_not_grow_with_the_number_of_rows() {
     for (_, state) in states(400_000) {
         writeln!(file, "0.34,0.2,{},{}", state.phase, state.velocity).unwrap();
     }
-    for (words, lines) in [
+    for (args, lines) in [
         (format!("{ORBIT} --count 600000"), 600_000),
         (format!("{ORBIT} --count 150000 --format json"), 900_000),
         (
@@ -78,21 +79,24 @@ fn memory_does_not_grow_with_the_number_of_rows() {
         (format!("{ORBIT} --count 300000 --out rows.json"), 300_000),
         ("impacts --from rows.csv".into(), 400_000),
     ] {
-        let (count, most) = printed(folder.path(), &words, lines);
-        // The provenance comes first.
-        assert!((lines..lines + 100).contains(&count), "{words}: {count}");
-        assert!(0 < most && most < MAX_MEMORY, "{words}: {most} KiB");
+        let (count, peak_memory) = printed(folder.path(), &args, lines);
+        // The first lines are the provenance.
+        assert!((lines..lines + 100).contains(&count), "{args}: {count}");
+        assert!(
+            0 < peak_memory && peak_memory < MAX_MEMORY,
+            "{args}: {peak_memory} KiB"
+        );
     }
 }
 
 #[test]
 fn streamed_rows_are_the_impacts_of_the_map() {
     let folder = tempfile::tempdir().unwrap();
-    // More than the rows whose size is measured, and than those that are flown at once.
+    // More rows than between two checks for an interruption.
     const COUNT: usize = 5000;
     let expected = states(COUNT);
-    let words = format!("{ORBIT} --count {COUNT} --out rows.json");
-    let out = begin(folder.path(), &words).wait_with_output().unwrap();
+    let args = format!("{ORBIT} --count {COUNT} --out rows.json");
+    let out = begin(folder.path(), &args).wait_with_output().unwrap();
     let csv = String::from_utf8(out.stdout).unwrap();
     let rows: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
     assert_eq!(
@@ -113,19 +117,17 @@ fn streamed_rows_are_the_impacts_of_the_map() {
         assert_eq!(row, values, "row {n}");
         launches += &format!("0.34,0.2,{},{}\n", state.phase, state.velocity);
     }
-    // The same orbit, each impact from a row of a file.
+    // The same orbit, with each impact from a row of a file.
     std::fs::write(folder.path().join("launches.csv"), launches).unwrap();
-    for arithmetic in ["f64", "batch"] {
-        let words = format!("impacts --from launches.csv --arithmetic {arithmetic}");
-        let out = begin(folder.path(), &words).wait_with_output().unwrap();
-        let csv = String::from_utf8(out.stdout).unwrap();
-        let rows = csv.lines().filter(|line| !line.starts_with('#')).skip(1);
-        let mut count = 0;
-        for (row, (flight, state)) in rows.zip(&expected) {
-            let row: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
-            assert_eq!(row, [*flight, state.phase, state.velocity]);
-            count += 1;
-        }
-        assert_eq!(count, COUNT);
+    let args = "impacts --from launches.csv";
+    let out = begin(folder.path(), args).wait_with_output().unwrap();
+    let csv = String::from_utf8(out.stdout).unwrap();
+    let rows = csv.lines().filter(|line| !line.starts_with('#')).skip(1);
+    let mut count = 0;
+    for (row, (flight, state)) in rows.zip(&expected) {
+        let row: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
+        assert_eq!(row, [*flight, state.phase, state.velocity]);
+        count += 1;
     }
+    assert_eq!(count, COUNT);
 }

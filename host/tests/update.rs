@@ -1,8 +1,8 @@
-//! From a new board to an update over the link that runs its recipe again: `kband` on a
-//! pseudo-terminal, and the flashed image on its simulated chip.
+//! From a new board to an update over a link that loses bytes, after which the board runs its
+//! recipe again. It runs `kband` on a pseudo-terminal and the flashed image on its emulated chip.
 #![cfg(unix)]
 
-mod came;
+mod outcome;
 
 use std::io::{Read, Write};
 use std::path::Path;
@@ -16,17 +16,22 @@ use kband_machines::chip::kind::Kind;
 use kband_machines::hazards::Hazard;
 use kband_machines::images;
 use kband_machines::rig::{Act, Rig, ticks};
+use outcome::Outcome;
 
-/// Wall-clock seconds for one command: the chip is slower than the board.
-const LIMIT: &str = "600";
-/// Time of the board between two looks at the line, and longest time without a byte of the desk, s.
+/// Time limit of one command, s of wall-clock time; the emulated chip is slower than the board.
+const TIMEOUT: &str = "600";
+/// Of so many pieces of bytes from the desk, and from the board, one is lost.
+const LOST_FROM_DESK: usize = 41;
+const LOST_FROM_BOARD: usize = 97;
+/// Simulated time between two reads of the line, and longest simulated time without a byte from the
+/// desk, s.
 const STEP: f64 = 0.005;
 const IDLE: f64 = 2.0;
 
-/// Runs `kband` on a board's line, and the board as long as the desk says something.
-fn kband(rig: &mut Rig, folder: &Path, words: &str) -> String {
-    let (mut far, mut near, name) = came::port();
-    let mut from_desk = far.try_clone().unwrap();
+/// Runs `kband` on a board's line that loses bytes, and the board while the desk sends.
+fn kband(rig: &mut Rig, folder: &Path, args: &str) -> Outcome {
+    let (mut master, mut slave, name) = outcome::port();
+    let mut from_desk = master.try_clone().unwrap();
     let (send, bytes) = channel();
     let done = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -42,6 +47,7 @@ fn kband(rig: &mut Rig, folder: &Path, words: &str) -> String {
         scope.spawn(|| {
             let bytes = bytes;
             let mut sent = rig.sent().len();
+            let (mut requests, mut answers) = (0, 0);
             let mut idle_from = rig.time();
             while !done.load(Ordering::Relaxed) {
                 let wait = if rig.time() < idle_from {
@@ -51,7 +57,10 @@ fn kband(rig: &mut Rig, folder: &Path, words: &str) -> String {
                 };
                 match bytes.recv_timeout(wait) {
                     Ok(bytes) => {
-                        rig.act(&Act::Link(bytes));
+                        requests += 1;
+                        if requests % LOST_FROM_DESK != 0 {
+                            rig.act(&Act::Link(bytes));
+                        }
                         idle_from = rig.time() + IDLE;
                     }
                     Err(RecvTimeoutError::Timeout) if rig.time() < idle_from => {}
@@ -60,22 +69,26 @@ fn kband(rig: &mut Rig, folder: &Path, words: &str) -> String {
                 }
                 rig.run(rig.time() + STEP);
                 let all = rig.sent();
-                if far.write_all(&all[sent..]).is_err() {
-                    break;
+                if all.len() > sent {
+                    answers += 1;
+                    let is_lost = answers % LOST_FROM_BOARD == 0;
+                    if !is_lost && master.write_all(&all[sent..]).is_err() {
+                        break;
+                    }
+                    sent = all.len();
                 }
-                sent = all.len();
             }
         });
-        let words: Vec<&str> = words.split(' ').chain(["--on", &name]).collect();
-        let came = came::run(folder, LIMIT, &words);
+        let args: Vec<&str> = args.split(' ').chain(["--on", &name]).collect();
+        let outcome = outcome::run(folder, TIMEOUT, &args);
         done.store(true, Ordering::Relaxed);
-        // A byte ends the wait for the desk.
-        near.write_all(&[0]).unwrap();
-        came.done()
+        // One byte ends the reader's wait.
+        slave.write_all(&[0]).unwrap();
+        outcome
     })
 }
 
-/// Switches the supply off and on, and lets the board start.
+/// Switches the supply off and on, and waits until the board has started.
 fn cut_power(rig: &mut Rig) {
     rig.act(&Act::Volts(0.0));
     rig.run(rig.time() + 0.01);
@@ -84,27 +97,31 @@ fn cut_power(rig: &mut Rig) {
 }
 
 #[test]
-fn a_new_board_is_updated_and_runs_its_recipe_again() {
+fn an_updated_board_with_two_slots_runs_its_recipe() {
     updated_it_runs_its_recipe(Kind::Stm32f405);
 }
 
 #[test]
-fn a_new_board_with_one_slot_is_updated_and_runs_its_recipe_again() {
+fn an_updated_board_with_one_slot_runs_its_recipe() {
     updated_it_runs_its_recipe(Kind::Stm32g474);
 }
 
 fn updated_it_runs_its_recipe(kind: Kind) {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let hazard = Hazard::of("update", 50.0, Target::Amplitude(0.2));
+    let hazard = Hazard::new("update", 50.0, Target::Amplitude(0.2));
     let mut rig = hazard.commissioned(kind);
     rig.chip.board.flash.erases_in = Some(ticks(0.02));
-    came::kband(folder, "update --new-key plant.key").done();
-    kband(&mut rig, folder, "update --set-key plant.key.pub");
-    kband(&mut rig, folder, "target mm 0.1");
-    kband(&mut rig, folder, "recipe save 1 caps");
-    cut_power(&mut rig);
-    kband(&mut rig, folder, "recipe use 1");
+    outcome::kband(folder, "update --new-key plant.key").done();
+    for args in [
+        "update --set-key plant.key.pub",
+        "lock 4711",
+        "unlock 4711",
+        "target mm 0.1",
+        "recipe save 1 caps",
+    ] {
+        kband(&mut rig, folder, args).done();
+    }
     // The new image is the same program with another version.
     let mut image = std::fs::read(images::feeder_on(kind)).unwrap();
     let version = format!("{}+", env!("CARGO_PKG_VERSION"));
@@ -116,12 +133,19 @@ fn updated_it_runs_its_recipe(kind: Kind) {
         image[place] = b'9';
     }
     std::fs::write(folder.join("new"), image).unwrap();
-    let said = kband(&mut rig, folder, "update new --key plant.key");
+    let update = "update new --key plant.key";
+    kband(&mut rig, folder, update).refused(&["not saved", "kband settings save"]);
+    cut_power(&mut rig);
+    kband(&mut rig, folder, update).refused(&["read-only", "--pin PIN"]);
+    for args in ["unlock 4711", "recipe use 1"] {
+        kband(&mut rig, folder, args).done();
+    }
+    let output = kband(&mut rig, folder, &format!("{update} --pin 4711")).done();
 
-    assert!(said.contains(" runs 9"), "{said}");
+    assert!(output.contains(" runs 9"), "{output}");
     assert!(
-        said.contains("settings, target and recipes are as before"),
-        "{said}"
+        output.contains("settings, target and recipes are as before"),
+        "{output}"
     );
     assert!(rig.image().unwrap().starts_with('9'));
     let recipe = rig.request(&Request::Status, |response| match response {
@@ -130,7 +154,9 @@ fn updated_it_runs_its_recipe(kind: Kind) {
     });
     assert_eq!(recipe, 1);
     rig.act(&Act::Enable(true));
-    rig.run(rig.time() + 2.0);
+    // Half of the link's time limit passes before and after a request.
+    rig.run(rig.time() + 1.0).send(&Request::Alive);
+    rig.run(rig.time() + 1.0);
     let driven = rig.amplitude();
     assert!((driven - 0.1).abs() < 0.01, "{driven}");
     rig.act(&Act::Enable(false));

@@ -1,4 +1,4 @@
-//! One part on one track: its impacts, one by one, and its regime.
+//! One part on one track: each impact and the regime.
 //!
 //! `cargo run -p kband --example orbit`
 

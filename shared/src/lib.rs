@@ -1,9 +1,9 @@
 #![doc = include_str!("../README.md")]
 //!
-//! # Floors
+//! # Modules
 //!
-//! From the ground up; a module uses only those below it. The theory is in `docs/` of the
-//! repository; the comments cite its sections.
+//! Each module uses only those above it in this table. The theory is in `docs/` of the repository;
+//! the comments cite its sections.
 //!
 //! | module | holds |
 //! |---|---|
@@ -15,7 +15,7 @@
 #![no_std]
 #![deny(unsafe_code)]
 
-// The CPU's extensions, at the desk.
+// The detection of the CPU's extensions needs `std`, at the desk.
 #[cfg(any(test, all(target_arch = "x86_64", not(target_os = "none"))))]
 extern crate std;
 

@@ -27,10 +27,12 @@ static void check(int right, const char *what)
     }
 }
 
-/* On a busy machine a frame falls apart, and is no request. A master repeats it. */
+/* On a busy machine a frame may be interrupted, and is then no request. It is repeated. */
+enum { ATTEMPTS = 10 };
+
 static int write_words(int address, int count, const uint16_t *words)
 {
-    int tries = 4, done;
+    int tries = ATTEMPTS, done;
     do
         done = modbus_write_registers(master, address, count, words);
     while (done == -1 && errno == ETIMEDOUT && --tries);
@@ -39,7 +41,7 @@ static int write_words(int address, int count, const uint16_t *words)
 
 static int read_words(int address, int count, uint16_t *words)
 {
-    int tries = 4, done;
+    int tries = ATTEMPTS, done;
     do
         done = modbus_read_registers(master, address, count, words);
     while (done == -1 && errno == ETIMEDOUT && --tries);

@@ -17,9 +17,9 @@ address, unit = sys.argv[1], int(sys.argv[2])
 host, _, port = address.partition(":")
 # A terminal without a line has no parity. The board may still start.
 if port:
-    master = ModbusTcpClient(host, port=int(port), timeout=5, retries=5)
+    master = ModbusTcpClient(host, port=int(port), timeout=5, retries=10)
 else:
-    master = ModbusSerialClient(address, baudrate=19200, parity="N", timeout=5, retries=5)
+    master = ModbusSerialClient(address, baudrate=19200, parity="N", timeout=5, retries=10)
 assert master.connect(), address
 
 

@@ -1,4 +1,4 @@
-//! Build script: links an image for its target machine's memory.
+//! Build script: links an image for the memory of its target machine.
 
 use std::{env, fs, path::PathBuf};
 

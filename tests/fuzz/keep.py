@@ -43,7 +43,7 @@ def unpack(name, folder):
 
 
 def branches(program, name, *folders):
-    """How many branches these inputs reach."""
+    """Number of branches that these inputs reach."""
     said = subprocess.run(
         [program, "-runs=0", *folders],
         env=dict(os.environ, KBAND_FUZZ=name),
@@ -55,7 +55,7 @@ def branches(program, name, *folders):
 
 
 def keep(program, corpus, name):
-    """Keeps what one target's search found."""
+    """Keeps the inputs found for one target."""
     seeds = [
         ROOT / "tests/fuzz/corpus" / name,
         *([ROOT / "tests/scenes"] if name == "scene" else []),

@@ -10,7 +10,7 @@
 #   KBAND_FUZZ=TARGET target/fuzz/x86_64-unknown-linux-gnu/release/fuzz FILE
 # tests/fuzz/keep.py copies new inputs into the tree, where the next search begins. The compiler is
 # the stable one, with RUSTC_BOOTSTRAP for -Zsanitizer only. If the sanitizer's runtime is missing,
-# the search runs without it and says so.
+# the search runs without it and prints a message.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 seconds=${1:-60}
@@ -30,7 +30,7 @@ if compgen -G "$(rustc --print target-libdir)/librustc*_rt.asan.a" >/dev/null; t
 else
     echo "without the address sanitizer: this compiler has no runtime of it"
 fi
-# Link-time optimization would take long and gain nothing here.
+# Link-time optimization would be slow and useless here.
 export CARGO_PROFILE_RELEASE_LTO=off
 # --target keeps the build scripts apart from the instrumented program.
 RUSTFLAGS=$flags cargo build --locked --release --package kband-fuzz --features libfuzzer --bin fuzz --target "$host" \

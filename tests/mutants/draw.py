@@ -1,4 +1,4 @@
-"""Mutants drawn by chance, for run.py.
+"""Random mutants, for run.py.
 
 `cargo mutants --list --json` gives the places of its operators. Four operators are added: a
 constant or a number is doubled, `<` and `<=` (`>` and `>=`) are exchanged, and a statement is left
@@ -31,12 +31,12 @@ SWAPPED = {"<": "<=", "<=": "<", ">": ">=", ">=": ">"}
 
 
 def line_starts(text):
-    """Where each line of the text begins."""
+    """Offset of the start of each line in the text."""
     return [0, *(found.end() for found in re.finditer("\n", text))]
 
 
 def offset(starts, place):
-    """Where a line and a column, both from 1, are in the text; the column counts characters."""
+    """Offset of a line and a column, both from 1, in the text; the column counts characters."""
     return starts[place["line"] - 1] + place["column"] - 1
 
 
@@ -46,7 +46,7 @@ def blank(text):
 
 
 def body_of(code, start, end):
-    """The offsets of a function's body. None if a run-time switch cannot stand there."""
+    """Offsets of a function's body; None if a run-time switch is impossible there."""
     head = re.compile(r"\bfn\b").search(code, start, end)
     if not head or re.search(r"\bconst\s+(?:unsafe\s+)?$", code[start : head.start()]):
         return None
@@ -67,7 +67,7 @@ def body_of(code, start, end):
 
 
 def listed(root):
-    """What cargo-mutants would change, as its list says."""
+    """The mutants listed by cargo-mutants."""
     command = [
         "cargo",
         "mutants",
@@ -149,7 +149,7 @@ def draw(root, count, seed):
     for path, body, start, end, becomes in pool:
         if len(chosen) == count:
             break
-        # A body inside another one cannot have a switch of its own.
+        # A body inside another one cannot have its own switch.
         near = bodies.setdefault(path, set())
         if any(other != body and other[0] < body[1] and body[0] < other[1] for other in near):
             continue

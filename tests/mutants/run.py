@@ -38,10 +38,10 @@ TREE = TARGET / "mutants" / "tree"
 TABLE = ROOT / "tests/mutants/results.md"
 LEAST = 0.95
 DRAWN_LEAST = 0.9
-# One more than the mutants that the switch can tell apart.
+# One more than the largest number of mutants of the switch.
 MOST = 1024
 JOBS = int(os.environ.get("KBAND_JOBS", os.cpu_count() or 1))
-# Seconds of tests that one process runs before it is asked whether one failed.
+# Duration of the tests of one process, s; then their results are read.
 BATCH = 4.0
 PROGRAMS = {
     "map": ("kband", "kband"),
@@ -74,8 +74,8 @@ PROGRAMS = {
     },
 }
 LIBRARIES = ("map", "control", "bus", "plant", "firmware", "loader", "host")
-# What judges a drawn mutant: each group those that the one before let through; the last one, which
-# takes minutes, the firmware's.
+# Test groups for a drawn mutant: each group runs for mutants that passed the previous one. The last
+# one takes minutes, and runs for the firmware's mutants.
 DRAWN = (
     ("map", "control", "bus", "plant", "firmware"),
     (
@@ -95,7 +95,7 @@ DRAWN = (
     ),
     ("hazards", "ends", "flashed"),
 )
-# They run an image: which mutants it reaches is not recorded, the list names the test.
+# They run an image, which does not record the mutants that it reaches; the list names the test.
 EMULATED = ("hazards", "ends", "flashed")
 SWITCH = """//! Which mutant this run has.
 
@@ -171,10 +171,10 @@ def mutants():
 
 
 def switch_of(path):
-    """The crate that holds the switch, as this file names it."""
+    """Name of the crate with the switch in this file."""
     if path.startswith(("shared/src/", "firmware/loader/")):
         return "crate"
-    # The bus depends on the controller alone, which hands the switch on.
+    # The bus depends only on the controller, which exports the switch.
     return "kband_control" if path.startswith("shared/bus/") else "kband"
 
 
@@ -219,7 +219,7 @@ def plant(changed):
     )
     library += "\n#[allow(missing_docs, unsafe_code)]\npub mod mutation;\n"
     wanted["shared/src/lib.rs"] = library.encode()
-    # What a mutant computes wrongly fails its test, not the build.
+    # A mutant must fail its test, not the build.
     lints = "[workspace.lints.rust]\n"
     allowed = lints + 'arithmetic_overflow = "allow"\nunconditional_panic = "allow"\n'
     wanted["Cargo.toml"] = wanted["Cargo.toml"].replace(lints.encode(), allowed.encode())
@@ -307,7 +307,7 @@ def build(names):
 
 
 def run(programs, environment, name, tests, patience, **more):
-    """Runs these tests of a program: the one that failed, None where all pass."""
+    """Runs these tests of a program; returns the failed one, None if all pass."""
     file, folder, _ = programs[name]
     settings = dict(environment, CARGO_MANIFEST_DIR=str(folder), **more)
     try:
@@ -330,7 +330,7 @@ def run(programs, environment, name, tests, patience, **more):
 
 
 def candidates(programs, judges):
-    """The tests that a list of `program filter` names."""
+    """The tests named by a list of `program filter`."""
     for judge in judges:
         name, *filters = judge.split()
         found = [
@@ -391,7 +391,7 @@ def without_mutant(programs, environment, wanted, pool):
 
 
 def batches(judges, seconds):
-    """The fastest first, of one program each, some seconds together."""
+    """Batches of one program's tests, of some seconds, fastest first."""
     batch, held = [], 0.0
     for name, test in sorted(judges, key=lambda judge: seconds[judge]):
         took = seconds[name, test]
@@ -462,7 +462,7 @@ def compiling(found):
 
 
 def drawn(count, seed):
-    """Draws mutants and has every test that reaches one judge it."""
+    """Draws mutants, and runs for each the tests that reach it."""
     began = time.time()
     if not 0 < count < MOST:
         sys.exit(f"{count} mutants: accepted: 1..{MOST - 1}")
@@ -553,7 +553,7 @@ def judged(chosen, began):
     built = time.time() - began
     pool = concurrent.futures.ThreadPoolExecutor(JOBS)
     wanted = sorted({judge for *_, judges in chosen for judge in candidates(programs, judges)})
-    # The image is built by the first one that asks for it.
+    # The first one that needs the image builds it.
     for name in EMULATED:
         first = [judge for judge in wanted if judge[0] == name][:1]
         without_mutant(programs, environment, first, pool)
@@ -600,12 +600,12 @@ def change(place, expression, becomes):
 
 
 def key(*mutant):
-    """A mutant whatever its number."""
+    """Identity of a mutant without its number."""
     return " ".join(" ".join(mutant).split())
 
 
 def write(every, verdicts):
-    """Keeps the verdicts; the table, where each mutant has one."""
+    """Stores the verdicts; writes the table if each mutant has one."""
     store = TARGET / "mutants/verdicts.json"
     kept = json.loads(store.read_text()) if store.is_file() else {}
     kept.update(verdicts)

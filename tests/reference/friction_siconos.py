@@ -34,7 +34,7 @@ CASES = [
     (3.0, 1.2, 0.3, 3.0, 0.0, 0.05),
 ]
 STEPS = (6000, 9000, 13500, 20250)
-# Student's t of 97.5 % for the two degrees of freedom that four points leave a line.
+# Student's t of 97.5 % for two degrees of freedom: four points, a line of two parameters.
 STUDENT = 4.303
 
 

@@ -89,7 +89,7 @@ class Flight:
         return v * d - k * d * d / 2 - (s - self.s), v - k * d - c, a - k, j
 
     def start(self):
-        """A time until which u > 0 is proven by the Taylor series of u/d; 0 if none."""
+        """A time up to which the Taylor series of u/d proves u > 0; 0 if none."""
         w0, w1, w2 = self.velocity, (self.a - self.track.k) / 2, self.j / 6
         w3 = self.track.fourth / 24
         h = mpf(1)
@@ -166,7 +166,7 @@ class Flight:
         return d
 
     def proves(self, d):
-        """Whether no impact lies before d, but for a touch within 1e-26 of it, relative."""
+        """Whether there is no impact before d, except a touch within 1e-26 of it, relative."""
         x = self.start()
         if x == 0:
             return False
@@ -183,7 +183,7 @@ class Flight:
                 and slope + max(bend, 0) * rest + max(third, 0) * rest**2 / 2 + 4 * fourth * rest**3
                 < 0
             ):
-                # It falls all the way.
+                # u falls in the whole interval.
                 return self.gap(d)[1] <= 0
             h = min(mpf(2), rest)
             while True:
@@ -220,7 +220,7 @@ def below_turn(t):
 
 
 def launch(kind, rng):
-    """A random launch of a kind: track, phase, velocity. None if it does not succeed."""
+    """A random launch of a kind: track, phase, velocity; None without a solution."""
     k = rng.choice([rng.uniform(0.02, 0.98), rng.uniform(0.25, 0.65), rng.uniform(0.02, 2.0)])
     track = Track(k, *shape(rng))
     phase, velocity = rng.uniform(0, 6.283), rng.uniform(0.02, 3)
@@ -245,8 +245,7 @@ def launch(kind, rng):
             if phase is None or track.at(mpf(phase))[2] <= k:
                 return None
         else:
-            # Back along the parabola that touches the track in this window, to where it left the
-            # track.
+            # Back along the parabola that touches the track in this window, to its launch.
             touch = entry + width * mpf(rng.uniform(0.02, 0.98))
             s, c, _, _, _ = track.at(touch)
             past, found = mpf(rng.uniform(0.05, 9)), None
@@ -329,8 +328,7 @@ def main():
                 if drawn and write(out, kind, drawn[0], rng.uniform(0, 0.95), *drawn[1:]):
                     written += 1
             print(f"{kind}: {written} of {tried} drawn")
-        # Hop by hop, each from the reference state rounded to a double, down to where it chatters
-        # out.
+        # Hop by hop to the end of the chatter, each from the reference state rounded to a double.
         written = 0
         while written < 250:
             drawn = launch("typical", rng)

@@ -1,12 +1,12 @@
-//! Scenes with a fault injected into their controller: into its configuration, inputs or outputs.
+//! Scenes with a fault injected into the controller: into its configuration, inputs or outputs.
 //!
-//! The product contains no injection. The loop of [`kband_plant::ClosedLoop`] is rebuilt here from
-//! its public parts, with one fault between two of them.
+//! The product contains no fault injection. This module rebuilds the loop of
+//! [`kband_plant::ClosedLoop`] from its public parts, with one fault between two of them.
 
 use kband_control::{
     Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
 };
-use kband_plant::{Bench, Change, Moment, Scene};
+use kband_plant::{Bench, Moment, Scene};
 use kband_scene::{Outcome, SceneFile, Watch};
 
 /// The injected fault.
@@ -16,15 +16,16 @@ pub enum Break {
     Nothing,
     /// This change of state never happens: the controller keeps its previous state.
     Never(State, State),
-    /// The controller's feeder ignores these changes; the real feeder follows them.
-    Hidden(fn(&Change) -> bool),
+    /// The controller measures a feeder to which nothing happens; the driven feeder changes as in
+    /// the scene.
+    Hidden,
     /// The controller's configuration differs from the scene.
-    Told(fn(&mut Scene)),
+    Misconfigured(fn(&mut Scene)),
     /// The measured cycle is falsified.
-    Seen(fn(&mut Cycle)),
+    Measured(fn(&mut Cycle)),
     /// The controller's output to the drive is falsified.
-    Done(fn(&mut Report)),
-    /// After a brown-out the controller starts with this cause.
+    Commanded(fn(&mut Report)),
+    /// After a brown-out the controller starts with this start cause.
     Restarted(StartCause),
 }
 
@@ -35,34 +36,34 @@ struct Broken {
     /// The driven feeder.
     bench: Bench,
     /// The feeder that the controller measures, if different.
-    shown: Option<Bench>,
+    measured: Option<Bench>,
     /// The initial target.
     target: Target,
-    how: Break,
+    injected: Break,
     last: Report,
 }
 
 impl Broken {
     /// The loop of a scene at time 0.
-    fn build(scene: &Scene, how: Break) -> Self {
-        let mut told = scene.clone();
-        if let Break::Told(tell) = how {
-            tell(&mut told);
+    fn build(scene: &Scene, injected: Break) -> Self {
+        let mut assumed = scene.clone();
+        if let Break::Misconfigured(falsify_settings) = injected {
+            falsify_settings(&mut assumed);
         }
-        let mut shown = None;
-        if let Break::Hidden(hidden) = how {
+        let mut measured = None;
+        if let Break::Hidden = injected {
             let mut other = scene.clone();
-            other.disturbances.retain(|d| !hidden(&d.change));
-            shown = Some(Bench::build(&other).expect("a scene"));
+            other.disturbances.clear();
+            measured = Some(Bench::build(&other).expect("a scene"));
         }
         Self {
-            signal: Signal::build(&told.settings).expect("settings"),
-            controller: Controller::build(&told.settings, told.target, told.start)
+            signal: Signal::build(&assumed.settings).expect("settings"),
+            controller: Controller::build(&assumed.settings, assumed.target, assumed.start)
                 .expect("settings and a target"),
             bench: Bench::build(scene).expect("a scene"),
-            shown,
-            target: told.target,
-            how,
+            measured,
+            target: assumed.target,
+            injected,
             last: Report::default(),
         }
     }
@@ -71,9 +72,9 @@ impl Broken {
     fn cycle(&mut self) -> Moment {
         self.bench.forget_strikes();
         self.samples();
-        let shown = self.shown.as_mut().unwrap_or(&mut self.bench);
-        if shown.sagged() {
-            let start = match self.how {
+        let measured = self.measured.as_mut().unwrap_or(&mut self.bench);
+        if measured.sagged() {
+            let start = match self.injected {
                 Break::Restarted(start) => start,
                 _ => StartCause::Reset,
             };
@@ -96,16 +97,16 @@ impl Broken {
     fn samples(&mut self) {
         for _ in 0..2 * SAMPLE_RATE {
             let mut code = self.bench.sample();
-            if let Some(shown) = &mut self.shown {
-                code = shown.sample();
+            if let Some(measured) = &mut self.measured {
+                code = measured.sample();
             }
             let before = self.signal.phase();
             let sampled = self.signal.sample(code);
             let step = (self.signal.phase() - before).bits();
             self.bench.hold(sampled.output, step);
-            if let Some(shown) = &mut self.shown {
-                shown.forget_strikes();
-                shown.hold(sampled.output, step);
+            if let Some(measured) = &mut self.measured {
+                measured.forget_strikes();
+                measured.hold(sampled.output, step);
             }
             if sampled.wrapped {
                 break;
@@ -114,22 +115,22 @@ impl Broken {
     }
 
     fn control(&mut self) -> Report {
-        let told = self.shown.as_mut().unwrap_or(&mut self.bench);
-        let (target, inputs) = (told.new_target(), told.inputs());
+        let assumed = self.measured.as_mut().unwrap_or(&mut self.bench);
+        let (target, inputs) = (assumed.new_target(), assumed.inputs());
         let mut cycle = self.signal.cycle().clone();
-        if let Break::Seen(falsify) = self.how {
+        if let Break::Measured(falsify) = self.injected {
             falsify(&mut cycle);
         }
         let before = self.controller.clone();
         if let Some(target) = target {
-            // A target out of range is refused; the old one stays.
+            // A target out of range is refused, and the previous one remains.
             let _ = self.controller.set_target(target);
         }
         let mut report = self.controller.cycle(&cycle, &inputs);
-        if let Break::Done(falsify) = self.how {
+        if let Break::Commanded(falsify) = self.injected {
             falsify(&mut report);
         }
-        match self.how {
+        match self.injected {
             Break::Never(from, to) if (self.last.state, report.state) == (from, to) => {
                 self.controller = before;
                 Report {
@@ -143,16 +144,13 @@ impl Broken {
     }
 }
 
-/// Outcome of a scene with an injected fault.
-///
-/// # Panics
-/// Where the scene is refused.
-pub fn run(file: &SceneFile, how: Break) -> Outcome {
-    let mut closed = Broken::build(&file.scene, how);
+/// Result of a scene with an injected fault.
+pub fn run(file: &SceneFile, injected: Break) -> Outcome {
+    let mut closed = Broken::build(&file.scene, injected);
     let cycle = || {
         let moment = closed.cycle();
         Ok((moment, closed.bench.strikes().to_vec()))
     };
-    Outcome::of(file, cycle, Watch::KEPT, &mut |_| Ok(()))
+    Outcome::from_cycles(file, cycle, Watch::ALL_CYCLES, &mut |_| Ok(()))
         .unwrap_or_else(|refusal| panic!("{refusal}"))
 }

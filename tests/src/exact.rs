@@ -6,18 +6,18 @@ use std::f64::consts::FRAC_PI_2;
 use kband::arithmetic::Twofold;
 use kband::impact::{Kernel, Map, PartState};
 
-/// An impact to about 30 digits.
+/// An impact with about 30 digits.
 #[derive(Clone, Copy, Debug)]
 pub struct Refined {
-    /// Duration of the flight in rad.
+    /// Duration of the flight, rad.
     pub flight: Twofold,
-    /// Speed of arrival in units of `b w`.
+    /// Arrival speed in `b w`.
     pub arrival: f64,
 }
 
-/// Flight time in rad: longest for the gap divided by the flight. Up to here its f64 series are
-/// exact enough.
-const SHORT: f64 = 0.25;
+/// Longest flight in rad for the gap divided by the flight, whose f64 series is exact enough up to
+/// here.
+const MAX_SERIES_FLIGHT: f64 = 0.25;
 
 /// The refined impact of a launch that neither rests nor grazes.
 ///
@@ -29,7 +29,7 @@ pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     let [sine, cosine] = sine_cosine(phase);
     let psi = Twofold::from(state.velocity);
     let pull = k.minus(sine);
-    let (gap, slope, curvature) = if d < SHORT {
+    let (gap, slope, curvature) = if d < MAX_SERIES_FLIGHT {
         let square = Twofold::product(d, d);
         // (d - sin d)/d^3 and (d^2/2 - 1 + cos d)/d^4.
         let third = series(square, 6.0, 4.0);
@@ -67,7 +67,6 @@ pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     })
 }
 
-/// A quarter turn.
 const QUARTER: Twofold = Twofold {
     high: FRAC_PI_2,
     low: 6.123_233_995_736_766e-17,
@@ -84,7 +83,6 @@ fn series(square: Twofold, first: f64, n: f64) -> Twofold {
     sum.over(first)
 }
 
-/// Sine and cosine.
 fn sine_cosine(angle: Twofold) -> [Twofold; 2] {
     let quarters = (angle.value() / FRAC_PI_2).round();
     let x = angle.minus(QUARTER.times(Twofold::from(quarters)));

@@ -1,5 +1,5 @@
-//! Shared code of the cross-crate tests: emulated machines, launches for the kernels, and the
-//! oracle that judges them.
+//! Shared code of the cross-crate tests: emulated machines, launches for the kernels, and their
+//! oracle.
 
 pub mod bench;
 pub mod broken;
@@ -10,4 +10,6 @@ pub mod soak;
 pub mod states;
 pub mod verdict;
 
-pub use kband_machines::{bus, chip, draw, emulator, images, rig, root, terminal};
+pub use kband_machines::{
+    bus, chip, draw, emulator, hazards, images, on_both, rig, root, terminal,
+};

@@ -1,25 +1,25 @@
-//! An independent impact map for tracks of one tone and of several: slow, simple, unable to jump
-//! over an impact.
+//! An independent impact map for tracks of one and of several tones: slow, simple, and unable to
+//! miss an impact.
 //!
-//! It shares no code and no idea with the kernels: it evaluates every tone where it stands and
-//! steps by a lower bound of the gap. With M the sum of `q^4 e_q` the fourth derivative is within
-//! -M..M, so that the Taylor series to the third power less `M h^4/24` is below `u(d + h)`.
+//! It shares neither code nor method with the kernels. It evaluates every tone directly and steps
+//! by a lower bound of the gap. With M the sum of `q^4 e_q`, the fourth derivative is within -M..M.
+//! So the third-order Taylor polynomial less `M h^4/24` is below `u(d + h)`.
 
 use kband::impact::Tone;
 
-/// A flight's first impact as the oracle sees it.
+/// First impact of a flight, by the oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
-    /// Duration in rad.
+    /// Duration, rad.
     pub duration: f64,
-    /// Speed of arrival.
+    /// Arrival speed.
     pub arrival: f64,
-    /// The smallest gap, relative to its rounding error, at which the stepping slowed before the
-    /// impact: about 1 or below where an earlier touch is within rounding.
+    /// Smallest gap before the impact where the steps shortened, relative to its rounding error. It
+    /// is about 1 or below if an earlier touch is within rounding.
     pub clearance: f64,
 }
 
-/// A track: k and its tones, each frequency, amplitude and angle.
+/// A track: k, and frequency, amplitude and angle of its tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     /// k.
@@ -91,8 +91,8 @@ impl Track {
         [height, slope, curvature]
     }
 
-    /// A launch.
-    fn launched(&self, phase: f64, velocity: f64) -> Launched {
+    /// Coefficients of a launch.
+    fn launched(&self, phase: f64, velocity: f64) -> TrackLaunch {
         let tones = self.tones.map(|(q, e, th)| {
             let (s, c) = if e == 0.0 {
                 (0.0, 0.0)
@@ -101,14 +101,14 @@ impl Track {
             };
             [q, e * s, e * c]
         });
-        Launched {
+        TrackLaunch {
             k: self.k,
             velocity,
             tones,
         }
     }
 
-    /// Rounding error of [`Track::gap`]: half a unit in the last place of every term it sums.
+    /// Rounding error of [`Track::gap`]: half a unit in the last place of every summed term.
     pub fn rounding(&self, phase: f64, velocity: f64, d: f64) -> f64 {
         let speeds: f64 = self.tones.iter().map(|(q, e, _)| q * e).sum();
         let pushes: f64 = self.tones.iter().map(|(q, e, _)| q * q * e).sum();
@@ -117,8 +117,8 @@ impl Track {
         f64::EPSILON * turned
     }
 
-    /// The first impact after a launch that is not at rest: at `guess` if the quick certificate
-    /// proves it, else by stepping.
+    /// The first impact after a launch that is not at rest. It is at `guess` if the quick test
+    /// proves it, else found by stepping.
     pub fn first_impact_by(&self, phase: f64, velocity: f64, guess: f64) -> Flight {
         let launched = self.launched(phase, velocity);
         let [height, slope, curvature, _] = launched.gap(guess);
@@ -137,15 +137,21 @@ impl Track {
         self.first_impact(phase, velocity)
     }
 
-    /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap to rounding.
+    /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap within
+    /// rounding.
     ///
     /// It uses four facts:
     ///
-    /// - A ball that leaves the track's reach faster than the track's top speed meets it once.
-    /// - Above that reach there is no track.
-    /// - The lower bound of the gap holds from any point.
-    /// - Where the slope is negative up to the impact, the gap before it is positive.
-    fn is_first(&self, launched: &Launched, phase: f64, [d, slope, curvature]: [f64; 3]) -> bool {
+    /// A part that leaves the range of the track faster than the track's top speed meets it once.
+    /// Above that range there is no track.
+    /// The lower bound of the gap holds from any point.
+    /// If the slope is negative up to the impact, the gap before it is positive.
+    fn is_first(
+        &self,
+        launched: &TrackLaunch,
+        phase: f64,
+        [d, slope, curvature]: [f64; 3],
+    ) -> bool {
         let velocity = launched.velocity;
         let [reach, fastest, _, jerk, bound] = self.sums();
         let [height, speed, ..] = launched.track();
@@ -167,16 +173,17 @@ impl Track {
                 at = sinks;
             }
             let rest = d - at;
-            // u' = slope - curvature (d - x) at most plus the largest jerk (d - x)^2/2 at x.
+            // At x, u' is at most slope - curvature (d - x) plus the largest jerk times (d -
+            // x)^2/2.
             let rise = (-curvature).max(0.0) * rest + 0.5 * jerk * rest * rest;
             if rest <= 0.0 || slope + rise < 0.01 * slope {
                 return true;
             }
-            let there = launched.gap(at);
-            if there[0] <= 4.0 * self.rounding(phase, velocity, at) {
+            let local_gap = launched.gap(at);
+            if local_gap[0] <= 4.0 * self.rounding(phase, velocity, at) {
                 return false;
             }
-            let step = 0.999 * clear_for(onward(there, bound), STRIDE);
+            let step = 0.999 * clear_for(onward(local_gap, bound), STRIDE);
             if step <= 1e-6 * rest {
                 return false;
             }
@@ -193,7 +200,7 @@ impl Track {
         let quotient = launched.quotient(bound);
         let mut d = 0.999 * clear_for(quotient, STRIDE);
         if velocity == 0.0 && surge > 0.0 {
-            // At lift-off, whatever the rounding of A - k.
+            // At lift-off, independent of the rounding of A - k.
             d = d.max(2.0 * surge / bound);
         }
         let launch = velocity + speed;
@@ -202,17 +209,18 @@ impl Track {
             d = d.max((launch + leaving.sqrt()) / self.k * (1.0 - 1e-15));
         }
         // Smallest ratio, within a step, of the lower bound to the rounding of the gap.
-        let near =
-            |from: f64, [at, least]: [f64; 2]| least / self.rounding(phase, velocity, from + at);
-        let mut clearance =
-            lowest(quotient, d).map_or(f64::INFINITY, |[at, least]| near(0.0, [at, at * least]));
+        let distance_in_roundings =
+            |from: f64, [at, min]: [f64; 2]| min / self.rounding(phase, velocity, from + at);
+        let mut clearance = lowest(quotient, d).map_or(f64::INFINITY, |[at, min]| {
+            distance_in_roundings(0.0, [at, at * min])
+        });
         let mut before = f64::INFINITY;
         let mut falls = true;
         for n in 0..40_000 {
             let at = launched.gap(d);
             let rounding = self.rounding(phase, velocity, d);
-            // Where the gap is nearly level, its bound within a step has no minimum; then the value
-            // before it was the low one.
+            // If the gap is nearly level, its bound has no minimum within a step; the previous
+            // value is then the minimum.
             if falls && at[0] > before {
                 clearance = clearance.min(before / rounding);
             }
@@ -227,7 +235,7 @@ impl Track {
                 break;
             }
             if let Some(lowest) = lowest(terms, h) {
-                clearance = clearance.min(near(d, lowest));
+                clearance = clearance.min(distance_in_roundings(d, lowest));
             }
             d += h;
         }
@@ -239,17 +247,16 @@ impl Track {
     }
 }
 
-/// A launch from a track: its velocity; per tone its frequency, and its amplitude times sine and
+/// A launch from a track: its velocity, and for each tone frequency and amplitude times sine and
 /// cosine.
-struct Launched {
+struct TrackLaunch {
     k: f64,
     velocity: f64,
     tones: [[f64; 3]; 3],
 }
 
-impl Launched {
-    /// The track at launch: height, speed, push (minus the second derivative) and minus the third
-    /// derivative.
+impl TrackLaunch {
+    /// The track at launch: height, speed, and the negative second and third derivatives.
     fn track(&self) -> [f64; 4] {
         let mut sums = [0.0; 4];
         for [q, s, c] in self.tones {
@@ -305,10 +312,11 @@ fn sagitta(x: f64) -> f64 {
     x * z * (1.0 - z * sum) / 6.0
 }
 
-/// How long `u + v h + a h^2 + b h^3 - w h^4 > 0` at least, up to `stride`; u >= 0, w >= 0.
+/// Lower bound of the h up to which `u + v h + a h^2 + b h^3 - w h^4 > 0`, at most `stride`; u >=
+/// 0, w >= 0.
 ///
-/// Up to the stride the last two terms are above a quadratic one, whose root is closed; the stride
-/// is shortened until it is near that root.
+/// Up to the stride the last two terms are above a quadratic term, and the resulting quadratic has
+/// a closed root. The stride is reduced until it is near that root.
 fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     let mut clear = 0.0_f64;
     for _ in 0..40 {
@@ -330,17 +338,17 @@ fn clear_for([u, v, a, b, w]: [f64; 5], mut stride: f64) -> f64 {
     clear
 }
 
-/// Coefficients of the lower bound from there on, for [`clear_for`].
+/// Coefficients of the lower bound from this point on, for [`clear_for`].
 fn onward([u, v, a, b]: [f64; 4], bound: f64) -> [f64; 5] {
     [u, v, 0.5 * a, b / 6.0, bound / 24.0]
 }
 
-/// Minimum of `u + v x + a x^2 + b x^3 - w x^4` in 0..`end`, place and value, if it rises again
-/// from there.
+/// Place and value of the minimum of `u + v x + a x^2 + b x^3 - w x^4` in 0..`end`; `None` if it
+/// does not rise again.
 fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
     const PIECES: u32 = 16;
     let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));
-    let mut least: Option<[f64; 2]> = None;
+    let mut min: Option<[f64; 2]> = None;
     for n in 0..PIECES {
         let [mut low, mut high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
         if rise(low) >= 0.0 || rise(high) < 0.0 {
@@ -355,9 +363,9 @@ fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
             }
         }
         let value = u + low * (v + low * (a + low * (b - w * low)));
-        if least.is_none_or(|[_, least]| value < least) {
-            least = Some([low, value]);
+        if min.is_none_or(|[_, min]| value < min) {
+            min = Some([low, value]);
         }
     }
-    least
+    min
 }

@@ -2,10 +2,7 @@
 
 use kband_scene::SceneFile;
 
-/// The scene of this name.
-///
-/// # Panics
-/// There is none, or it is refused.
+/// The scene with this name.
 pub fn read(name: &str) -> SceneFile {
     let folder = crate::root().join("tests/scenes");
     let text = std::fs::read_to_string(folder.join(name).with_extension("toml"));
@@ -13,90 +10,90 @@ pub fn read(name: &str) -> SceneFile {
     scene.unwrap_or_else(|refusal| panic!("{name}: {refusal}"))
 }
 
-/// Calls the macro `$each` with all scenes. The expressions have names of `tests/proofs.rs`.
+/// Calls the macro `$each` with all scenes; its expressions use names of `tests/proofs.rs`.
 #[macro_export]
 macro_rules! all_scenes {
     ($each:ident) => {
         $each! {
-            acceleration_limit: Limit(Limits::ACCELERATION), Told(no_limits);
-            amplitude_limit: Limit(Limits::AMPLITUDE), Told(no_limits);
-            amplitude_oscillates: Stops(AmplitudeOscillates), Hidden(gain);
-            nan: Obeying, Hidden(target);
-            track_mass_unstable_gear: Obeying, Told(another_target);
-            track_mass_unstable_k: Obeying, Told(another_target);
+            acceleration_limit: Limit(Limits::ACCELERATION), Misconfigured(no_limits);
+            amplitude_limit: Limit(Limits::AMPLITUDE), Misconfigured(no_limits);
+            amplitude_oscillates: Stops(AmplitudeOscillates), Hidden;
+            nan: Obeying, Hidden;
+            track_mass_unstable_gear: Obeying, Misconfigured(another_target);
+            track_mass_unstable_k: Obeying, Misconfigured(another_target);
             brown_out: Stops(WatchdogReset), Restarted(Ordinary);
             brown_out_stays_off: Stops(WatchdogReset), Restarted(Ordinary);
-            chaotic: Obeying, Told(another_target);
-            deaf: Limit(Limits::DEAF), Told(another_target);
-            detuned: Obeying, Told(tuned);
-            doubled: Listening, Told(livelier_lot);
-            drawn_parts: Listening, Seen(deaf);
-            empty_band: Limit(Limits::NO_SETPOINT), Told(narrow_lot);
-            enable_in_stopping: Obeying, Hidden(enable);
-            fault_at_rest: Stops(StackLow), Hidden(stack);
-            fault_in_capture: Stops(NoResponse), Hidden(gain);
-            fault_in_holding: Stops(SensorLost), Hidden(lost);
-            fault_in_limiting: Stops(SensorInverted), Hidden(inverted);
-            fault_in_stopping: Stops(OverTemperature), Hidden(hot);
-            friction: Obeying, Told(another_target);
-            from_rest: Listening, Seen(deaf);
-            gain_drift: Listening, Done(uncontrolled);
-            hopper_dump: Obeying, Told(heavier);
-            identification: Listening, Seen(unfolded);
-            identification_without_parts: Obeying, Told(another_target);
-            in_gear: Obeying, Told(another_target);
-            link_lost: Limit(Limits::LINK_LOST), Hidden(link);
-            link_lost_in_capture: Limit(Limits::LINK_LOST), Hidden(link);
-            link_lost_in_holding: Limit(Limits::LINK_LOST), Hidden(link);
-            lock_comes_back: Listening, Seen(deaf);
-            lock_lost: Listening, Hidden(parts);
-            locked: Listening, Seen(deaf);
-            locked_above_k_1: Listening, Seen(deaf);
-            locked_order_2: Listening, Seen(deaf);
-            mains_ripple: Listening, Seen(deaf);
-            many_parts: Listening, Seen(deaf);
-            misfit: Limit(Limits::MISFIT), Told(another_target);
-            new_target: Obeying, Hidden(target);
-            no_common_chaos: Limit(Limits::NO_SETPOINT), Told(narrow_lot);
-            no_response: Stops(NoResponse), Hidden(gain);
-            not_captured: Obeying, Told(no_kicks);
-            output_limit: Limit(Limits::OUTPUT), Hidden(gain);
-            outside_every_band: Obeying, Told(another_target);
-            over_amplitude: Stops(OverAmplitude), Hidden(gain);
-            over_temperature: Stops(OverTemperature), Hidden(hot);
-            over_temperature_in_start: Stops(OverTemperature), Hidden(hot);
-            parts_leave_and_arrive: Listening, Hidden(presence);
-            resonance_tracking: Obeying, Told(fixed_frequency);
-            second_tone_cut: Limit(Limits::SECOND_TONE), Hidden(gain);
-            sensor_inverted: Stops(SensorInverted), Hidden(inverted);
-            sensor_lost: Stops(SensorLost), Hidden(lost);
-            sensor_saturated: Stops(SensorSaturated), Seen(unsaturated);
-            settings_invalid: Stops(SettingsInvalid), Told(forget_reset);
-            speed: Obeying, Told(another_target);
-            speed_of_no_lock: Limit(Limits::NO_SETPOINT), Told(another_target);
-            stack_low: Stops(StackLow), Hidden(stack);
-            over_current: Stops(OverCurrent), Hidden(over_current);
-            supply_low: Stops(SupplyLow), Hidden(supply);
-            clock_failed: Stops(ClockFailed), Hidden(clock);
-            control_late: Stops(ControlLate), Hidden(late);
-            sensor_implausible: Stops(SensorImplausible), Hidden(sensitivity);
-            stop_and_start: Obeying, Hidden(enable);
-            stop_in_capture: Obeying, Hidden(enable);
-            stop_in_holding: Obeying, Hidden(enable);
-            stop_in_limiting: Obeying, Hidden(enable);
-            fault_in_lost: Stops(OverTemperature), Hidden(hot);
-            stop_in_lost: Obeying, Hidden(enable);
-            stop_in_start: Obeying, Hidden(enable);
-            stop_in_sweep: Obeying, Hidden(enable);
-            stopped: Obeying, Hidden(enable);
-            target_in_capture: Obeying, Hidden(target);
-            target_in_holding: Obeying, Hidden(target);
-            target_in_limiting: Obeying, Hidden(target);
-            target_in_lost: Obeying, Hidden(target);
-            image_damaged: Stops(ImageDamaged), Told(forget_reset);
-            repeated_resets: Stops(RepeatedResets), Told(forget_reset);
-            watchdog_reset: Stops(WatchdogReset), Told(forget_reset);
-            watchdog_reset_stays_off: Stops(WatchdogReset), Told(forget_reset);
+            chaotic: Obeying, Misconfigured(another_target);
+            deaf: Limit(Limits::DEAF), Misconfigured(another_target);
+            detuned: Obeying, Misconfigured(tuned);
+            doubled: Listening, Misconfigured(livelier_lot);
+            drawn_parts: Listening, Measured(deaf);
+            empty_band: Limit(Limits::NO_SETPOINT), Misconfigured(narrow_lot);
+            enable_in_stopping: Obeying, Hidden;
+            fault_at_rest: Stops(StackLow), Hidden;
+            fault_in_capture: Stops(NoResponse), Hidden;
+            fault_in_holding: Stops(SensorLost), Hidden;
+            fault_in_limiting: Stops(SensorInverted), Hidden;
+            fault_in_stopping: Stops(OverTemperature), Hidden;
+            friction: Obeying, Misconfigured(another_target);
+            from_rest: Listening, Measured(deaf);
+            gain_drift: Listening, Commanded(uncontrolled);
+            hopper_dump: Obeying, Misconfigured(heavier);
+            identification: Listening, Measured(unaveraged);
+            identification_without_parts: Obeying, Misconfigured(another_target);
+            in_gear: Obeying, Misconfigured(another_target);
+            link_lost: Limit(Limits::LINK_LOST), Hidden;
+            link_lost_in_capture: Limit(Limits::LINK_LOST), Hidden;
+            link_lost_in_holding: Limit(Limits::LINK_LOST), Hidden;
+            lock_comes_back: Listening, Measured(deaf);
+            lock_lost: Listening, Hidden;
+            locked: Listening, Measured(deaf);
+            locked_above_k_1: Listening, Measured(deaf);
+            locked_order_2: Listening, Measured(deaf);
+            mains_ripple: Listening, Measured(deaf);
+            many_parts: Listening, Measured(deaf);
+            misfit: Limit(Limits::MISFIT), Misconfigured(another_target);
+            new_target: Obeying, Hidden;
+            no_common_chaos: Limit(Limits::NO_SETPOINT), Misconfigured(narrow_lot);
+            no_response: Stops(NoResponse), Hidden;
+            not_captured: Obeying, Misconfigured(no_kicks);
+            output_limit: Limit(Limits::OUTPUT), Hidden;
+            outside_every_band: Obeying, Misconfigured(another_target);
+            over_amplitude: Stops(OverAmplitude), Hidden;
+            over_temperature: Stops(OverTemperature), Hidden;
+            over_temperature_in_start: Stops(OverTemperature), Hidden;
+            parts_leave_and_arrive: Listening, Hidden;
+            resonance_tracking: Obeying, Misconfigured(fixed_frequency);
+            second_tone_cut: Limit(Limits::SECOND_TONE), Hidden;
+            sensor_inverted: Stops(SensorInverted), Hidden;
+            sensor_lost: Stops(SensorLost), Hidden;
+            sensor_saturated: Stops(SensorSaturated), Measured(unsaturated);
+            settings_invalid: Stops(SettingsInvalid), Misconfigured(forget_reset);
+            speed: Obeying, Misconfigured(another_target);
+            speed_of_no_lock: Limit(Limits::NO_SETPOINT), Misconfigured(another_target);
+            stack_low: Stops(StackLow), Hidden;
+            over_current: Stops(OverCurrent), Hidden;
+            supply_low: Stops(SupplyLow), Hidden;
+            clock_failed: Stops(ClockFailed), Hidden;
+            control_late: Stops(ControlLate), Hidden;
+            sensor_implausible: Stops(SensorImplausible), Hidden;
+            stop_and_start: Obeying, Hidden;
+            stop_in_capture: Obeying, Hidden;
+            stop_in_holding: Obeying, Hidden;
+            stop_in_limiting: Obeying, Hidden;
+            fault_in_lost: Stops(OverTemperature), Hidden;
+            stop_in_lost: Obeying, Hidden;
+            stop_in_start: Obeying, Hidden;
+            stop_in_sweep: Obeying, Hidden;
+            stopped: Obeying, Hidden;
+            target_in_capture: Obeying, Hidden;
+            target_in_holding: Obeying, Hidden;
+            target_in_limiting: Obeying, Hidden;
+            target_in_lost: Obeying, Hidden;
+            image_damaged: Stops(ImageDamaged), Misconfigured(forget_reset);
+            repeated_resets: Stops(RepeatedResets), Misconfigured(forget_reset);
+            watchdog_reset: Stops(WatchdogReset), Misconfigured(forget_reset);
+            watchdog_reset_stays_off: Stops(WatchdogReset), Misconfigured(forget_reset);
         }
     };
 }

@@ -11,24 +11,25 @@ use crate::bench::{Bench, Judged};
 use crate::states::{self, Kind, Launch, Random};
 use crate::verdict::Verdict;
 
-/// Launches per track: the set-up in every arithmetic takes as long as one verdict.
-const TOGETHER: usize = 8;
-const _: () = assert!(LANES.is_multiple_of(TOGETHER));
+/// Number of launches per track: preparing a track in every arithmetic takes as long as one
+/// verdict.
+const LAUNCHES_PER_TRACK: usize = 8;
+const _: () = assert!(LANES.is_multiple_of(LAUNCHES_PER_TRACK));
 
 /// Results of a soak for one kind of launch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Launches tried.
+    /// Number of launches.
     pub launches: u64,
     /// Impacts, in any arithmetic, that differ from the oracle's and are flagged as grazing.
     pub flagged: u64,
-    /// Touches left open by the oracle's own rounding.
+    /// Touches that are undecided within the oracle's rounding.
     pub undecided: u64,
-    /// Parts at rest.
+    /// Number of parts at rest.
     pub rests: u64,
-    /// Largest deviation of an f64 impact, in roundings scaled by the condition number.
+    /// Largest deviation of an f64 impact, in units of the rounding times the condition number.
     pub worst: f64,
-    /// Wrong impacts.
+    /// Number of wrong impacts.
     pub wrong: u64,
 }
 
@@ -44,9 +45,9 @@ impl Tally {
     }
 }
 
-/// The launch rounded to the steps of all arithmetics, 2^-32 turns and 2^-26 or f32.
+/// The launch rounded to the resolution of all arithmetics: 2^-32 turns, and 2^-26 or f32.
 ///
-/// One proof then serves all of them. A launch that would round to rest is unchanged.
+/// One proof then applies to all of them. A launch that would round to rest is unchanged.
 fn held_by_all(launch: &Launch) -> Launch {
     let velocity = (launch.velocity * 67_108_864.0).round() / 67_108_864.0;
     if velocity == 0.0 {
@@ -59,8 +60,8 @@ fn held_by_all(launch: &Launch) -> Launch {
     }
 }
 
-/// The launches of block `number` of a kind, from tracks of one tone or of several; the seed
-/// determines them.
+/// Launches of block `number` of a kind, from tracks of one tone or of several, determined by the
+/// seed.
 fn launches(kind: Kind, on_tones: bool, seed: u64, number: u64) -> Vec<Launch> {
     let mut seeds = Random::new(seed ^ ((kind as u64) << 56) ^ (number << 8));
     let mut random = Random::new(seeds.bits());
@@ -70,7 +71,7 @@ fn launches(kind: Kind, on_tones: bool, seed: u64, number: u64) -> Vec<Launch> {
         let tones = on_tones.then(|| states::tones(&mut random));
         let tones = tones.unwrap_or_default();
         let track = kind.track(&mut random, tones);
-        for n in 0..TOGETHER {
+        for n in 0..LAUNCHES_PER_TRACK {
             let launch = kind.launch(&mut random, track, restitution);
             let held = held_by_all(&launch);
             launches.push(if n % 2 == 0 { launch } else { held });
@@ -87,15 +88,15 @@ fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
 }
 
 /// Tries one block of launches in every arithmetic.
-fn block(launches: &[Launch], tell: &impl Fn(&str)) -> Tally {
+fn block(launches: &[Launch], report: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
-    let tracks = launches.iter().step_by(TOGETHER);
+    let tracks = launches.iter().step_by(LAUNCHES_PER_TRACK);
     let benches: Vec<Bench> = tracks
         .map(|first| Bench::build(&first.track, first.restitution))
         .collect();
     let mut lanes = Block::new();
     for (lane, launch) in launches.iter().enumerate() {
-        if let Some(map) = benches[lane / TOGETHER].map() {
+        if let Some(map) = benches[lane / LAUNCHES_PER_TRACK].map() {
             // Every launch has a lane.
             let _ = lanes.put(lane, map, launch.state());
         }
@@ -103,7 +104,7 @@ fn block(launches: &[Launch], tell: &impl Fn(&str)) -> Tally {
     lanes.advance(1);
     for (lane, launch) in launches.iter().enumerate() {
         tally.launches += 1;
-        let judged = judged(&benches[lane / TOGETHER], launch).and_then(|judged| {
+        let judged = judged(&benches[lane / LAUNCHES_PER_TRACK], launch).and_then(|judged| {
             let alone = judged.impact;
             match lanes.impact(lane) {
                 Some(lane) if lane != alone && lane.flight > 0.0 => Err(format!(
@@ -124,7 +125,7 @@ fn block(launches: &[Launch], tell: &impl Fn(&str)) -> Tally {
             }
             Err(cause) => {
                 tally.wrong += 1;
-                tell(&cause);
+                report(&cause);
             }
         }
     }
@@ -132,7 +133,7 @@ fn block(launches: &[Launch], tell: &impl Fn(&str)) -> Tally {
 }
 
 /// Tries `count` launches of every kind, from tracks of one tone or of several, on `threads`
-/// threads and reports wrong impacts as they come.
+/// threads. Reports wrong impacts at once.
 ///
 /// The seed alone determines the launches.
 pub fn soak(
@@ -140,7 +141,7 @@ pub fn soak(
     on_tones: bool,
     seed: u64,
     threads: usize,
-    tell: impl Fn(&str) + Sync,
+    report: impl Fn(&str) + Sync,
 ) -> Vec<(Kind, Tally)> {
     let blocks = count.div_ceil(LANES as u64).max(1);
     let one = |kind| {
@@ -152,7 +153,7 @@ pub fn soak(
                     return;
                 }
                 let tally = block(&launches(kind, on_tones, seed, number), &|cause| {
-                    tell(&format!("{kind:?}: {cause}"));
+                    report(&format!("{kind:?}: {cause}"));
                 });
                 if let Ok(mut total) = total.lock() {
                     total.add(&tally);

@@ -20,7 +20,7 @@ pub struct Launch {
 }
 
 impl Launch {
-    /// A launch from a track of one tone.
+    /// A launch from a track with one tone.
     pub fn new(k: f64, restitution: f64, phase: f64, velocity: f64) -> Self {
         Self {
             track: Track::sine(k),
@@ -40,14 +40,15 @@ impl Launch {
         self.track.gap(self.phase, self.velocity, d)
     }
 
-    /// Excess of the track's push over k at this launch, and its derivative by the phase.
+    /// Excess of the track's downward acceleration over k at this launch, and its derivative by the
+    /// phase.
     pub fn excess(&self) -> [f64; 2] {
         let [.., curvature, third] = self.track.at(self.phase);
         [-curvature - self.track.k, -third]
     }
 
-    /// Rounding error of the gap `d` after this launch: half a unit in the last place of every term
-    /// it sums.
+    /// Rounding error of the gap `d` after this launch: half a unit in the last place of every
+    /// summed term.
     pub fn rounding(&self, d: f64) -> f64 {
         let [_, speed, curvature, _] = self.track.at(self.phase);
         let [reach, fastest, ..] = self.track.sums();
@@ -104,7 +105,7 @@ impl Random {
     }
 }
 
-/// The kinds of launch, with k over the highest throw of the track.
+/// Kinds of launch; k is relative to the largest k at which the track throws a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// psi uniform in 0..20, k in 0.02..0.98.
@@ -113,20 +114,21 @@ pub enum Kind {
     Low,
     /// psi log-uniform in 1e-30..3.
     Chatter,
-    /// Phases within 1e-16..0.1 of an edge, where the push passes k; psi = 0 or tiny.
+    /// Phases within 1e-16..0.1 of an edge, where the track's downward acceleration crosses k; psi
+    /// = 0 or tiny.
     Edge,
     /// Flights that touch a hump within 1e-17..1e-2.
     Grazing,
-    /// Phases at the wrap.
+    /// Phases near the wrap.
     Wrap,
     /// k log-uniform in 0.005..3, psi log-uniform in 1e-30..100.
     Wide,
-    /// k within 1e-16..1e-2 of 1, phases equally near to the top of a sine's stroke or anywhere.
+    /// k within 1e-16..1e-2 of 1; phases equally near to the top of a sine's stroke, or anywhere.
     Flat,
 }
 
 impl Kind {
-    /// Every kind.
+    /// All kinds.
     pub const ALL: [Self; 8] = [
         Self::High,
         Self::Low,
@@ -138,14 +140,14 @@ impl Kind {
         Self::Flat,
     ];
 
-    /// A random launch of this kind from a track of one tone.
+    /// A random launch of this kind from a track with one tone.
     pub fn draw(self, random: &mut Random) -> Launch {
         let restitution = restitution(random);
         let track = self.track(random, [Tone::default(); 2]);
         self.launch(random, track, restitution)
     }
 
-    /// A random track of these tones.
+    /// A random track with these tones.
     ///
     /// # Panics
     /// If the library refuses the tones.
@@ -231,8 +233,8 @@ pub fn restitution(random: &mut Random) -> f64 {
 
 /// Random second and third tones; half of the tracks have two tones.
 pub fn tones(random: &mut Random) -> [Tone; 2] {
-    let most = if random.sign() > 0.0 { 0.5 } else { 0.2 };
-    let second = Tone::new(random.between(0.0, most), random.between(-TAU, TAU));
+    let max_ratio = if random.sign() > 0.0 { 0.5 } else { 0.2 };
+    let second = Tone::new(random.between(0.0, max_ratio), random.between(-TAU, TAU));
     let third = if random.sign() > 0.0 {
         Tone::new(random.between(0.0, 0.5), random.between(-TAU, TAU))
     } else {
@@ -241,8 +243,8 @@ pub fn tones(random: &mut Random) -> [Tone; 2] {
     [second, third]
 }
 
-/// The first phase at which the push of the track passes k, from a random phase on; that phase
-/// where it never does.
+/// The first phase after a random one at which the track's downward acceleration crosses k; the
+/// random phase if there is none.
 fn edge(track: &Track, random: &mut Random) -> f64 {
     const STEP: f64 = TAU / 500.0;
     let excess = |phase: f64| -track.at(phase)[2] - track.k;
@@ -264,8 +266,8 @@ fn edge(track: &Track, random: &mut Random) -> f64 {
     low
 }
 
-/// Phase and velocity of a flight that touches the track at a random place, and its time until
-/// then.
+/// Phase and velocity of a flight that touches the track at a random place, and the time of the
+/// touch.
 pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
     let touch = random.between(0.0, TAU);
     let [s, c, curvature, _] = track.at(touch);
@@ -273,22 +275,22 @@ pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
         return None;
     }
     let gap = |past: f64| s - c * past - 0.5 * track.k * past * past - track.at(touch - past)[0];
-    let mut far = random.between(0.05, 9.0);
-    while gap(far) <= 0.0 || gap(far + 0.05) > 0.0 {
-        far += 0.05;
-        if far > 60.0 {
+    let mut high = random.between(0.05, 9.0);
+    while gap(high) <= 0.0 || gap(high + 0.05) > 0.0 {
+        high += 0.05;
+        if high > 60.0 {
             return None;
         }
     }
-    let (mut near, mut far) = (far, far + 0.05);
+    let (mut low, mut high) = (high, high + 0.05);
     for _ in 0..60 {
-        let middle = 0.5 * (near + far);
+        let middle = 0.5 * (low + high);
         if gap(middle) > 0.0 {
-            near = middle;
+            low = middle;
         } else {
-            far = middle;
+            high = middle;
         }
     }
-    let phase = (touch - far).rem_euclid(TAU);
-    Some((phase, c + track.k * far - track.at(phase)[1], far))
+    let phase = (touch - high).rem_euclid(TAU);
+    Some((phase, c + track.k * high - track.at(phase)[1], high))
 }

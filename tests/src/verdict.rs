@@ -6,17 +6,17 @@ use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
 
 use crate::states::Launch;
 
-/// A launch, and the time of its first impact, proven once for all arithmetics with this launch.
+/// A launch and the time of its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
     launch: Launch,
-    /// The impact time of the f64 map.
+    /// Impact time of the f64 map.
     guess: f64,
     first: Option<f64>,
 }
 
 impl Proof {
-    /// The proof of a launch; it tries the impact time `guess` first.
-    pub fn of(launch: Launch, guess: f64) -> Self {
+    /// The proof for a launch; it tries the impact time `guess` first.
+    pub fn new(launch: Launch, guess: f64) -> Self {
         Self {
             launch,
             guess,
@@ -29,7 +29,8 @@ impl Proof {
         &self.launch
     }
 
-    /// Distance in rad from the launch to the phase at which the push passes k.
+    /// Distance in rad from the launch to the phase at which the track's downward acceleration
+    /// crosses k.
     pub fn from_edge(&self) -> f64 {
         let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
@@ -49,17 +50,16 @@ impl Proof {
 /// The oracle's verdict on one impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The first root, to rounding scaled by the condition number; holds the deviation in that
-    /// unit.
+    /// The first root, with its deviation in units of the rounding times the condition number.
     First(f64),
-    /// Another root. One of the two decisions is within rounding, and the kernel flags it.
+    /// Another root, which the kernel flags as uncertain within rounding.
     Flagged,
     /// The part rests, correctly.
     Rests,
-    /// A later root than the oracle's, whose touch is within the oracle's own rounding; an earlier
-    /// one, which is a touch within it.
+    /// Undecided within the oracle's rounding. The root is later than the oracle's, whose touch is
+    /// within rounding, or it is an earlier touch within rounding.
     ///
-    /// Or another root where the rounding of `A - k` decides between a hop and a throw.
+    /// Or another root, because the rounding of `A - k` decides between a hop and a throw.
     Undecided,
 }
 
@@ -67,13 +67,13 @@ pub enum Verdict {
 pub trait Tried: Kernel {
     /// Rounding of the gap `d` after launch.
     fn rounding(launch: &Launch, d: f64) -> f64;
-    /// Step of a flight time, and of a velocity.
+    /// Resolution of a flight time, and of a velocity.
     const STEPS: [f64; 2];
 }
 
-/// One step of a phase in rad.
+/// Resolution of a phase, rad.
 const STEP: f64 = TAU / 4_294_967_296.0;
-/// One step of a velocity in integers.
+/// Resolution of a velocity in integers.
 const VELOCITY_STEP: f64 = 1.0 / 67_108_864.0;
 
 impl Tried for Map {
@@ -92,7 +92,7 @@ impl Tried for WaveMap {
 
 impl Tried for Integer {
     fn rounding(_: &Launch, d: f64) -> f64 {
-        // Slopes to 2^-56.
+        // Slopes have a resolution of 2^-56.
         1e-15 * d.min(1.0) + 1e-15 * d
     }
     const STEPS: [f64; 2] = [STEP, VELOCITY_STEP];
@@ -114,17 +114,17 @@ pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
     if surge <= 0.0 {
         return false;
     }
-    // Double root.
+    // Excess at which both roots coincide.
     let level = (8.0 / 3.0 * surge * launch.velocity).sqrt();
     let [_, _, pushes, jerk, _] = launch.track.sums();
     (level + excess).abs() <= f64::EPSILON * pushes + 6.0 * step * jerk
 }
 
-/// Judges an arithmetic's impact against the proof of its launch; the error is the cause.
+/// Compares an arithmetic's impact with the proof of its launch; the error states the cause.
 ///
 /// # Errors
-/// A wrong root without a flag, a number that is not finite, a phase outside the turn, a negative
-/// velocity. A speed or a phase that does not belong to the flight.
+/// A wrong root without a flag, a number that is not finite, a phase outside the turn, or a
+/// negative velocity. Also a speed or phase that does not agree with the flight.
 pub(crate) fn judge<K: Tried>(
     proof: &mut Proof,
     impact: &Impact<PartState>,
@@ -150,7 +150,8 @@ pub(crate) fn judge<K: Tried>(
         return Err("phase".into());
     }
     let [excess, surge] = launch.excess();
-    // Push and k round to half a unit of their terms, or the phase of lift-off to its step.
+    // Downward acceleration and k are rounded to half a unit of their terms, and the lift-off phase
+    // to its step.
     let [_, _, pushes, jerk, _] = launch.track.sums();
     let level = 4.0 * f64::EPSILON * pushes + step * jerk;
     if d == 0.0 && velocity == 0.0 {
@@ -158,7 +159,7 @@ pub(crate) fn judge<K: Tried>(
         return rests.ok_or("rests though it is thrown".into());
     }
     if velocity < 1e-22 && excess.abs() <= level && surge.abs() < 5e-5 {
-        // At the flat top of the track rounding alone decides whether the part is thrown.
+        // At the flat top of the track only rounding decides whether the part is thrown.
         return Ok(Verdict::Rests);
     }
     let turns = (phase + d - next.phase) / TAU;
@@ -179,12 +180,12 @@ pub(crate) fn judge<K: Tried>(
         (height, slope, curvature, noise, moved)
     };
     let (height, slope, curvature, noise, moved) = near(d, d);
-    // Error of a simple root, from the residual.
+    // Error of a simple root, from its residual.
     let off = height.abs() / slope.abs();
     let simple = slope < 0.0 && off * curvature.abs() < 0.1 * slope.abs();
     let nothing = 64.0 * step;
     let deviation = if nothing > 0.0 && d <= nothing && launch.gap(nothing)[0] <= 0.0 {
-        // A hop of a few steps of a flight time.
+        // A hop of a few steps of the flight time.
         0.0
     } else if simple && off <= 64.0 * moved && (d - truth).abs() <= 64.0 * moved {
         off / moved
@@ -206,7 +207,7 @@ pub(crate) fn judge<K: Tried>(
                     return Ok(Verdict::Undecided);
                 }
             }
-            // The steps of the oracle may pass a touch within their rounding.
+            // The oracle may step over a touch within its rounding.
             let clearance = || launch.track.first_impact(phase, velocity).clearance;
             if d < truth && height.abs() <= 64.0 * noise && clearance() < 1.0 {
                 return Ok(Verdict::Undecided);
@@ -219,8 +220,8 @@ pub(crate) fn judge<K: Tried>(
     };
     if nothing > 0.0 && d <= nothing {
         let fastest = velocity + nothing * (excess.abs() + nothing * jerk);
-        let keeps = next.velocity <= restitution * fastest + velocity_step;
-        let verdict = keeps.then_some(Verdict::First(deviation));
+        let is_plausible = next.velocity <= restitution * fastest + velocity_step;
+        let verdict = is_plausible.then_some(Verdict::First(deviation));
         return verdict.ok_or("velocity after a hop of nothing".into());
     }
     let speed = restitution * (-slope).max(0.0);

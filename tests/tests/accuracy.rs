@@ -1,4 +1,4 @@
-//! The microcontroller kernels against the f64 map, over large sets of states.
+//! Errors of the microcontroller kernels against the f64 map, over large sets of states.
 
 use std::f64::consts::TAU;
 
@@ -28,7 +28,7 @@ fn logarithmic(random: &mut Random) -> Case {
     wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x))
 }
 
-/// Phases around lift-off, from rest or nearly.
+/// Launches near the phase of lift-off, at rest or nearly.
 fn launch(random: &mut Random) -> Case {
     let k = 0.02 + 0.96 * random.between(0.0, 1.0);
     let before = random.between(0.0, 1.0) < 0.5;
@@ -42,11 +42,11 @@ fn launch(random: &mut Random) -> Case {
     (k, phase, velocity)
 }
 
-/// Checks a set of states against `limits`, without a wrong root.
+/// Checks a set of states against `limits`; no wrong root may occur.
 ///
 /// Limits: median, 99th percentile and largest error of the phase in rad (and so of the flight
 /// time), largest error of the velocity.
-fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
+fn check_limits<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     let mut random = Random::new(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
     for _ in 0..20_000 {
@@ -54,7 +54,7 @@ fn holds<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
         let kernel = K::build(k, 0.8).unwrap();
         let map = Map::build(k, 0.8).unwrap();
         let state = K::state(phase, velocity).unwrap();
-        // The same start for both, rounded as in the kernel.
+        // Both kernels start from the state rounded by the kernel under test.
         let held = K::observe(state);
         let expected = map.impact(held);
         let impact = kernel.impact(state);
@@ -105,16 +105,16 @@ fn resting_by_rounding(k: f64, state: PartState) -> bool {
 
 #[test]
 fn single_holds_its_errors() {
-    holds::<Single>(high, [2e-6, 9e-5, 5e-4, 4e-4]);
-    holds::<Single>(low, [2e-6, 2e-5, 2e-4, 1e-4]);
-    holds::<Single>(logarithmic, [2e-6, 5e-6, 4e-4, 1e-4]);
+    check_limits::<Single>(high, [2e-6, 9e-5, 5e-4, 4e-4]);
+    check_limits::<Single>(low, [2e-6, 2e-5, 2e-4, 1e-4]);
+    check_limits::<Single>(logarithmic, [2e-6, 5e-6, 4e-4, 1e-4]);
 }
 
 #[test]
 fn integer_holds_its_errors() {
     // Half a step of the phase, and two steps of the velocity.
     for case in [high, low, logarithmic, launch] {
-        holds::<Integer>(case, [4e-10, 8e-10, 2e-9, 3e-8]);
+        check_limits::<Integer>(case, [4e-10, 8e-10, 2e-9, 3e-8]);
     }
 }
 
@@ -131,7 +131,7 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
 
 /// Checks the decision for flights that pass a hump by at least a limit, above or below.
 ///
-/// The limit depends on the flight time where the kernel rounds the cosine at launch.
+/// The limit depends on the flight time if the kernel rounds the cosine at launch.
 fn decides<K: Kernel>(limit: fn(f64) -> f64) {
     let mut random = Random::new(9);
     let (mut narrow, mut flagged) = (0, 0);
@@ -182,7 +182,7 @@ fn grazing_flights_are_decided_down_to_rounding() {
 #[test]
 fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     const YEAR: i128 = 365 * 24 * 3600 * 50;
-    // High bounces, so that few flights make a year.
+    // High bounces, so that a few flights last a year.
     let kernel = Single::build(0.005, 0.99).unwrap();
     let start = Single::state(1.0, 60.0).unwrap();
     let (mut state, mut steps) = (start, 0_i128);
@@ -194,7 +194,7 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     }
     let elapsed = Phase::from_bits(steps as u32);
     assert_eq!(state.phase, start.phase + elapsed);
-    // A locked part repeats itself bit for bit, in whole turns, so it keeps its phase for ever.
+    // A locked part repeats bit for bit, after whole turns, so it keeps its phase without end.
     let kernel = Single::build(0.43, 0.2).unwrap();
     let mut state = Single::state(0.45, 0.45).unwrap();
     for _ in 0..1_000 {
@@ -216,11 +216,11 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
 
 /// An elastic orbit that gains velocity until it leaves the range.
 ///
-/// There the kernel reports it and continues at the top velocity.
-fn says_where_its_range_ends<K: Kernel>(top: f64) {
+/// There the kernel reports it and continues at its largest velocity.
+fn reports_the_end_of_its_range<K: Kernel>(top: f64) {
     let kernel = K::build(0.5, 1.0).unwrap();
     let highest = |phase| K::state(phase, top).unwrap();
-    // Some launches at the top gain velocity.
+    // Some launches at the largest velocity gain velocity.
     let fast = (0..64)
         .map(|i| kernel.impact(highest(0.1 * f64::from(i))).next)
         .find(|&next| K::observe(next).velocity > top)
@@ -234,11 +234,11 @@ fn says_where_its_range_ends<K: Kernel>(top: f64) {
 
 #[test]
 fn a_launch_beyond_the_range_is_refused() {
-    says_where_its_range_ends::<Single>(60.0);
-    says_where_its_range_ends::<Integer>(60.0);
+    reports_the_end_of_its_range::<Single>(60.0);
+    reports_the_end_of_its_range::<Integer>(60.0);
 }
 
-/// The phase of the track in rad that an arithmetic uses for `phase`.
+/// Phase of the track in rad that an arithmetic uses for `phase`.
 fn place<K: Kernel>(phase: f64) -> Option<f64> {
     K::state(phase, 0.5)
         .ok()
@@ -249,7 +249,7 @@ fn place<K: Kernel>(phase: f64) -> Option<f64> {
 fn every_arithmetic_maps_a_phase_to_the_same_place() {
     // The input is exact to half a digit, at most 9.3e-10 rad, and so is its remainder by 2 pi. The
     // last digit of 2 pi, times 2^21 turns, adds 2^21 2.4e-16 = 5.1e-10. Half a step of the phase
-    // is 7.3e-10.
+    // adds 7.3e-10.
     let tolerance = 9.4e-10 + 5.2e-10 + 7.4e-10;
     for turns in [0.0, 1.0, 12_345.0, 2_097_150.0, -1.0, -2_097_151.0] {
         for part in [0.1, 1.0, 3.0, 6.2] {

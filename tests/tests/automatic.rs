@@ -1,4 +1,4 @@
-//! The automatic check ends and reports, whatever its steps and its caller do.
+//! The automatic check ends and reports, for any behaviour of its steps and its caller.
 
 use std::fs;
 use std::process::{Command, Stdio};
@@ -8,7 +8,7 @@ use kband_tests::root;
 
 /// Runs a copy of `.ci/run` over test steps; returns exit status and output.
 ///
-/// Its standard input never ends, and its output is read only after the end.
+/// Its standard input never ends, and its output is read only after it has ended.
 fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for name in [".ci", "tests"] {
@@ -35,7 +35,7 @@ fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
         std::thread::sleep(Duration::from_millis(20));
     }
     drop(input);
-    // This returns only when no process holds the pipe any more.
+    // This returns only after every process has closed the pipe.
     let output = child.wait_with_output().expect("the output is read");
     (
         output.status.code(),

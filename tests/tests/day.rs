@@ -1,33 +1,32 @@
-//! A shortened day: no fault without injection, recovery after each event, and no drift.
+//! A shortened day: no fault without an injected one, recovery after each event, and no drift.
 //!
-//! The events: other parts, a drive that warms up, pauses, a lost link, an accelerometer with a
-//! loose plug.
+//! Events: other parts, a drive that warms up, pauses, a lost link, an accelerometer with a loose
+//! plug.
 //!
 //! `KBAND_DAYS` selects whole days, in the envelope from the second day on.
 
 use std::collections::BTreeMap;
 
 use kband::regime::Lock;
-use kband_control::{Controller, Event, Fault, Limits, SAMPLE_RATE, State};
-use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
-
-use kband_host::simulate::Fidelity;
+use kband_control::{Event, Fault, Limits, Report, SAMPLE_RATE, State};
+use kband_plant::{Change, Moment, Scene};
+use kband_scene::{Engine, Fidelity};
 use kband_tests::states::Random;
 
-/// Time in s: longest that parts of the lot may be out of lock after an event. It covers a start
-/// with its sweep, the soft start and eight kicks of two seconds each.
-const AGAIN: f64 = 20.0;
+/// Longest time after an event in which parts of the lot may be out of lock, s. It includes a start
+/// with its sweep, the soft start and eight kicks of 2 s each.
+const RELOCK_TIMEOUT: f64 = 20.0;
 
-/// Result of the hours, by kind of event.
+/// Results by kind of event.
 #[derive(Clone, Debug, Default)]
 struct Shift {
     cycles: u64,
     locked: u64,
     happened: BTreeMap<&'static str, u32>,
-    /// Errors of the phase in lock, in each tenth of the time: sum in rad over the parts' own
-    /// phase, and number.
+    /// Errors of the phase in lock in each tenth of the time: sum in rad relative to the parts'
+    /// true phase, and number.
     error: [(f64, u32); 10],
-    /// Largest difference in s between the time and the count of drive cycles.
+    /// Largest difference between time and count of drive cycles, s.
     time_off: f64,
     last_cycle: u32,
     wrong: Vec<String>,
@@ -40,7 +39,7 @@ impl Shift {
         sum / f64::from(count.max(1))
     }
 
-    /// Counts a drive cycle.
+    /// Adds a drive cycle.
     fn look(
         &mut self,
         moment: &Moment,
@@ -51,16 +50,14 @@ impl Shift {
         phase: Option<f64>,
     ) {
         let report = &moment.report;
+        let mut wrong = Vec::new();
         self.cycles += 1;
-        // Exact: whole turns of the phase over its step per sample, and one sample for the wrap.
+        // Exact: whole turns of the phase over its step per sample, plus one sample for the wrap.
         let samples = f64::from(report.cycle) * 4_294_967_296.0 / f64::from(report.command.step);
         let off = (moment.time - samples / f64::from(SAMPLE_RATE)).abs();
         self.time_off = self.time_off.max(off);
         if report.cycle != self.last_cycle.wrapping_add(1) {
-            self.wrong.push(format!(
-                "at {now:.2} s: cycle {} after {}",
-                report.cycle, self.last_cycle
-            ));
+            wrong.push(format!("cycle {} after {}", report.cycle, self.last_cycle));
         }
         self.last_cycle = report.cycle;
         for event in report.events.iter() {
@@ -68,38 +65,37 @@ impl Shift {
             *self.happened.entry(name).or_default() += 1;
             let injected = may_fault.is_some_and(|at| now < at + 0.2);
             if event == Event::Faulted && (!injected || report.fault != Some(Fault::SensorLost)) {
-                self.wrong
-                    .push(format!("at {now:.2} s: {:?}", report.fault));
+                wrong.push(format!("{:?}", report.fault));
             }
             if event == Event::NotCaptured {
-                self.wrong.push(format!("at {now:.2} s: not captured"));
+                wrong.push("not captured".into());
             }
         }
         if report.limits.contains(Limits::NO_SETPOINT) || report.limits.contains(Limits::OUTPUT) {
-            self.wrong.push(format!(
-                "at {now:.2} s: limits {:#06x}",
-                report.limits.bits()
-            ));
+            wrong.push(format!("limits {:#06x}", report.limits.bits()));
         }
         if report.state == State::Locked {
             self.locked += 1;
             let tenth = ((10.0 * share) as usize).min(9);
-            if let Some(phase) = phase.filter(|_| now > upset + AGAIN) {
+            if let Some(phase) = phase.filter(|_| now > upset + RELOCK_TIMEOUT) {
                 self.error[tenth].0 += f64::from(report.phase) - phase;
                 self.error[tenth].1 += 1;
             }
-        } else if now > upset + AGAIN {
-            self.wrong.push(format!(
-                "at {now:.2} s: {} {:.1} s after the last trouble",
-                report.state.name(),
-                now - upset
+        } else if now > upset + RELOCK_TIMEOUT {
+            let since = now - upset;
+            wrong.push(format!(
+                "{:?} {since:.1} s after the last trouble",
+                report.state
             ));
         }
+        let wrong = wrong.into_iter();
+        self.wrong
+            .extend(wrong.map(|what| format!("at {now:.2} s: {what}")));
     }
 }
 
 /// Name of the event after which the board may report a lost sensor.
-const LOST: &str = "lost sensor";
+const LOST_SENSOR: &str = "lost sensor";
 
 /// Schedule of the events.
 struct Script {
@@ -112,7 +108,7 @@ struct Script {
 
 impl Script {
     /// Name of the next event if its time has come; its changes become pending.
-    fn trouble(&mut self, now: f64) -> Option<&'static str> {
+    fn next_event(&mut self, now: f64) -> Option<&'static str> {
         if now < self.next || now > self.seconds - 60.0 {
             return None;
         }
@@ -125,7 +121,7 @@ impl Script {
                 ("other parts", vec![(now, Change::Restitution(part))])
             }
             3..5 => {
-                // At most two cycles, from any begin, which is no fault.
+                // At most two cycles, from any start; no fault.
                 let end = after(random.between(0.01, 0.039));
                 let changes = [(now, true), (end, false)];
                 let lose = |(at, lost)| (at, Change::SensorLost(lost));
@@ -138,7 +134,7 @@ impl Script {
                     (after(2.0), Change::Enable(false)),
                     (after(3.0), Change::Enable(true)),
                 ];
-                (LOST, changes.into())
+                (LOST_SENSOR, changes.into())
             }
             6 => {
                 let end = after(random.between(0.02, 8.0));
@@ -172,46 +168,10 @@ impl Script {
     }
 }
 
-/// The closed loop in either fidelity.
-enum Feeder {
-    Waveform(Box<ClosedLoop>),
-    Envelope(Box<EnvelopeLoop>),
-}
-
-impl Feeder {
-    fn build(scene: &Scene, fidelity: Fidelity) -> Self {
-        let built = match fidelity {
-            Fidelity::Waveform => ClosedLoop::build(scene).map(|l| Self::Waveform(Box::new(l))),
-            Fidelity::Envelope => EnvelopeLoop::build(scene).map(|l| Self::Envelope(Box::new(l))),
-        };
-        built.expect("the default scene")
-    }
-
-    fn apply(&mut self, change: Change) {
-        match self {
-            Self::Waveform(closed) => closed.apply(change),
-            Self::Envelope(closed) => closed.apply(change),
-        }
-    }
-
-    fn cycle(&mut self) -> Moment {
-        match self {
-            Self::Waveform(closed) => closed.cycle(),
-            Self::Envelope(closed) => closed.cycle(),
-        }
-    }
-
-    fn controller(&self) -> &Controller {
-        match self {
-            Self::Waveform(closed) => closed.controller(),
-            Self::Envelope(closed) => closed.controller(),
-        }
-    }
-}
-
 /// Runs `seconds` of operation of the default feeder, with events from `seed`.
 fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
-    let mut closed = Feeder::build(&Scene::default(), fidelity);
+    let mut closed = Engine::build(&Scene::default(), fidelity).unwrap();
+    closed.watch(true);
     let mut script = Script {
         random: Random::new(seed),
         seconds,
@@ -221,23 +181,27 @@ fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     let mut shift = Shift::default();
     let mut now = 0.0;
     let (mut upset, mut may_fault) = (0.0, None);
-    let mut phase = None;
+    let (mut restitution, mut phase) = (None, None);
     while now < seconds {
         for change in script.changes(now) {
             upset = match change {
                 Change::Gain(_) => upset,
                 _ => now,
             };
-            if let Change::Restitution(restitution) = change {
-                phase = locked_phase(&closed, restitution);
+            if let Change::Restitution(changed) = change {
+                (restitution, phase) = (Some(changed), None);
             }
             closed.apply(change);
         }
-        if let Some(name) = script.trouble(now) {
+        if let Some(name) = script.next_event(now) {
             *shift.happened.entry(name).or_default() += 1;
-            may_fault = (name == LOST).then_some(now);
+            may_fault = (name == LOST_SENSOR).then_some(now);
         }
-        let moment = closed.cycle();
+        closed.cycle().unwrap();
+        let moment = closed.moment().unwrap();
+        if moment.report.state == State::Locked && phase.is_none() {
+            phase = restitution.and_then(|part| locked_phase(&moment.report, part));
+        }
         now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);
         shift.look(&moment, now, now / seconds, upset, may_fault, phase);
         if shift.wrong.len() > 20 {
@@ -247,11 +211,10 @@ fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     shift
 }
 
-/// Phase in rad at which parts of a restitution strike in the lock of order 1 at the setpoint.
-fn locked_phase(closed: &Feeder, restitution: f32) -> Option<f64> {
-    let controller = closed.controller();
-    let k = f64::from(controller.k(controller.setpoint()));
-    let lock = Lock::build(k, f64::from(restitution), 1).ok()??;
+/// Phase in rad at which parts of a restitution strike in the lock of order 1 at the reference.
+fn locked_phase(report: &Report, restitution: f32) -> Option<f64> {
+    let k = report.k * report.amplitude / report.reference;
+    let lock = Lock::build(f64::from(k), f64::from(restitution), 1).ok()??;
     Some(lock.state().phase)
 }
 
@@ -275,16 +238,15 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(times("pause") > 0 && times("silent link") > 0);
     assert_eq!(times("lost sensor"), times("faulted"));
     assert_eq!(times("faulted"), times("acknowledged"));
-    // Two samples: one for the place of a wrap, one for its detection.
+    // Two samples: one for the position of a wrap, one for its detection.
     assert!(shift.time_off < 2.01 / 20_000.0, "{} s", shift.time_off);
-    // In days the error of the phase in lock differs between tenths by less than its scatter.
+    // Over days the error of the phase in lock differs between tenths by less than its scatter.
     let errors = (0..10).map(|tenth| shift.mean_error(tenth));
     let (low, high) = errors.fold((f64::MAX, f64::MIN), |(low, high), error| {
         (low.min(error), high.max(error))
     });
     assert!(days.is_none() || high - low < 0.01, "{low} {high}");
-    // An event takes about a minute; parts are out of lock for at most four seconds of it in the
-    // mean.
+    // An event takes about a minute; parts are out of lock for at most 4 s of it on average.
     let (locked, cycles) = (shift.locked, shift.cycles);
     assert!(locked * 10 > cycles * 8, "{locked} of {cycles}");
 }

@@ -7,16 +7,16 @@ use std::path::{Path, PathBuf};
 
 use kband_tests::root;
 
-fn collect(folder: &Path, ends: &[&str], found: &mut Vec<PathBuf>) {
+fn collect(folder: &Path, ends: &[&str], files: &mut Vec<PathBuf>) {
     let entries = fs::read_dir(folder).expect("a folder of the project is read");
     for path in entries.flatten().map(|entry| entry.path()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if path.is_dir() {
             if name != "target" && name != ".git" {
-                collect(&path, ends, found);
+                collect(&path, ends, files);
             }
         } else if ends.iter().any(|end| name.ends_with(end)) {
-            found.push(path);
+            files.push(path);
         }
     }
 }
@@ -36,7 +36,7 @@ fn texts(ends: &[&str]) -> Vec<(PathBuf, String)> {
     paths.into_iter().map(read).collect()
 }
 
-fn shown(path: &Path) -> String {
+fn relative(path: &Path) -> String {
     let inside = path.strip_prefix(root()).unwrap_or(path);
     inside.display().to_string()
 }
@@ -49,13 +49,13 @@ fn explicit_anchors(page: &str) -> impl Iterator<Item = &str> {
 
 /// The heading's identifier in GitHub and mdBook.
 fn slug(heading: &str) -> String {
-    let kept = heading.trim().to_lowercase();
-    let kept = kept.chars().filter_map(|c| match c {
+    let letters = heading.trim().to_lowercase();
+    let letters = letters.chars().filter_map(|c| match c {
         ' ' => Some('-'),
         c if c.is_alphanumeric() || c == '-' || c == '_' => Some(c),
         _ => None,
     });
-    kept.collect()
+    letters.collect()
 }
 
 fn anchors(page: &str) -> BTreeSet<String> {
@@ -66,7 +66,7 @@ fn anchors(page: &str) -> BTreeSet<String> {
 }
 
 /// Reason why a link from a folder is broken; `None` if it is valid.
-fn broken(from: &Path, link: &str, own: &Path) -> Option<String> {
+fn link_error(from: &Path, link: &str, own: &Path) -> Option<String> {
     let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
     let target = if file.is_empty() {
         own.to_owned()
@@ -74,17 +74,17 @@ fn broken(from: &Path, link: &str, own: &Path) -> Option<String> {
         from.join(file)
     };
     if !target.exists() {
-        return Some(format!("{}: no file for {link}", shown(own)));
+        return Some(format!("{}: no file for {link}", relative(own)));
     }
     if anchor.is_empty() {
         return None;
     }
     let page = fs::read_to_string(&target).unwrap_or_default();
-    let there = anchors(&page).contains(anchor);
-    (!there).then(|| format!("{}: no anchor for {link}", shown(own)))
+    let exists = anchors(&page).contains(anchor);
+    (!exists).then(|| format!("{}: no anchor for {link}", relative(own)))
 }
 
-/// The targets of a text's markdown links that lie within the project.
+/// Targets within the project of a text's markdown links.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     let ends = text.split("](").skip(1);
     let targets = ends.filter_map(|rest| rest.split(')').next());
@@ -109,7 +109,7 @@ fn every_link_of_a_page_leads_somewhere() {
     let mut wrong = Vec::new();
     for (path, text) in &pages {
         let folder = path.parent().expect("a page lies in a folder");
-        wrong.extend(links(text).filter_map(|link| broken(folder, link, path)));
+        wrong.extend(links(text).filter_map(|link| link_error(folder, link, path)));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
@@ -121,7 +121,7 @@ fn every_citation_of_a_page_leads_to_an_anchor() {
     for (path, text) in texts(&[".rs", ".md", ".toml", ".sh"]) {
         for cited in citations(&text) {
             of_theory += usize::from(cited.contains("#t"));
-            wrong.extend(broken(&root(), cited, &path));
+            wrong.extend(link_error(&root(), cited, &path));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -130,19 +130,22 @@ fn every_citation_of_a_page_leads_to_an_anchor() {
 
 #[test]
 fn the_sections_of_the_theory_have_the_numbers_of_their_anchors() {
-    let mut seen = BTreeSet::new();
+    let mut anchors = BTreeSet::new();
     for (path, text) in texts(&[".md"]) {
         for (place, _) in text.match_indices("<a id=\"t") {
             let anchor = explicit_anchors(&text[place..]).next().expect("an anchor");
             let heading = text[place..].lines().find(|line| line.starts_with('#'));
             let heading = heading.unwrap_or_default().trim_start_matches('#').trim();
             let number = heading.split(' ').next().unwrap_or_default();
-            let page = shown(&path);
+            let page = relative(&path);
             assert_eq!(&anchor[1..], number.trim_end_matches('.'), "{page}");
-            assert!(seen.insert(anchor.to_owned()), "{page}: {anchor} is taken");
+            assert!(
+                anchors.insert(anchor.to_owned()),
+                "{page}: {anchor} is taken"
+            );
         }
     }
-    assert!(seen.len() > 40, "{seen:?}");
+    assert!(anchors.len() > 40, "{anchors:?}");
 }
 
 #[test]
@@ -203,21 +206,21 @@ fn every_regime_and_state_that_is_shown_is_explained() {
 
 /// Mentions of numbered faults or limits without their name, as in "fault 6 (over-temperature)".
 fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -> Vec<String> {
-    let mut found = Vec::new();
+    let mut items = Vec::new();
     for after in page.split(&format!("{word} ")).skip(1) {
         let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
         let (number, rest) = after.split_at(digits);
         let Ok(number) = number.parse() else { continue };
-        let said = rest
+        let documented = rest
             .strip_prefix(" (")
             .and_then(|rest| rest.split(')').next());
         // A quoted command may use the number alone.
         let command = rest.starts_with('`');
-        if !command && (said.is_none() || said != name(number)) {
-            found.push(format!("{word} {number}{}", rest.get(..30).unwrap_or(rest)));
+        if !command && (documented.is_none() || documented != name(number)) {
+            items.push(format!("{word} {number}{}", rest.get(..30).unwrap_or(rest)));
         }
     }
-    found
+    items
 }
 
 #[test]
@@ -229,11 +232,11 @@ fn every_number_of_a_fault_has_its_name() {
         all.find(|limit| limit.number() == number).map(Limits::name)
     };
     for name in ["safety.md", "wiring.md", "commissioning.md", "link.md"] {
-        let found = misnamed(&text(format!("docs/{name}")), "fault", fault);
-        assert!(found.is_empty(), "{name}: {found:?}");
+        let items = misnamed(&text(format!("docs/{name}")), "fault", fault);
+        assert!(items.is_empty(), "{name}: {items:?}");
     }
-    let found = misnamed(&text("docs/safety.md"), "limit", limit);
-    assert!(found.is_empty(), "{found:?}");
+    let items = misnamed(&text("docs/safety.md"), "limit", limit);
+    assert!(items.is_empty(), "{items:?}");
     // The headings that `kband explain` prints.
     let faults = text("docs/faults.md");
     for fault in Fault::ALL {
@@ -243,41 +246,41 @@ fn every_number_of_a_fault_has_its_name() {
 }
 
 /// Largest number of words in a sentence, and largest mean over a page.
-const LONGEST_SENTENCE: usize = 35;
-const MEAN_SENTENCE: usize = 20;
+const MAX_SENTENCE_WORDS: usize = 35;
+const MAX_MEAN_SENTENCE_WORDS: usize = 20;
 
 /// Largest number of words in a part of the manual, tables and code included.
-const WORDS_OF_A_PART: usize = 8000;
+const MAX_PART_WORDS: usize = 8000;
 
 /// The paragraphs and list items of a page, without code, formulas, tables, headings and pictures.
 fn paragraphs(page: &str) -> Vec<String> {
-    let mut found = vec![String::new()];
+    let mut items = vec![String::new()];
     let mut code = false;
     for line in page.lines() {
         let text = line.trim();
         let fence = line.starts_with("```");
         code ^= fence;
-        let begun = found.last().is_some_and(|last| !last.is_empty());
-        let formula = line.starts_with("    ") && !begun;
+        let in_paragraph = items.last().is_some_and(|last| !last.is_empty());
+        let formula = line.starts_with("    ") && !in_paragraph;
         let other = text.starts_with(['|', '#', '<']) || text.starts_with("![");
         if fence || code || formula || other || text.is_empty() {
-            found.push(String::new());
+            items.push(String::new());
             continue;
         }
         let numbered = text
             .split_once(". ")
             .filter(|(number, _)| number.bytes().all(|digit| digit.is_ascii_digit()))
             .map(|(_, item)| item);
-        match (text.strip_prefix("- ").or(numbered), found.last_mut()) {
+        match (text.strip_prefix("- ").or(numbered), items.last_mut()) {
             (None, Some(last)) => *last += &format!(" {text}"),
-            (item, _) => found.push(item.unwrap_or(text).to_owned()),
+            (item, _) => items.push(item.unwrap_or(text).to_owned()),
         }
     }
-    found
+    items
 }
 
 /// A paragraph with each code span as one word and each link as its text.
-fn spoken(paragraph: &str) -> String {
+fn prose(paragraph: &str) -> String {
     let spans = paragraph.split('`').enumerate();
     let plain = spans.map(|(n, span)| if n % 2 == 1 { "code" } else { span });
     let plain: String = plain.collect();
@@ -301,21 +304,21 @@ fn ends_a_sentence(word: &str) -> bool {
 
 /// The sentences of a page, as their words.
 fn sentences(page: &str) -> Vec<Vec<String>> {
-    let mut found = Vec::new();
+    let mut items = Vec::new();
     for paragraph in paragraphs(page) {
         let mut sentence = Vec::new();
-        for word in spoken(&paragraph).split_whitespace() {
+        for word in prose(&paragraph).split_whitespace() {
             if word.contains(char::is_alphanumeric) {
                 sentence.push(word.to_owned());
             }
             if ends_a_sentence(word) {
-                found.push(std::mem::take(&mut sentence));
+                items.push(std::mem::take(&mut sentence));
             }
         }
-        found.push(sentence);
+        items.push(sentence);
     }
-    found.retain(|sentence| !sentence.is_empty());
-    found
+    items.retain(|sentence| !sentence.is_empty());
+    items
 }
 
 #[test]
@@ -323,7 +326,7 @@ fn sentences_of_the_manual_are_short() {
     let mut pages = 0;
     let mut wrong = Vec::new();
     for (path, text) in texts(&[".md"]) {
-        let name = shown(&path);
+        let name = relative(&path);
         let others = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"];
         if !name.starts_with("docs/") && !others.contains(&name.as_str()) {
             continue;
@@ -331,13 +334,13 @@ fn sentences_of_the_manual_are_short() {
         pages += 1;
         let sentences = sentences(&text);
         let words: usize = sentences.iter().map(Vec::len).sum();
-        if words > MEAN_SENTENCE * sentences.len() {
+        if words > MAX_MEAN_SENTENCE_WORDS * sentences.len() {
             let count = sentences.len();
             wrong.push(format!("{name}: {words} words in {count} sentences"));
         }
         let long = sentences
             .iter()
-            .filter(|words| words.len() > LONGEST_SENTENCE);
+            .filter(|words| words.len() > MAX_SENTENCE_WORDS);
         wrong.extend(long.map(|sentence| format!("{name}: {}", sentence.join(" "))));
     }
     assert!(pages > 15, "{pages} pages");
@@ -371,7 +374,7 @@ fn parts_of_the_manual_keep_their_length() {
         let split = summary.split_once(&format!("\n# {part}\n"));
         let (_, after) = split.expect("a part of the manual");
         let chapters = after.split("\n# ").next().unwrap_or_default();
-        // The page of tuned constants is a table to look things up in.
+        // The page of tuned constants is a reference table.
         let pages = links(chapters).filter(|page| *page != "tuning.md");
         let pages: Vec<String> = pages.map(|page| text(format!("docs/{page}"))).collect();
         assert!(pages.len() > 4, "{part}: {} pages", pages.len());
@@ -379,6 +382,6 @@ fn parts_of_the_manual_keep_their_length() {
             .iter()
             .map(|page| page.split_whitespace().count())
             .sum();
-        assert!(words <= WORDS_OF_A_PART, "{part}: {words} words");
+        assert!(words <= MAX_PART_WORDS, "{part}: {words} words");
     }
 }

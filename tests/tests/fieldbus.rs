@@ -1,5 +1,5 @@
-//! The emulated board on its fieldbus: a master of this file, and masters that others wrote, take
-//! it from power-on to gear, change its target, cause a fault and acknowledge it, and save.
+//! The emulated board on its fieldbus, with a master in this file and masters of others. They go
+//! from power-on to gear, change the target, cause a fault and acknowledge it, and save.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -18,9 +18,11 @@ use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
 
-/// Longest life of the emulator, and longest wait for a state.
-const LIMIT: Duration = Duration::from_secs(600);
-const WAIT: Duration = Duration::from_secs(120);
+/// Time limit of the emulator and of a wait for a state.
+const TIMEOUT: Duration = Duration::from_secs(600);
+const STATE_TIMEOUT: Duration = Duration::from_secs(120);
+/// Number of attempts. On a busy machine a frame may be interrupted, and is then no request.
+const ATTEMPTS: u32 = 10;
 
 /// Register of the control word.
 const CONTROL: u16 = 0;
@@ -34,41 +36,41 @@ const STATE: u16 = 5;
 const FAULT: u16 = 6;
 /// Register of the request to save.
 const SAVE: u16 = 9;
-/// Bit of the status word: the target is held.
-const HELD: u16 = 1 << 8;
+/// Bit of the status word: the target is met.
+const TARGET_HELD: u16 = 1 << 8;
 
 /// The emulated board with its enable input on and a terminal as its bus.
 struct Board {
     terminal: Terminal,
-    /// Held open: QEMU looks for another reader only once a second.
+    /// SavedSettings open, because QEMU checks for a new reader only once a second.
     line: File,
 }
 
 impl Board {
     /// Starts the board with this flash.
     fn start(image: &Path, flash: &Path) -> Self {
-        let terminal = Terminal::on_bus(image, flash, LIMIT);
+        let terminal = Terminal::on_bus(image, flash, TIMEOUT);
         let line = File::options().read(true).write(true).open(terminal.port());
         let line = line.unwrap();
         Self { terminal, line }
     }
 
-    /// Waits for the first answer, with a master that leaves the line afterwards.
+    /// Waits for the first answer, by a master that then leaves the line.
     fn wait_until_started(&self) {
         let starts = |_: &u32| {
             let mut first = mbpoll_command(self, "-r 80 -c 1", &[]);
             !first.output().is_ok_and(|ran| ran.status.success())
         };
-        assert!((0..10).take_while(starts).count() < 10);
+        assert!((0..ATTEMPTS).take_while(starts).count() < ATTEMPTS as usize);
     }
 
-    /// A master on the line, which then is for it alone.
+    /// A master with exclusive use of the line.
     fn master(&self) -> Master {
         let mut line = self.line.try_clone().unwrap();
         let (sender, bytes) = mpsc::channel();
         std::thread::spawn(move || {
             let mut byte = [0];
-            // Ends with the emulator.
+            // The thread ends with the emulator.
             while line.read(&mut byte).is_ok_and(|count| count == 1) && sender.send(byte[0]).is_ok()
             {
             }
@@ -87,10 +89,10 @@ struct Master {
 }
 
 impl Master {
-    /// Function and data of the answer to a request; it is repeated twice.
-    fn ask(&mut self, pdu: &[u8]) -> Vec<u8> {
+    /// Function and data of the answer to a request.
+    fn request(&mut self, pdu: &[u8]) -> Vec<u8> {
         let frame = bus::frame(UNIT, pdu);
-        for _ in 0..3 {
+        for _ in 0..ATTEMPTS {
             self.line.write_all(&frame).unwrap();
             let mut answer = Vec::new();
             while let Ok(byte) = self.bytes.recv_timeout(Duration::from_secs(5)) {
@@ -105,19 +107,19 @@ impl Master {
     }
 
     fn word(&mut self, address: u16) -> u16 {
-        match self.ask(&bus::read(address, 1))[..] {
+        match self.request(&bus::read(address, 1))[..] {
             [3, 2, high, low] => u16::from_be_bytes([high, low]),
             ref other => panic!("{address}: {other:?}"),
         }
     }
 
-    fn write(&mut self, address: u16, words: &[u16]) {
-        let pdu = bus::write(address, words);
-        assert_eq!(self.ask(&pdu), pdu[..5], "{address}");
+    fn write(&mut self, address: u16, registers: &[u16]) {
+        let pdu = bus::write(address, registers);
+        assert_eq!(self.request(&pdu), pdu[..5], "{address}");
     }
 
     fn set(&mut self, key: &str, value: f32) {
-        let index = Settings::KEYS.iter().position(|known| known.name == key);
+        let index = Settings::KEYS.iter().position(|entry| entry.name == key);
         let address = registers::FIRST_SETTING + 2 * index.unwrap() as u16;
         self.write(address, &float(value));
     }
@@ -125,19 +127,20 @@ impl Master {
     /// Waits until a register, under a mask, has this value.
     #[track_caller]
     fn wait(&mut self, address: u16, mask: u16, value: u16) {
-        let end = Instant::now() + WAIT;
+        let end = Instant::now() + STATE_TIMEOUT;
         while self.word(address) & mask != value {
-            let seen = [(0, 10), (16, 16)].map(|(at, count)| self.ask(&bus::read(at, count)));
-            assert!(Instant::now() < end, "register {address}: {seen:?}");
+            let registers =
+                [(0, 10), (16, 16)].map(|(at, count)| self.request(&bus::read(at, count)));
+            assert!(Instant::now() < end, "register {address}: {registers:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// Waits until the target is held at this k, in thousandths.
+    /// Waits until the board holds the target at this k, in thousandths.
     #[track_caller]
     fn hold_k(&mut self, k: u16) {
-        let end = Instant::now() + WAIT;
-        while self.word(STATUS) & HELD == 0 || self.word(16).abs_diff(k) >= 20 {
+        let end = Instant::now() + STATE_TIMEOUT;
+        while self.word(STATUS) & TARGET_HELD == 0 || self.word(16).abs_diff(k) >= 20 {
             assert!(Instant::now() < end, "k {}", self.word(16));
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -161,17 +164,17 @@ fn commissioned(bus: f32) -> (tempfile::TempDir, Board, Address) {
     let flash = folder.path().join("board.flash");
     let address = Address {
         flash_image: Some(flash.clone()),
-        ..Address::of("qemu", Some(&image))
+        ..Address::new("qemu", Some(&image))
     };
     let mut link = address.open(Emulated::AtRest).unwrap();
     for request in [
         Request::set("bus_address", UNIT.into()),
-        // A busy desk delays requests.
+        // A busy desk delays its requests.
         Request::set("bus_timeout", 60.0),
         Request::set("bus", bus),
         Request::Save,
     ] {
-        link.ask(&request, |response| assert_eq!(response, Response::Done))
+        link.request(&request, |response| assert_eq!(response, Response::Done))
             .unwrap();
     }
     drop(link);
@@ -184,15 +187,15 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     let mut board = emulated.master();
     board.write(CONTROL, &[0, 1]);
     board.write(CONTROL, &[1]);
-    board.wait(STATUS, HELD, HELD);
+    board.wait(STATUS, TARGET_HELD, TARGET_HELD);
     assert_eq!(board.word(STATE), u16::from(State::Holding.number()));
-    // Another target, while the drive runs.
+    // A new target while the drive runs.
     let [high, low] = float(0.8);
     board.write(KIND, &[32, high, low]);
     board.hold_k(800);
     board.write(CONTROL, &[0]);
     board.wait_for(State::Off);
-    // A sensitivity that the sensor does not have.
+    // A sensitivity other than the sensor's.
     board.set("sensitivity", 0.5);
     board.write(CONTROL, &[1]);
     board.wait_for(State::Fault);
@@ -206,7 +209,7 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     board.wait(SAVE, u16::MAX, 2);
     drop((board, emulated));
     let mut link = address.open(Emulated::AtRest).unwrap();
-    link.ask(&Request::Held, |response| {
+    link.request(&Request::Held, |response| {
         assert_eq!(response, Response::Held(Target::K(0.8)));
     })
     .unwrap();
@@ -215,13 +218,13 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
 /// Runs a program that must succeed; returns its output.
 fn run(command: &mut Command) -> String {
     let ran = command.output().expect("tests/setup.sh installs it");
-    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
+    let output = String::from_utf8_lossy(&ran.stdout).into_owned();
     let wrong = String::from_utf8_lossy(&ran.stderr);
-    assert!(ran.status.success(), "{command:?}: {said} {wrong}");
-    said
+    assert!(ran.status.success(), "{command:?}: {output} {wrong}");
+    output
 }
 
-/// `mbpoll` with these arguments; a terminal without a line has no parity.
+/// `mbpoll` with these arguments; a pseudo-terminal has no parity.
 fn mbpoll_command(board: &Board, arguments: &str, values: &[&str]) -> Command {
     let mut command = Command::new("mbpoll");
     let fixed = "-m rtu -a 17 -b 19200 -P none -0 -1 -q -o 5";
@@ -233,11 +236,10 @@ fn mbpoll_command(board: &Board, arguments: &str, values: &[&str]) -> Command {
     command
 }
 
-/// What `mbpoll` prints for these arguments; it fails where the board refuses.
+/// Output of `mbpoll` for these arguments; it fails if the board refuses.
 fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
     let mut command = mbpoll_command(board, arguments, values);
-    // On a busy machine a frame falls apart, and is no request. A master repeats it.
-    for _ in 0..4 {
+    for _ in 0..ATTEMPTS {
         let ran = command.output().expect("tests/setup.sh installs it");
         if ran.status.success() {
             return String::from_utf8_lossy(&ran.stdout).into_owned();
@@ -248,7 +250,7 @@ fn mbpoll(board: &Board, arguments: &str, values: &[&str]) -> String {
     panic!("no answer to {command:?}");
 }
 
-/// The master of Debian, on libmodbus.
+/// The master of Debian, which uses libmodbus.
 #[test]
 fn mbpoll_reads_and_runs_the_board() {
     let (_folder, board, _) = commissioned(1.0);
@@ -262,10 +264,10 @@ fn mbpoll_reads_and_runs_the_board() {
     mbpoll(&board, "-r 1", &["32", &high, &low]);
     mbpoll(&board, "-r 0", &["1"]);
     let wait = |mask: u16, value: u16| {
-        let end = Instant::now() + WAIT;
+        let end = Instant::now() + STATE_TIMEOUT;
         loop {
-            let said = mbpoll(&board, "-r 4 -c 1", &[]);
-            let word = said.split("[4]: \t").nth(1).expect("the status word");
+            let output = mbpoll(&board, "-r 4 -c 1", &[]);
+            let word = output.split("[4]: \t").nth(1).expect("the status word");
             let word: u16 = word.split_whitespace().next().unwrap().parse().unwrap();
             if word & mask == value {
                 return;
@@ -273,9 +275,9 @@ fn mbpoll_reads_and_runs_the_board() {
             assert!(Instant::now() < end, "status word {word:#x}");
         }
     };
-    wait(HELD, HELD);
+    wait(TARGET_HELD, TARGET_HELD);
     mbpoll(&board, "-r 0", &["0"]);
-    // Not running.
+    // The drive is off.
     wait(1 << 1, 0);
 }
 
@@ -285,15 +287,15 @@ fn pymodbus_reads_and_runs_the_board() {
     let (_folder, board, _) = commissioned(1.0);
     let root = kband_tests::root();
     let python = images::target_folder().join("python/venv/bin/python3");
-    let said = run(Command::new(python)
+    let output = run(Command::new(python)
         .arg(root.join("tests/clients/board.py"))
         .arg(board.terminal.port())
         .arg(UNIT.to_string()));
-    println!("{said}");
-    assert!(said.starts_with("pymodbus: held"), "{said}");
+    println!("{output}");
+    assert!(output.starts_with("pymodbus: held"), "{output}");
 }
 
-/// The library of C that many masters use.
+/// The C library of many masters.
 #[test]
 fn libmodbus_reads_and_runs_the_board() {
     let (folder, board, _) = commissioned(1.0);
@@ -306,9 +308,9 @@ fn libmodbus_reads_and_runs_the_board() {
         .arg(&source)
         .arg("-lmodbus"));
     board.wait_until_started();
-    let said = run(Command::new(client)
+    let output = run(Command::new(client)
         .arg(board.terminal.port())
         .arg(UNIT.to_string()));
-    println!("{said}");
-    assert!(said.starts_with("libmodbus: held"), "{said}");
+    println!("{output}");
+    assert!(output.starts_with("libmodbus: held"), "{output}");
 }

@@ -1,4 +1,4 @@
-//! Every arithmetic against an independent oracle on ordinary and adversarial launches.
+//! Every arithmetic against an independent oracle, for ordinary and adversarial launches.
 
 use std::sync::Mutex;
 
@@ -7,10 +7,11 @@ use kband_tests::oracle::Track;
 use kband_tests::soak::{replay, soak};
 use kband_tests::states::{Kind, Launch};
 
-/// Most wrong impacts that are printed: one cause can have thousands.
-const PRINTED: usize = 100;
+/// Largest number of printed wrong impacts, because one cause may have thousands.
+const MAX_PRINTED: usize = 100;
 
-/// Some thousand launches of each kind; `KBAND_MILLIONS` and `KBAND_SEED` select a longer soak.
+/// Some thousand launches of each kind; `KBAND_MILLIONS` and `KBAND_SEED` select a longer soak
+/// test.
 fn soak_all(on_tones: bool) {
     let selected = |name| std::env::var(name).ok().map(|text| text.parse().unwrap());
     let millions: Option<u64> = selected("KBAND_MILLIONS");
@@ -20,7 +21,7 @@ fn soak_all(on_tones: bool) {
     let seed = selected("KBAND_SEED").unwrap_or(7);
     let tallies = soak(each, on_tones, seed, threads, |cause| {
         let mut wrong = wrong.lock().unwrap();
-        if wrong.len() < PRINTED {
+        if wrong.len() < MAX_PRINTED {
             wrong.push(cause.to_owned());
         }
     });
@@ -45,11 +46,11 @@ fn every_impact_on_several_tones_is_the_first() {
     soak_all(true);
 }
 
-/// Failures found by soaks, each in one arithmetic; on several tones, of an earlier judge.
-/// `KBAND_LAUNCH` selects another launch.
+/// Launches that failed in a soak test, each in one arithmetic, or on several tones in an earlier
+/// version of the judge. `KBAND_LAUNCH` selects another launch.
 ///
-/// The approach ended far from any root or at a later one, or a number overflowed. On tones the gap
-/// is level or within rounding at the end, or the last step long.
+/// The iteration ended far from any root or at a later one, or a number overflowed. On several
+/// tones the gap is level or within rounding at the end, or the last step is long.
 #[test]
 fn launches_that_went_astray_once_do_not_again() {
     // k, restitution, phase, velocity; amplitude and angle of both tones.

@@ -1,11 +1,11 @@
-//! The boards' images, bytes unchanged, on the emulated chip with the simulated track on its bridge.
+//! Unmodified images of the boards on the emulated chip, with the simulated track on its bridge.
 
 use kband_control::State;
 use kband_control::wire::{Request, Response};
 use kband_plant::{ClosedLoop, Scene};
 use kband_tests::chip::clocks::Cause;
 use kband_tests::chip::kind::Kind;
-use kband_tests::chip::world::Seen;
+use kband_tests::chip::world::Event;
 use kband_tests::rig::{Act, Rig};
 
 /// A board with the machine's settings, saved at its first start, and the target lock.
@@ -19,7 +19,7 @@ fn commissioned(kind: Kind) -> Rig {
     rig
 }
 
-/// Amplitude in mm of the desk in lock.
+/// Amplitude of the simulation at the desk in lock, mm.
 fn desk() -> f64 {
     let mut desk = ClosedLoop::build(&Scene::default()).unwrap();
     let last = (0..500).map(|_| desk.cycle().report).last().unwrap();
@@ -37,26 +37,26 @@ fn from_power_on_to_lock_the_stm32g474_does_so_too() {
     locks_as_the_desk(Kind::Stm32g474, 4);
 }
 
-/// A start from power-on to the lock, with this number of flash wait states.
+/// From power-on to the lock, with this number of flash wait states.
 fn locks_as_the_desk(kind: Kind, wait_states: u32) {
     let mut rig = commissioned(kind);
     // The enable input acknowledges the start without settings; then the board starts.
     rig.at(1.5, Act::Enable(true)).run(1.5);
     assert_eq!(rig.resets(), [(0.0, Cause::Power)]);
-    assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(0.0, &Event::Bridge(true)), None);
     rig.run(9.0);
-    let begins = rig.seen_after(1.5, &Seen::Bridge(true)).unwrap();
+    let begins = rig.find_time(1.5, &Event::Bridge(true)).unwrap();
     assert!(begins < 1.6, "{begins} s");
-    assert!(rig.seen_after(1.5, &Seen::Ready(true)).is_some());
+    assert!(rig.find_time(1.5, &Event::Ready(true)).is_some());
     let (board, desk) = (rig.amplitude(), desk());
     assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
     assert!(rig.peak() < 0.3);
-    // One reset, no fault, and the core's highest clock with its wait states.
+    // One reset, no fault, and the highest core clock with its wait states.
     assert_eq!(rig.resets().len(), 1);
-    assert_eq!(rig.seen_after(1.4, &Seen::Fault(true)), None);
+    assert_eq!(rig.find_time(1.4, &Event::Fault(true)), None);
     assert_eq!(rig.chip.board.clock(), kind.facts().fastest[0]);
     assert_eq!(rig.chip.board.flash.latency(), wait_states);
-    // It answers the desk.
+    // The board answers the desk.
     let state = rig.request(&Request::SelfTest, |response| match response {
         Response::Refused(_) => "runs",
         _ => "another",

@@ -1,8 +1,8 @@
-//! A flood of frames at the board's image while it drives: no late sample, no late control, every
-//! count answered.
+//! A flood of frames to the board's image while the drive runs: no late sample, no late control,
+//! every request for counters answered.
 //!
-//! `KBAND_FRAMES` frames instead of ten thousand, from the seed `KBAND_SEED`; `tests/run.sh --soak`
-//! sends a million.
+//! `KBAND_FRAMES` sets the number of frames (default ten thousand), `KBAND_SEED` the seed;
+//! `tests/run.sh --soak` sends a million.
 
 use kband_control::Target;
 use kband_control::wire::{Request, Response};
@@ -15,7 +15,7 @@ use kband_tests::states::Random;
 const DEADLINE: u64 = 8400;
 /// Bytes per slice of the run at 115200 baud, and the slice's duration in s.
 const SLICE: usize = 1152;
-const SLICE_LASTS: f64 = 0.1;
+const SLICE_DURATION: f64 = 0.1;
 
 fn number(variable: &str, otherwise: u64) -> u64 {
     std::env::var(variable).map_or(otherwise, |text| {
@@ -24,7 +24,7 @@ fn number(variable: &str, otherwise: u64) -> u64 {
     })
 }
 
-/// A frame of the flood with its end; mostly refused ones, because answers occupy the line.
+/// A frame of the flood with its end; mostly invalid ones, because answers occupy the line.
 fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
     let requests = [
         Request::Alive,
@@ -43,7 +43,7 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
     let mut frame = rig.frame(&requests[(any >> 16) as usize % requests.len()]);
     let at = (any >> 24) as usize % (frame.len() - 3);
     match any % 16 {
-        // Garbage, seldom longer than any frame.
+        // Random bytes, rarely longer than any frame.
         kind @ 0..=11 => {
             let long = kind == 11 && any >> 32 & 15 == 0;
             let short = (any >> 8) as usize % 4 + 1;
@@ -98,7 +98,7 @@ fn flood(kind: Kind) {
         })
     };
     let before = count(&mut rig);
-    let (mut sent, mut counts, mut came) = (0_u64, 1_u64, 0);
+    let (mut sent, mut counts, mut sent_bytes) = (0_u64, 1_u64, 0);
     let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
     while sent < frames {
         let mut bytes = Vec::with_capacity(2 * SLICE);
@@ -106,8 +106,8 @@ fn flood(kind: Kind) {
             bytes.extend(frame(&mut rig, &mut random));
             sent += 1;
         }
-        came += bytes.len();
-        let lasts = SLICE_LASTS * bytes.len() as f64 / SLICE as f64;
+        sent_bytes += bytes.len();
+        let lasts = SLICE_DURATION * bytes.len() as f64 / SLICE as f64;
         rig.act(&Act::Link(bytes));
         rig.run(rig.time() + lasts);
         (low, high) = (low.min(rig.amplitude()), high.max(rig.amplitude()));
@@ -129,11 +129,14 @@ fn flood(kind: Kind) {
          {} cycles at most of {DEADLINE}, the port {}",
         sampling.longest, port.longest,
     );
-    // The port loses a byte that completes between its status and its data. If the byte ends a
-    // frame, two frames merge. A lost request is repeated.
+    // The port loses a byte that completes between its reads of status and data. If that byte ends
+    // a frame, two frames merge. A lost request is repeated.
     assert!(sent + counts - 1 <= counted + lost, "{counted}, {lost}");
     assert!(counted <= sent + counts + lost, "{counted}, {lost}");
-    assert!((lost as f64) < 0.01 * came as f64, "{lost} of {came}");
+    assert!(
+        (lost as f64) < 0.01 * sent_bytes as f64,
+        "{lost} of {sent_bytes}"
+    );
     assert!(after.corrupt > before.corrupt && after.requests > before.requests);
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
     let due = 19_990.0 * lasted - 100.0;

@@ -1,4 +1,4 @@
-//! Target gear in closed loop, for parts with random restitution, judged by the plant's true
+//! Target gear in closed loop, for parts with random restitution, evaluated by their simulated
 //! motion.
 
 use std::f64::consts::TAU;
@@ -30,17 +30,17 @@ fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
     scene
 }
 
-/// Share of time in gear of the part over some cycles.
+/// Share of time in gear of the part over a number of cycles.
 fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
     let mut watch = GearWatch::build(1).unwrap();
-    let (mut begun, mut now) = (None, 0.0);
+    let (mut start, mut now) = (None, 0.0);
     for _ in 0..cycles {
         closed.advance();
         for strike in closed.strikes() {
             let landed = strike.time as f64 / Phase::TURN * TAU;
             let flight = f64::from(strike.flight) * TAU;
-            if begun.is_none() {
-                begun = Some(landed);
+            if start.is_none() {
+                start = Some(landed);
                 watch.begin(landed);
             }
             if strike.rested {
@@ -53,15 +53,15 @@ fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
     watch.share(now).share()
 }
 
-/// R goes from 0.25 to 0.4 in ten minutes, and the best k from 0.42 to 0.51.
+/// R rises from 0.25 to 0.4 in ten minutes, and the best k from 0.42 to 0.51.
 ///
-/// At the end the initial k gives no gear, while the best gives a share of 0.65. The share of one
-/// minute has an error of 0.03 (some 70 losses). The smallest of ten such shares has the same
-/// error; the mean of six runs has 0.012, at 0.596.
+/// At the end the initial k gives no gear, and the best k a share of 0.65. The share over one
+/// minute has a standard error of 0.03 (some 70 losses). The smallest of ten such shares has the
+/// same error. The mean of six runs is 0.596 with an error of 0.012.
 #[test]
 fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
     const MINUTES: u32 = 10;
-    for (second_tone, runs, least) in [(0.0, 6, 0.56), (0.15, 1, 0.95)] {
+    for (second_tone, runs, lower_limit) in [(0.0, 6, 0.56), (0.15, 1, 0.95)] {
         let mut mean = 0.0;
         for seed in 1..=runs {
             let mut scene = scene(0.25, 0.05, second_tone);
@@ -84,11 +84,11 @@ fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
             let follows = second_tone > 0.0 || last.k > first.k + 0.05;
             assert!(follows, "{first:?} {last:?}");
         }
-        assert!(mean > least, "{second_tone}: {mean}");
+        assert!(mean > lower_limit, "{second_tone}: {mean}");
     }
 }
 
-/// The configured drive responds at twice its frequency eight times as strongly as the real one.
+/// The configured drive responds at twice its frequency eight times as strongly as the true one.
 #[test]
 fn without_its_configured_second_tone_the_plan_uses_one_tone() {
     let mut scene = scene(0.3, 0.05, 0.15);
@@ -98,14 +98,15 @@ fn without_its_configured_second_tone_the_plan_uses_one_tone() {
     let plan = closed.controller().gear().unwrap();
     assert_eq!(plan.tones[0][0], 0.0, "{plan:?}");
     assert!(plan.settled && (0.4..0.48).contains(&plan.k), "{plan:?}");
-    // Two minutes: some 140 losses with outages of 4.4 periods, which scatter as much: 0.02.
+    // Two minutes: some 140 losses. Outages have a mean and a deviation of 4.4 periods, so the
+    // standard error is 0.02.
     let share = share(&mut closed, 6000);
     assert!(share > 0.74, "{share}");
 }
 
-/// Eight minutes of losses at the best k; the plan's own choice recovers each from rest.
+/// Eight minutes with losses at the best k. At the plan's setpoint parts return to gear from rest.
 ///
-/// A window of a minute has some hundred losses; its share has an error of 0.03.
+/// A window of one minute has some hundred losses; its share has a standard error of 0.03.
 #[test]
 fn lost_gear_returns_without_a_kick_or_another_setpoint() {
     let mut closed = EnvelopeLoop::build(&scene(0.3, 0.05, 0.0)).unwrap();
@@ -130,14 +131,14 @@ fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
     wide.settings.restitution_high = 0.6;
     for (scene, poor) in [(wide, 1), (scene(0.2, 0.05, 0.0), 0)] {
         let mut closed = EnvelopeLoop::build(&scene).unwrap();
-        let mut said = 0;
+        let mut poor_events = 0;
         for _ in 0..600 {
             let report = closed.cycle().report;
             let events = report.events.iter();
-            said += events.filter(|event| *event == Event::GearPoor).count();
+            poor_events += events.filter(|event| *event == Event::GearPoor).count();
         }
         let (report, plan) = (closed.cycle().report, closed.controller().gear().unwrap());
-        assert_eq!(said, poor, "{plan:?}");
+        assert_eq!(poor_events, poor, "{plan:?}");
         assert!(plan.settled && (plan.share < 0.7) == (poor > 0), "{plan:?}");
         assert_eq!(report.state, State::Holding);
         let k = report.k;
@@ -147,10 +148,10 @@ fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
     }
 }
 
-/// READY is on when the parts are in gear.
+/// READY is on while the parts are in gear.
 ///
-/// It turns on within ten seconds of gear, off within ten of its loss, and on again. The
-/// estimator's memory is five seconds.
+/// It turns on within 10 s of gear, off within 10 s of its loss, and on again. The estimator has a
+/// memory of 5 s.
 #[test]
 fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
     for parts in [1, 6] {
@@ -158,11 +159,12 @@ fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
         scene.parts = std::iter::repeat_n(0.2, parts).collect();
         scene.scatter = std::iter::repeat_n(0.05, parts).collect();
         let mut closed = EnvelopeLoop::build(&scene).unwrap();
-        // The first choice is made, improved and measured.
+        // The first plan is made, improved and verified by measurement.
         for (cycles, restitution, lit) in
             [(1000, 0.2, true), (1000, 0.75, false), (1000, 0.2, true)]
         {
-            // Lots change over an empty track: parts that do not fit the lot hold limit 9 until then.
+            // Lots change on an empty track. Until then, parts that do not fit the lot activate
+            // limit 9.
             closed.apply(Change::Parts(0));
             for _ in 0..100 {
                 closed.advance();

@@ -1,4 +1,4 @@
-//! The golden impacts and hops (25 digits), on one tone and on several, against the map in f64.
+//! Golden impacts and hops (25 digits), on one and on several tones, compared with the map in f64.
 
 use kband::arithmetic::Twofold;
 use kband::impact::{Impact, Kernel, Map, PartState, Tone, WaveKernel, WaveMap};
@@ -17,17 +17,17 @@ struct Golden {
 }
 
 impl Golden {
-    /// Whether an impact has the right root; true where its digits were checked too.
+    /// Whether an impact has the right root; true if its digits were checked, too.
     fn check(&self, impact: Impact<PartState>) -> bool {
         let Self { flight, state, .. } = *self;
-        // The right root at any condition number: another one is at least 1e-3 away.
+        // The right root at any condition number, because another one is at least 1e-3 away.
         let error = (impact.flight / flight - 1.0).abs();
         assert!(error < 1e-6, "{state:?}: {flight} {impact:?}");
         if self.condition >= 100.0 {
             return false;
         }
-        // Half a dozen roundings of 1.1e-16, times a condition number of up to 100; 1e-12 includes
-        // a factor of 10.
+        // Six roundings of 1.1e-16, times a condition number of up to 100; 1e-12 includes a factor
+        // of 10.
         assert!(error < 1e-12, "{state:?}: {flight} {impact:?}");
         let error = (impact.next.velocity - self.next_velocity).abs();
         let room = 1e-12 * self.next_velocity.max(1e-3 * flight);
@@ -44,7 +44,7 @@ fn number(text: &str) -> f64 {
     text.parse().unwrap()
 }
 
-/// The fields of each row, behind the class.
+/// Fields of each row, after the class.
 fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
     let rows = table.lines().skip(1);
     rows.map(|line| line.split(',').skip(1).collect())

@@ -7,8 +7,8 @@ fn each_mutant_is_at_its_place() {
         .arg("--check")
         .output()
         .expect("python3 is on the path");
-    let said = String::from_utf8_lossy(&checked.stdout);
+    let printed = String::from_utf8_lossy(&checked.stdout);
     let wrong = String::from_utf8_lossy(&checked.stderr);
-    assert!(checked.status.success(), "{said}{wrong}");
-    println!("{said}");
+    assert!(checked.status.success(), "{printed}{wrong}");
+    println!("{printed}");
 }

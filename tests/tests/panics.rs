@@ -1,12 +1,12 @@
-//! No sample and no frame can reach a panic: the functions of the board's image that call one are
-//! listed.
+//! No sample and no frame can reach a panic. The list contains the functions of the board's image
+//! that call one.
 //!
-//! Why a listed call is never reached, by where it is:
+//! Reasons why a listed call is never reached, by its module:
 //!
-//! - `bin/`, `cortex`, `bus/uart`: before the first sample. A board that does not come up stays off.
-//! - `last_words` and `core`'s formatting: while the last words are kept, with the drive off.
+//! - `bin/`, `cortex`, `bus/uart`: before the first sample. A board that does not start stays off.
+//! - `last_words` and `core`'s formatting: while the last words are stored, with the drive off.
 //! - `journal`, `store`, sequential-storage: the memory of the settings, used at rest only.
-//! - `stm32`, Embassy: registers and buffers of the chip, whose ranges their types hold.
+//! - `stm32`, Embassy: registers and buffers of the chip, whose types guarantee the ranges.
 //! - `exchange`, `link`, `bus`: a finished task is not polled again. `station`: a borrow for one call.
 //! - defmt: a log within a log.
 
@@ -42,9 +42,9 @@ fn branch(at: u32, first: u16, second: u16) -> Option<u32> {
     Some(at.wrapping_add(4).wrapping_add_signed(offset))
 }
 
-/// The functions of an image by address: name without the compiler's hash, and called functions.
+/// Functions of an image by address: name without the compiler's hash, and called functions.
 ///
-/// Calls by address are missing.
+/// Calls through a pointer are missing.
 fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
     let bytes = std::fs::read(image).unwrap();
     let file = object::File::parse(&*bytes).unwrap();
@@ -65,36 +65,36 @@ fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
         code.get(at..at + 2)
             .map(|half| u16::from_le_bytes([half[0], half[1]]))
     };
-    let mut found = BTreeMap::new();
+    let mut calls = BTreeMap::new();
     for (&begin, (size, name)) in functions.range(start..) {
         let targets = (begin..begin + size)
             .step_by(2)
             .filter_map(|at| branch(at, half(at)?, half(at + 2)?))
             .filter(|target| *target != begin && functions.contains_key(target));
-        found.insert(begin, (name.clone(), targets.collect()));
+        calls.insert(begin, (name.clone(), targets.collect()));
     }
-    found
+    calls
 }
 
-/// The committed list of the functions that call a panic, with counts: a new one appears in review.
+/// The committed list of functions that call a panic, with counts, so that review shows a new one.
 #[test]
 fn the_functions_that_may_panic_are_the_listed_ones() {
     let image = images::build("kband-firmware", "feeder", Machine::CortexM4F);
     let calls = calls(&image);
-    let mut listed = BTreeMap::new();
+    let mut counts = BTreeMap::new();
     for (name, targets) in calls.values().filter(|(name, _)| !panics(name)) {
         let sites = targets.iter().filter(|target| panics(&calls[target].0));
-        *listed.entry(name).or_insert(0) += sites.count();
+        *counts.entry(name).or_insert(0) += sites.count();
     }
     let mut list = String::new();
-    listed.retain(|_, sites| *sites > 0);
-    for (name, sites) in &listed {
+    counts.retain(|_, sites| *sites > 0);
+    for (name, sites) in &counts {
         writeln!(list, "{sites} {name}").unwrap();
     }
     println!(
         "panics left: {} calls in {} functions",
-        listed.values().sum::<usize>(),
-        listed.len()
+        counts.values().sum::<usize>(),
+        counts.len()
     );
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference/panics.txt");
     if std::env::var_os("KBAND_ACCEPT").is_some() {

@@ -1,6 +1,6 @@
-//! Each scene fails when the behaviour that it shows is broken (mutation test of the scenes).
+//! Mutation test of the scenes: each scene fails if the behaviour that it shows is broken.
 //!
-//! Together the scenes show every change of state, every fault and every limit.
+//! Together the scenes show every state transition, every fault and every limit.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use kband_tests::scenes::read;
 
 /// Behaviour that a scene shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Shows {
+enum Behaviour {
     /// This fault stops the drive.
     Stops(Fault),
     /// This limit restricts the drive.
@@ -22,48 +22,22 @@ enum Shows {
     /// The controller uses its measurements of track and parts.
     Listening,
 }
-use Break::{Done, Hidden, Never, Nothing, Restarted, Seen, Told};
+use Behaviour::{Limit, Listening, Obeying, Stops};
+use Break::{Commanded, Hidden, Measured, Misconfigured, Never, Nothing, Restarted};
 use Fault::*;
-use Shows::{Limit, Listening, Obeying, Stops};
 use StartCause::Ordinary;
 
-/// Functions that recognise the changes that a break hides.
-macro_rules! recognise {
-    ($($name:ident: $change:ident,)+) => {
-        $(fn $name(change: &Change) -> bool {
-            matches!(change, Change::$change(_))
-        })+
-    };
-}
-recognise! {
-    enable: Enable,
-    gain: Gain,
-    hot: OverTemperature,
-    link: Link,
-    lost: SensorLost,
-    inverted: SensorInverted,
-    stack: StackLow,
-    over_current: OverCurrent,
-    supply: SupplyLow,
-    clock: ClockFailed,
-    late: ControlLate,
-    sensitivity: Sensitivity,
-    target: Target,
-    parts: Restitution,
-    presence: Parts,
-}
-
 fn deaf(cycle: &mut Cycle) {
-    cycle.deafen();
+    cycle.impacts.clear();
 }
-fn unfolded(cycle: &mut Cycle) {
-    cycle.flatten(0.01);
+fn unaveraged(cycle: &mut Cycle) {
+    cycle.average.residual.fill(0.01);
 }
 fn unsaturated(cycle: &mut Cycle) {
     cycle.saturated = 0;
 }
 
-/// The output that the drive would need if its gain were the configured one, 1 mm.
+/// Output that the drive would need at a gain of 1 mm, the configured one.
 fn uncontrolled(report: &mut Report) {
     report.command.amplitude = 1e3 * report.reference;
 }
@@ -88,11 +62,11 @@ fn no_kicks(scene: &mut Scene) {
 fn another_target(scene: &mut Scene) {
     scene.target = Target::K(0.5);
 }
-/// A track configured heavier than it is, which falsifies the weighed mass.
+/// Configures a track that is too heavy, which falsifies the estimated mass.
 fn heavier(scene: &mut Scene) {
     scene.settings.track_mass *= 4.0 / 3.0;
 }
-/// A drive configured as if at its resonance.
+/// Configures a drive at its resonance.
 fn tuned(scene: &mut Scene) {
     scene.settings.resonance = scene.settings.frequency;
 }
@@ -102,34 +76,34 @@ fn no_limits(scene: &mut Scene) {
 }
 
 macro_rules! table {
-    ($($name:ident: $shows:expr, $how:expr;)+) => {
+    ($($name:ident: $behaviour:expr, $how:expr;)+) => {
         /// Each scene, the behaviour that it shows, and the break.
-        const PROOFS: &[(&str, Shows, Break)] = &[$((stringify!($name), $shows, $how)),+];
+        const PROOFS: &[(&str, Behaviour, Break)] = &[$((stringify!($name), $behaviour, $how)),+];
     };
 }
 kband_tests::all_scenes!(table);
 
-/// Whether the outcome is that of the scene's expectations.
+/// Whether the result meets the scene's expectations.
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
 }
 
-/// Whether an outcome shows the behaviour.
-fn shown(shows: Shows, outcome: &Outcome) -> bool {
+/// Whether a result shows the behaviour.
+fn is_shown(behaviour: Behaviour, outcome: &Outcome) -> bool {
     let mut reports = outcome.moments().iter().map(|moment| moment.report);
-    match shows {
+    match behaviour {
         Stops(fault) => reports.any(|report| report.fault == Some(fault)),
         Limit(limit) => reports.any(|report| report.limits.contains(limit)),
         Obeying | Listening => true,
     }
 }
 
-/// The changes of state in an outcome.
+/// State transitions in a result.
 fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     let states = outcome.moments().iter().map(|moment| moment.report.state);
     let states: Vec<u8> = states.map(State::number).collect();
     let pairs = states.windows(2).map(|pair| (pair[0], pair[1]));
-    // Before the first cycle an ordinary start is off.
+    // Before the first cycle of an ordinary start the state is off.
     let first = states.first().map(|&first| (State::Off.number(), first));
     let ordinary = outcome.file().scene.start == Ordinary;
     pairs
@@ -138,23 +112,23 @@ fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
         .collect()
 }
 
-fn words((from, to): (u8, u8)) -> String {
+fn describe_change((from, to): (u8, u8)) -> String {
     let name = |number: u8| State::ALL[usize::from(number)].name();
     format!("{} to {}", name(from), name(to))
 }
 
 #[test]
-fn each_scene_fails_where_what_it_shows_is_broken() {
+fn each_scene_fails_under_its_injected_fault() {
     let mut wrong = Vec::new();
-    for &(name, shows, how) in PROOFS {
+    for &(name, behaviour, how) in PROOFS {
         let file = read(name);
         let sound = run(&file, Nothing);
-        if !expected(&sound) || !shown(shows, &sound) {
-            wrong.push(format!("{name} does not show {shows:?}"));
+        if !expected(&sound) || !is_shown(behaviour, &sound) {
+            wrong.push(format!("{name} does not show {behaviour:?}"));
         }
         let broken = run(&file, how);
-        if matches!(shows, Stops(_) | Limit(_)) && shown(shows, &broken) {
-            wrong.push(format!("{name} shows {shows:?} in spite of {how:?}"));
+        if matches!(behaviour, Stops(_) | Limit(_)) && is_shown(behaviour, &broken) {
+            wrong.push(format!("{name} shows {behaviour:?} in spite of {how:?}"));
         }
         if expected(&broken) {
             wrong.push(format!("{name} does not notice {how:?}"));
@@ -169,7 +143,7 @@ fn each_state_change_has_a_scene_that_fails_without_it() {
         .iter()
         .map(|(name, ..)| run(&read(name), Nothing))
         .collect();
-    // The shortest first: each change is proven by the first scene that fails without it.
+    // Shortest scenes first: each transition is assigned to the first scene that fails without it.
     scenes.sort_by_key(|outcome| outcome.moments().len());
     let mut made = BTreeSet::new();
     let mut proven = BTreeSet::new();
@@ -185,12 +159,12 @@ fn each_state_change_has_a_scene_that_fails_without_it() {
     }
     let drawn = TRANSITIONS.map(|change| (change.from.number(), change.to.number()));
     for change in drawn {
-        let what = words(change);
+        let what = describe_change(change);
         assert!(made.contains(&change), "no scene goes from {what}");
         assert!(proven.contains(&change), "no scene misses {what}");
     }
     let undrawn = made.into_iter().filter(|change| !drawn.contains(change));
-    let undrawn: Vec<String> = undrawn.map(words).collect();
+    let undrawn: Vec<String> = undrawn.map(describe_change).collect();
     assert!(undrawn.is_empty(), "not in the state table: {undrawn:?}");
 }
 
@@ -204,12 +178,16 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
             assert!(proven, "{name} has no proof");
         }
     }
-    let shows = |wanted: Shows| PROOFS.iter().any(|(_, shows, _)| *shows == wanted);
+    let behaviour = |searched: Behaviour| {
+        PROOFS
+            .iter()
+            .any(|(_, behaviour, _)| *behaviour == searched)
+    };
     for &fault in Fault::ALL {
-        assert!(shows(Stops(fault)), "no scene shows {}", fault.name());
+        assert!(behaviour(Stops(fault)), "no scene shows {}", fault.name());
     }
     for limit in Limits::ALL {
-        assert!(shows(Limit(limit)), "no scene shows {}", limit.name());
+        assert!(behaviour(Limit(limit)), "no scene shows {}", limit.name());
     }
 }
 

@@ -11,7 +11,7 @@ use kband_host::desk::Desk;
 use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
 use kband_tests::states::Random;
 
-/// Drive cycles of a window in which a reported lock is compared with the parts' impacts.
+/// Number of drive cycles in a window for comparing a reported lock with the parts' impacts.
 const WINDOW: u32 = 120;
 
 fn one_of<T: Copy>(random: &mut Random, all: &[T]) -> T {
@@ -78,7 +78,7 @@ fn scene(random: &mut Random) -> Scene {
 }
 
 /// An unreasonable target; some are refused.
-fn wild(random: &mut Random) -> Target {
+fn random_target(random: &mut Random) -> Target {
     match random.bits() % 9 {
         0 => Target::Locked {
             order: (random.bits() % 10) as u8,
@@ -97,7 +97,7 @@ fn wild(random: &mut Random) -> Target {
 }
 
 /// A feeder with a wrong configuration and with disturbances, up to one every cycle.
-fn hostile(random: &mut Random) -> Scene {
+fn random_scene(random: &mut Random) -> Scene {
     let mut scene = scene(random);
     let settings = &mut scene.settings;
     let square = (TAU * f64::from(settings.frequency)).powi(2);
@@ -139,7 +139,7 @@ fn hostile(random: &mut Random) -> Scene {
         at += random.between(0.0, pace) * 50.0 / f64::from(scene.settings.frequency);
         let yes = random.bits().is_multiple_of(2);
         let pick = random.bits() % 20;
-        let target = wild(random);
+        let target = random_target(random);
         let mut share = |low: f64, high: f64| random.scale(low, high) as f32;
         let change = match pick {
             0..=2 => Change::Target(target),
@@ -167,7 +167,6 @@ fn hostile(random: &mut Random) -> Scene {
     scene
 }
 
-/// Result of a run.
 #[derive(Debug, PartialEq)]
 struct End {
     state: State,
@@ -179,13 +178,19 @@ struct End {
     wrong: Vec<String>,
 }
 
-/// Rhythm of the parts over a window: number of strikes, sums of cosine and sine of their phases.
-struct Rhythm {
+impl End {
+    fn reached(&self) -> (State, Option<Fault>) {
+        (self.state, self.fault)
+    }
+}
+
+/// Impacts of a part over a window: number, and sums of cosine and sine of their phases.
+struct PhaseSums {
     cycles: u32,
     parts: Vec<(f64, f64, f64)>,
 }
 
-impl Rhythm {
+impl PhaseSums {
     fn anew(parts: usize) -> Self {
         Self {
             cycles: 0,
@@ -206,20 +211,20 @@ impl Rhythm {
 
     /// Number of parts in lock.
     ///
-    /// With random restitution a part may leave its lock for a hop or two in a window, and its
-    /// phase wanders.
+    /// With random restitution a part may leave its lock for one or two hops in a window, and its
+    /// phase varies.
     fn locked(&self, order: u8) -> usize {
-        let wanted = f64::from(WINDOW) / f64::from(order);
-        let keeps = |(count, cosines, sines): &&(f64, f64, f64)| {
-            (count - wanted).abs() <= 8.0 && cosines.hypot(*sines) > 0.9 * count
+        let expected_count = f64::from(WINDOW) / f64::from(order);
+        let is_in_lock = |(count, cosines, sines): &&(f64, f64, f64)| {
+            (count - expected_count).abs() <= 8.0 && cosines.hypot(*sines) > 0.9 * count
         };
-        self.parts.iter().filter(keeps).count()
+        self.parts.iter().filter(is_in_lock).count()
     }
 }
 
 fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Strike>)) -> End {
     let settings = &scene.settings;
-    // A disturbance may change the amplitude for a while, and parts may leave a lock undetected.
+    // A disturbance may change the amplitude temporarily, and parts may leave a lock undetected.
     let calm = scene.disturbances.is_empty();
     let restarts = |happened: &Disturbance| matches!(happened.change, Change::BrownOut(_));
     let restarts = scene.disturbances.iter().any(restarts);
@@ -231,11 +236,11 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     let mut bits = DefaultHasher::new();
     let mut wrong = Vec::new();
     let (mut before, mut fault) = (None, None);
-    let mut rhythm = Rhythm::anew(scene.parts.len());
+    let mut rhythm = PhaseSums::anew(scene.parts.len());
     loop {
         let (moment, strikes) = cycle();
         let report = moment.report;
-        let mut say = |what: String| {
+        let mut add_error = |what: String| {
             if wrong.len() < 4 {
                 let (time, state) = (moment.time, report.state);
                 wrong.push(format!("{what} at {time:.2} s in {state:?}"));
@@ -245,26 +250,26 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         (amplitude.to_bits(), report.amplitude.to_bits()).hash(&mut bits);
         (report.phase.to_bits(), report.in_gear.to_bits()).hash(&mut bits);
         if !(0.0..=settings.output_maximum).contains(&amplitude) {
-            say(format!("output {amplitude}"));
+            add_error(format!("output {amplitude}"));
         }
         let (lead, frequency) = (report.lead, report.frequency);
-        let told = [report.amplitude, report.reference, lead, frequency];
-        if !told.iter().all(|number| number.is_finite()) {
-            say(format!("{told:?}"));
+        let values = [report.amplitude, report.reference, lead, frequency];
+        if !values.iter().all(|number| number.is_finite()) {
+            add_error(format!("{values:?}"));
         }
         if report.reference > 1.0001 * ceiling {
-            say(format!("reference {} beyond the limit", report.reference));
+            add_error(format!("reference {} beyond the limit", report.reference));
         }
         // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
         if calm && report.amplitude > 1.03 * ceiling {
-            say(format!("amplitude {} beyond {ceiling}", report.amplitude));
+            add_error(format!("amplitude {} beyond {ceiling}", report.amplitude));
         }
         let off = matches!(report.state, State::Off | State::Fault);
         if off && (amplitude != 0.0 || !report.command.immediate) {
-            say("driven".into());
+            add_error("driven".into());
         }
         if (report.state == State::Fault) != report.fault.is_some() {
-            say(format!("fault {:?}", report.fault));
+            add_error(format!("fault {:?}", report.fault));
         }
         // The inputs of this cycle are at most two cycles old.
         let since = moment.time - 2.0 / f64::from(settings.frequency);
@@ -275,21 +280,23 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         });
         let acknowledged = report.fault.is_none() && enable == Some(false);
         if fault.is_some() && report.fault != fault && !acknowledged && !restarts {
-            say(format!("{fault:?} became {:?}", report.fault));
+            add_error(format!("{fault:?} became {:?}", report.fault));
         }
         fault = report.fault;
         if !(0.0..=1.0).contains(&report.in_gear) || report.in_gear_error.is_nan() {
             let (share, error) = (report.in_gear, report.in_gear_error);
-            say(format!("in gear {share} +- {error}"));
+            add_error(format!("in gear {share} +- {error}"));
         }
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
-            let mut ways = TRANSITIONS.iter();
-            if !ways.any(|way| way.from == before && way.to == report.state) {
-                say(format!("{before:?} went to {:?}", report.state));
+            let mut transitions = TRANSITIONS.iter();
+            if !transitions
+                .any(|transition| transition.from == before && transition.to == report.state)
+            {
+                add_error(format!("{before:?} went to {:?}", report.state));
             }
         }
         if before != Some(report.state) {
-            rhythm = Rhythm::anew(scene.parts.len());
+            rhythm = PhaseSums::anew(scene.parts.len());
         }
         before = Some(report.state);
         if report.state == State::Locked && calm {
@@ -297,9 +304,9 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             if rhythm.cycles == WINDOW {
                 let locked = rhythm.locked(order);
                 if 2 * locked < scene.parts.len() {
-                    say(format!("locked with {locked} of {}", scene.parts.len()));
+                    add_error(format!("locked with {locked} of {}", scene.parts.len()));
                 }
-                rhythm = Rhythm::anew(scene.parts.len());
+                rhythm = PhaseSums::anew(scene.parts.len());
             }
         }
         if moment.time >= seconds {
@@ -341,17 +348,17 @@ struct Ends {
     /// Number of scenes, and of refused ones.
     count: usize,
     refused: usize,
-    /// Scenes that end in a fault in the waveform, and in another one in the envelope.
+    /// Scenes that end in a fault at waveform fidelity, and in another fault at envelope fidelity.
     faults: usize,
     other_faults: usize,
     /// Scenes whose fidelities end in different states, each with both.
-    apart: Vec<String>,
+    disagreeing: Vec<String>,
     /// Violations.
     wrong: Vec<String>,
 }
 
-/// Plays scenes in both fidelities, in the envelope twice: bits depend neither on the thread nor on
-/// earlier runs.
+/// Runs scenes at both fidelities, twice at envelope fidelity: bits depend neither on the thread
+/// nor on earlier runs.
 fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
     let played = Desk::new(None).unwrap().map("scenes", count as usize, |n| {
         let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n as u64));
@@ -366,11 +373,11 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         ..Ends::default()
     };
     for (name, ends) in played.unwrap() {
-        let [Some(fast), Some(again), Some(slow)] = ends else {
+        let [Some(fast), Some(repeated), Some(slow)] = ends else {
             all.refused += 1;
             continue;
         };
-        if fast != again {
+        if fast != repeated {
             all.wrong.push(format!("{name}: not the same bits again"));
         }
         for (fidelity, end) in [("envelope", &fast), ("waveform", &slow)] {
@@ -380,17 +387,18 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         }
         all.faults += usize::from(slow.fault.is_some());
         all.other_faults += usize::from(fast.fault != slow.fault);
-        let [ends, slow] = [&fast, &slow].map(|end| (end.state, end.fault));
-        if ends != slow {
-            all.apart.push(format!("{name}: {ends:?} and {slow:?}"));
+        let (fast, slow) = (fast.reached(), slow.reached());
+        if fast != slow {
+            all.disagreeing
+                .push(format!("{name}: {fast:?} and {slow:?}"));
         }
     }
     println!(
         "{count} scenes, {} refused, {} end in a fault, {} end apart: {:#?}",
         all.refused,
         all.faults,
-        all.apart.len(),
-        all.apart
+        all.disagreeing.len(),
+        all.disagreeing
     );
     all
 }
@@ -401,17 +409,21 @@ fn a_feeder_keeps_to_its_rules_under_any_settings() {
     let ends = play(count, environment_number("KBAND_SEED", 1), scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(10 * ends.refused < ends.count, "{} refused", ends.refused);
-    // Measured: 40 of 2000, each with another noise or at the threshold of the onset detector.
-    // Three standard deviations of a count of that rate.
+    // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. The
+    // largest accepted count is three standard deviations above a rate of 2 %.
     let expected = 0.02 * count as f64;
-    let most = expected + 3.0 * expected.sqrt();
-    assert!(ends.apart.len() as f64 <= most, "{}", ends.apart.len());
+    let apart = ends.disagreeing.len();
+    assert!(apart as f64 <= expected + 3.0 * expected.sqrt(), "{apart}");
 }
 
 #[test]
 fn a_misconfigured_feeder_keeps_to_its_rules() {
     let count = environment_number("KBAND_SCENES", 200) / 2;
-    let ends = play(count, environment_number("KBAND_SEED", 1) ^ 0x5eed, hostile);
+    let ends = play(
+        count,
+        environment_number("KBAND_SEED", 1) ^ 0x5eed,
+        random_scene,
+    );
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(2 * ends.refused < ends.count, "{} refused", ends.refused);
     assert!(20 * ends.faults > ends.count, "{} faults", ends.faults);

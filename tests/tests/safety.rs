@@ -1,4 +1,4 @@
-//! Limits that no failure of a sensor may break, in the closed loop over all accepted settings.
+//! Limits that no sensor failure may break, in the closed loop over all accepted settings.
 
 use kband_control::{Controller, Fault, Settings, Signal, State, Target};
 use kband_plant::{Bench, Change, ClosedLoop, Disturbance, EnvelopeLoop, Scene};
@@ -11,17 +11,17 @@ fn disturb(scene: &mut Scene, changes: impl IntoIterator<Item = (f64, Change)>) 
 }
 
 /// Runs a scene, whose true displacement must stay within a multiple of its limit.
-fn stays_within(most: f32, scene: &Scene, seconds: f64, name: &str) {
+fn stays_within(upper_limit: f32, scene: &Scene, seconds: f64, name: &str) {
     let mut closed = ClosedLoop::build(scene).unwrap();
     let (mut largest, mut fault, mut time) = (0.0_f32, None, 0.0);
     while time < seconds {
-        let shown = closed.cycle_shown(|sample| largest = largest.max(sample.displacement.abs()));
-        time = shown.time;
+        let moment = closed.trace_cycle(|sample| largest = largest.max(sample.displacement.abs()));
+        time = moment.time;
         fault = fault.or(closed.controller().report().fault);
     }
     let share = largest / ceiling(&scene.settings);
     assert!(
-        share <= most,
+        share <= upper_limit,
         "{name}: {share:.3} of the limit, {fault:?}: {:?}: {:?}",
         scene.disturbances,
         scene.settings
@@ -39,8 +39,8 @@ fn no_sensor_failure_raises_the_amplitude_beyond_its_limit() {
     }
 }
 
-/// Loss of a sensor's sensitivity: before the start, at once while the drive runs, within a minute,
-/// or at once together with the drive's gain.
+/// Loss of a sensor's sensitivity: before the start, suddenly while the drive runs, within a
+/// minute, or suddenly together with the drive's gain.
 #[derive(Clone, Copy, Debug)]
 enum Loss {
     AtRest,
@@ -50,13 +50,13 @@ enum Loss {
 }
 
 /// Time of the loss while the drive runs, and duration of the observation, in s.
-const LOST: f64 = 3.0;
-const WATCHED: f64 = 100.0;
+const LOSS_TIME: f64 = 3.0;
+const OBSERVATION_TIME: f64 = 100.0;
 
 /// A strong drive at its hard limit, with a gain relative to the commissioned one.
 ///
-/// Further inputs: tolerances of the swing and of the run, voltage at rest, whether the current is
-/// measured.
+/// Further parameters: tolerances of the test swing and of the run, voltage at rest, whether the
+/// current is measured.
 fn at_its_limit(gain: f32, [swing, run]: [f32; 2], rest: f32, current: bool) -> Scene {
     let mut scene = Scene {
         target: Target::Amplitude(1.0),
@@ -86,7 +86,7 @@ fn add_current_sensor(scene: &mut Scene) {
 
 /// Largest true amplitude over the hard limit after the loss, and the time in s to the fault.
 ///
-/// `None` where the drive was off before.
+/// `None` if the drive was already off.
 fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> {
     let lost = 1.0 - share;
     let from = match loss {
@@ -95,24 +95,24 @@ fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> 
             0.0
         }
         Loss::AtOnce => {
-            disturb(&mut scene, [(LOST, Change::Sensitivity(lost))]);
-            LOST
+            disturb(&mut scene, [(LOSS_TIME, Change::Sensitivity(lost))]);
+            LOSS_TIME
         }
         Loss::WithGain => {
             let gain = scene.drive.gain / scene.settings.gain;
             scene.drive.gain = scene.settings.gain;
             let changes = [Change::Gain(gain), Change::Sensitivity(lost)];
-            disturb(&mut scene, changes.map(|change| (LOST, change)));
-            LOST
+            disturb(&mut scene, changes.map(|change| (LOSS_TIME, change)));
+            LOSS_TIME
         }
         Loss::Fading => {
             let steps = (0..=30).map(|n| {
                 let part = n as f32 / 30.0;
-                let at = LOST + 2.0 * f64::from(n);
+                let at = LOSS_TIME + 2.0 * f64::from(n);
                 (at, Change::Sensitivity(1.0 - part * share))
             });
             disturb(&mut scene, steps);
-            LOST
+            LOSS_TIME
         }
     };
     let limit = f64::from(ceiling(&scene.settings));
@@ -126,12 +126,12 @@ fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> 
         match moment.report.fault {
             Some(_) if moment.time < from => return None,
             Some(fault) => {
-                // A gain that rises takes a sound sensor's amplitude beyond the limit.
+                // With a rising gain even a good sensor's amplitude exceeds the limit.
                 let excess = matches!(loss, Loss::WithGain) && fault == Fault::OverAmplitude;
                 assert!(fault == Fault::SensorImplausible || excess, "{fault:?}");
                 return Some((largest, Some(moment.time - from)));
             }
-            None if moment.time > from + WATCHED => return Some((largest, None)),
+            None if moment.time > from + OBSERVATION_TIME => return Some((largest, None)),
             None => {}
         }
     }
@@ -166,8 +166,8 @@ fn what_a_loss_of_sensitivity_leaves_is_in_the_manual() {
                 };
                 made += &format!("| {board} | {when} | {} % |", (100.0 * share) as u32);
                 for gain in GAINS {
-                    let came = lose(at_its_limit(gain, tolerances, rest, current), *loss, share);
-                    made += &match came {
+                    let outcome = lose(at_its_limit(gain, tolerances, rest, current), *loss, share);
+                    made += &match outcome {
                         None => " off |".into(),
                         Some((largest, None)) => format!(" {largest:.2}, none |"),
                         Some((largest, Some(time))) => format!(" {largest:.2}, {time:.1} s |"),
@@ -190,16 +190,16 @@ fn what_a_loss_of_sensitivity_leaves_is_in_the_manual() {
     }
 }
 
-/// A commissioned [`machine`]; its drive's gain may have changed, its sensor measures a share of 1
-/// g.
+/// A commissioned [`machine`]. Its drive's gain may have changed, and its sensor measures a share
+/// of 1 g.
 fn commissioned_machine(draw: &mut Draw) -> (Scene, f32) {
     let mut scene = machine(draw);
     let gain = draw.scale(1.0 / 1.15, 1.15);
     scene.drive.gain *= gain;
     let settings = &mut scene.settings;
-    // Leaves the swing enough room.
-    let seen = draw.between(-1.0, 1.0) * settings.sensitivity.min(0.4);
-    settings.sensor_rest = settings.sensor_zero + seen;
+    // Leaves enough range for the test swing.
+    let deviation = draw.between(-1.0, 1.0) * settings.sensitivity.min(0.4);
+    settings.sensor_rest = settings.sensor_zero + deviation;
     settings.gain_tolerance = 1.3;
     settings.load_tolerance = 1.3;
     let limit = ceiling(settings);
@@ -208,13 +208,13 @@ fn commissioned_machine(draw: &mut Draw) -> (Scene, f32) {
     (scene, gain)
 }
 
-/// Time until a commissioned machine is at its setpoint, s: its swing comes first.
+/// Time until a commissioned machine is at its setpoint, s, including its test swing.
 fn ready(settings: &Settings) -> f64 {
     settled(settings) + f64::from(settings.quality * 1.5 / settings.frequency)
 }
 
-/// Runs a scene in the waveform, with controller settings that differ from its sensor's; returns
-/// fault and final state.
+/// Runs a scene at waveform fidelity, with controller settings that differ from its sensor's.
+/// Returns fault and final state.
 fn run_with(scene: &Scene, settings: &Settings, seconds: f64) -> (Option<Fault>, State) {
     let mut bench = Bench::build(scene).unwrap();
     let mut signal = Signal::build(settings).unwrap();
@@ -242,10 +242,10 @@ fn a_drifting_commissioned_machine_runs_without_a_fault() {
         if n % 2 == 0 {
             add_current_sensor(&mut scene);
         }
-        let told = scene.settings;
-        let ready = ready(&told);
-        // Cold at the start and warm at the end, or the reverse; every third has parts on the
-        // track.
+        let configured = scene.settings;
+        let ready = ready(&configured);
+        // Cold at the start and warm at the end, or the reverse; every third machine has parts on
+        // the track.
         let drift = draw.between(-0.05, 0.05);
         scene.sensor.sensitivity = 1.0 + drift;
         disturb(&mut scene, [(ready, Change::Sensitivity(1.0 - drift))]);
@@ -255,14 +255,14 @@ fn a_drifting_commissioned_machine_runs_without_a_fault() {
         if n % 3 == 0 {
             scene.parts = [0.19, 0.2, 0.21].into_iter().collect();
         }
-        let (fault, state) = run_with(&scene, &told, 2.5 * ready);
-        assert_eq!(fault, None, "{n}: {told:?}");
+        let (fault, state) = run_with(&scene, &configured, 2.5 * ready);
+        assert_eq!(fault, None, "{n}: {configured:?}");
         let runs = matches!(state, State::Holding | State::Starting);
-        assert!(runs, "{n}: {state:?}: {told:?}");
+        assert!(runs, "{n}: {state:?}: {configured:?}");
     }
 }
 
-/// The amplitude stays within the tolerance, whatever a commissioned sensor loses while the drive
+/// The amplitude stays within the tolerance for any loss of a commissioned sensor while the drive
 /// runs.
 #[test]
 fn a_commissioned_machine_stays_within_its_tolerance() {
@@ -273,14 +273,14 @@ fn a_commissioned_machine_stays_within_its_tolerance() {
         let lost = draw.between(0.2, 1.0);
         let at = f64::from(draw.between(0.0, 1.5)) * ready;
         disturb(&mut scene, [(at, Change::Sensitivity(lost))]);
-        // The undetected loss of the sensor, or the bound from the output's model.
-        let most = (1.3_f32 / gain.min(1.0)).min(1.2 * gain.max(1.0)) * 1.1;
+        // The undetected loss of the sensor, or the bound from the model of the output.
+        let upper_limit = (1.3_f32 / gain.min(1.0)).min(1.2 * gain.max(1.0)) * 1.1;
         let name = format!("{n}, gain {gain}");
-        stays_within(most, &scene, at + 1.5 * ready + 60.0 / 5.0, &name);
+        stays_within(upper_limit, &scene, at + 1.5 * ready + 60.0 / 5.0, &name);
     }
 }
 
-/// A drive up to three times as strong, whose sensor is up to three times less sensitive.
+/// A drive up to three times as strong, with a sensor up to three times less sensitive.
 #[test]
 fn no_gain_hides_a_lost_sensitivity_from_the_current() {
     let mut draw = Draw::new(29);
@@ -296,7 +296,7 @@ fn no_gain_hides_a_lost_sensitivity_from_the_current() {
     }
 }
 
-/// Machines off resonance, whose amplitude beats.
+/// Machines off resonance, with a beating amplitude.
 #[test]
 fn no_sensor_failure_raises_a_beating_amplitude_over_its_limit() {
     let mut draw = Draw::new(17);
@@ -308,7 +308,7 @@ fn no_sensor_failure_raises_a_beating_amplitude_over_its_limit() {
         let quality = settings.quality;
         settings.resonance = (settings.frequency / x).clamp(5.0, 500.0);
         let x = settings.frequency / settings.resonance;
-        // As strong at its frequency as at its resonance.
+        // As strong at its frequency as at resonance.
         let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
         settings.gain = (settings.gain / response).min(100.0);
         scene.drive.resonance = settings.resonance;

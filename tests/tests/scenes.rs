@@ -2,35 +2,35 @@
 
 use kband_control::Event;
 use kband_host::desk::Desk;
-use kband_host::simulate::{Fidelity, Outcome, Watch, watched};
+use kband_host::simulate::{Fidelity, Outcome, Watch, run_watched};
 use kband_plant::Moment;
 use kband_tests::scenes;
 
 fn run(name: &str) {
     let file = scenes::read(name);
     let desk = Desk::new(Some(1)).unwrap();
-    let come_to = |fidelity: Fidelity| {
-        let outcome = watched(&file, fidelity, Watch::KEPT, &desk)
+    let run_fidelity = |fidelity: Fidelity| {
+        let outcome = run_watched(&file, fidelity, Watch::ALL_CYCLES, &desk)
             .unwrap_or_else(|refusal| panic!("{refusal}"));
         let unmet = outcome
             .unmet()
             .expect("a scene states what must come of it");
         assert!(unmet.is_empty(), "{fidelity:?}: {}", unmet.join("\n"));
-        let most = 1.0001e-3 * file.scene.settings.amplitude_limit;
+        let upper_limit = 1.0001e-3 * file.scene.settings.amplitude_limit;
         for moment in outcome.moments() {
             let reference = moment.report.reference;
-            assert!(reference <= most, "{reference} at {} s", moment.time);
+            assert!(reference <= upper_limit, "{reference} at {} s", moment.time);
         }
         outcome
     };
-    let [envelope, waveform] = Fidelity::ALL.map(come_to);
+    let [envelope, waveform] = Fidelity::ALL.map(run_fidelity);
     agree(&envelope, &waveform);
 }
 
-/// Drive cycles by which noise may shift a decision of one fidelity against the other.
-const SHIFT: usize = 3;
+/// Number of drive cycles by which noise may shift a decision of one fidelity against the other.
+const MAX_SHIFT_CYCLES: usize = 3;
 
-/// The events with each row of kicks merged, and the end time of the first kick.
+/// Events with consecutive kicks merged, and the end time of the first kick.
 fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
     let (mut events, mut first) = (Vec::new(), f64::INFINITY);
     for happened in outcome.events() {
@@ -45,7 +45,8 @@ fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
     (events, first)
 }
 
-/// Both fidelities have the same events, and b within 1 % of its largest at every time.
+/// Both fidelities have the same events, and the same b within 1 % of its largest value at every
+/// time.
 ///
 /// A part that a kick missed bounces chaotically, and the last bit decides which later kick
 /// captures it. If the kicks differ, the comparison ends after the first kick, and only the final
@@ -62,12 +63,12 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     let first = fast_first.min(slow_first);
     let until = if alike { f64::INFINITY } else { first };
     let b = |moment: &Moment| f64::from(moment.report.amplitude);
-    // Where the drive never runs, b is noise, and a ratio is meaningless.
+    // If the drive never runs, b is noise, and a ratio has no meaning.
     let safe = f64::from(waveform.file().scene.settings.safe_amplitude) * 1e-3;
     let largest = slow.iter().map(b).fold(safe, f64::max);
     let off = |n: usize| {
-        // A kick that begins a few cycles apart is the same kick.
-        let near = n.saturating_sub(SHIFT)..(n + SHIFT + 1).min(slow.len());
+        // A kick that starts a few cycles earlier or later is the same kick.
+        let near = n.saturating_sub(MAX_SHIFT_CYCLES)..(n + MAX_SHIFT_CYCLES + 1).min(slow.len());
         let near = near.map(|n| b(&slow[n]));
         let (low, high) = near.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), b| {
             (low.min(b), high.max(b))
@@ -82,8 +83,8 @@ fn agree(envelope: &Outcome, waveform: &Outcome) {
     assert_eq!(envelope.last().state, waveform.last().state);
     assert_eq!(envelope.last().fault, waveform.last().fault);
     assert_eq!(envelope.limits(), waveform.limits());
-    // The regime of parts that never lock depends on the last bit; scenes about it expect it of
-    // both.
+    // The regime of parts that never lock depends on the last bit. Scenes about such a regime
+    // expect it at both fidelities.
     if waveform.is_locked() {
         assert_eq!(envelope.regime(), waveform.regime());
     }

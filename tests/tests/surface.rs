@@ -1,7 +1,7 @@
-//! The public names of the crates below `shared/` are the accepted ones.
+//! Public names of the crates below `shared/`, compared with the accepted ones.
 //!
-//! They come from rustdoc's JSON. rustdoc gives it to unstable compilers only; this call makes the
-//! stable one count as unstable.
+//! They come from rustdoc's JSON, which only unstable compilers provide. This call makes the stable
+//! compiler accept unstable options.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use kband_tests::root;
 use public_api::PublicApi;
 
-/// Each crate with the file of its accepted public names.
+/// Each crate with its file of accepted public names.
 const CRATES: [(&str, &str); 4] = [
     ("kband", "shared/public-api.txt"),
     ("kband-control", "shared/control/public-api.txt"),
@@ -19,16 +19,16 @@ const CRATES: [(&str, &str); 4] = [
 ];
 /// Environment variable that makes this test rewrite the files.
 const ACCEPT: &str = "KBAND_ACCEPT";
-/// Time limit in s (wall clock) for rustdoc and its crates, on a loaded machine.
-const LIMIT: &str = "600";
+/// Time limit for rustdoc and its crates, s of wall-clock time; sufficient on a busy machine.
+const TIMEOUT: &str = "600";
 
 /// Runs rustdoc on a crate; returns the JSON file.
 fn described(package: &str) -> PathBuf {
-    // A folder of its own: unstable options would recompile everything else.
+    // A separate folder, because unstable options would recompile everything else.
     let folder = kband_tests::images::target_folder().join("surface");
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new("timeout");
-    command.args(["--kill-after=5", LIMIT]).arg(cargo);
+    command.args(["--kill-after=5", TIMEOUT]).arg(cargo);
     command.args(["rustdoc", "--quiet", "--locked", "--lib"]);
     command.args(["--package", package]);
     command.arg("--target-dir").arg(&folder);
@@ -39,13 +39,13 @@ fn described(package: &str) -> PathBuf {
     command.env("RUSTC_BOOTSTRAP", "1").current_dir(root());
     let output = command.stdin(Stdio::null()).output();
     let output = output.expect("the command timeout is on the path");
-    let said = String::from_utf8_lossy(&output.stderr);
+    let stderr = String::from_utf8_lossy(&output.stderr);
     let done = output.status.success();
-    assert!(done, "rustdoc does not describe the crate:\n{said}");
+    assert!(done, "rustdoc does not describe the crate:\n{stderr}");
     folder.join("doc").join(package.replace('-', "_") + ".json")
 }
 
-/// One line per public name and per trait implemented by hand, sorted by path.
+/// One line for each public name and for each trait implemented by hand, sorted by path.
 ///
 /// Derived traits follow the name of their type.
 fn surface(description: &Path) -> Vec<String> {
@@ -69,36 +69,36 @@ fn with_derived(named: &[String], derived: &[&str]) -> Vec<String> {
     let path = |name: &str| name.split(['<', '(', ' ']).next().map(str::to_owned);
     let mut traits = BTreeMap::<Option<String>, BTreeSet<&str>>::new();
     for line in derived {
-        let (implemented, of) = line.rsplit_once(" for ").expect("a trait is for a type");
+        let (implemented, target) = line.rsplit_once(" for ").expect("a trait is for a type");
         let mut parts = implemented.split(['<', ' ', ':']);
         let last = parts.rfind(|part| part.starts_with(|first: char| first.is_ascii_uppercase()));
         let last = last.expect("a trait has a name");
-        traits.entry(path(of)).or_default().insert(last);
+        traits.entry(path(target)).or_default().insert(last);
     }
-    let mut taken = 0;
+    let mut matched = 0;
     let lines = named.iter().map(|line| {
         let mut kinds = ["pub struct ", "pub enum "].iter();
-        let of = kinds.find_map(|kind| line.split_once(kind));
-        match of.and_then(|(_, name)| traits.get(&path(name))) {
-            Some(of) => {
-                taken += 1;
-                let of: Vec<&str> = of.iter().copied().collect();
-                format!("{line}: {}", of.join(" + "))
+        let split = kinds.find_map(|kind| line.split_once(kind));
+        match split.and_then(|(_, name)| traits.get(&path(name))) {
+            Some(traits) => {
+                matched += 1;
+                let traits: Vec<&str> = traits.iter().copied().collect();
+                format!("{line}: {}", traits.join(" + "))
             }
             None => line.clone(),
         }
     });
     let lines = lines.collect();
-    assert_eq!(taken, traits.len(), "a type that derives has no name");
+    assert_eq!(matched, traits.len(), "a type that derives has no name");
     lines
 }
 
 fn lines(api: &PublicApi) -> Vec<String> {
-    let (mut lines, mut seen, mut implemented) = (Vec::new(), BTreeSet::new(), None);
+    let (mut lines, mut unique, mut implemented) = (Vec::new(), BTreeSet::new(), None);
     for item in api.items() {
         let line = item.to_string();
         if line.starts_with("impl") {
-            // A trait's own items follow from the trait; a type's own items have lines.
+            // Items of a trait follow from the trait; items of a type have their own lines.
             implemented = line.split_once(" for ").map(|(_, rest)| {
                 let name = rest.split(" where ").next().unwrap_or(rest);
                 format!("{name}::")
@@ -106,19 +106,22 @@ fn lines(api: &PublicApi) -> Vec<String> {
             if implemented.is_none() || line.contains("::StructuralPartialEq ") {
                 continue;
             }
-        } else if implemented.as_ref().is_some_and(|of| line.contains(of)) {
+        } else if implemented
+            .as_ref()
+            .is_some_and(|prefix| line.contains(prefix))
+        {
             continue;
         } else {
             implemented = None;
         }
-        if seen.insert(line.clone()) {
+        if unique.insert(line.clone()) {
             lines.push(line);
         }
     }
     lines
 }
 
-/// Lines of one that the other has not.
+/// Lines that are missing in the other list.
 fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
     let other: BTreeSet<&String> = other.iter().collect();
     let missing = from.iter().filter(|line| !other.contains(line));
@@ -133,26 +136,26 @@ fn compare(now: &[String], list: &str) {
     }
     let accepted = std::fs::read_to_string(&path).unwrap_or_default();
     let accepted: Vec<String> = accepted.lines().map(str::to_owned).collect();
-    let (gone, new) = (missing(&accepted, now), missing(now, &accepted));
+    let (removed, new) = (missing(&accepted, now), missing(now, &accepted));
     println!("{list}: {} public names and traits", now.len());
     let each = |sign: char, lines: &[&str]| -> String {
         let each = lines.iter().map(|line| format!("{sign} {line}\n"));
         each.collect()
     };
     assert!(
-        gone.is_empty() && new.is_empty(),
+        removed.is_empty() && new.is_empty(),
         "the public names in {list} differ:\n{}{}\
          what is gone (-) breaks the programs of users: it takes a new minor version before 1.0, a new major one after it, \
          and a line in CHANGELOG.md\n\
          next: {ACCEPT}=1 cargo test -p kband-tests --test surface\n",
-        each('-', &gone),
+        each('-', &removed),
         each('+', &new),
     );
 }
 
 #[test]
 fn the_public_names_are_the_accepted_ones() {
-    // The rustdoc runs share a folder, so they run in sequence.
+    // The runs of rustdoc share a folder, so they run in sequence.
     for (package, list) in CRATES {
         let names = surface(&described(package));
         assert!(names.len() > 20, "{package}: {} lines", names.len());

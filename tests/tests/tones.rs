@@ -1,4 +1,4 @@
-//! Tracks of several tones: an independent map, and properties of every impact.
+//! Tracks with several tones: an independent map, and properties of every impact.
 
 use std::f64::consts::TAU;
 
@@ -6,7 +6,7 @@ use kband::impact::{Kernel, Orbit, OrbitEvent, PartState, Tangent, Wave, WaveMap
 use kband_tests::oracle::Track;
 use kband_tests::states::{Random, tones};
 
-/// A random track; k up to the highest throw.
+/// A random track; k up to the largest k at which the track throws a part.
 fn track(random: &mut Random) -> (Track, Wave) {
     let tones = tones(random);
     let wave = Wave::build(tones[0], tones[1]).unwrap();
@@ -59,7 +59,8 @@ fn the_tangent_on_tones_has_its_determinant() {
     assert!(counted > 4_000, "{counted}");
 }
 
-/// Resting parts are thrown where the push rises through k, in the next window.
+/// A resting part is thrown at the next phase at which the track's downward acceleration rises
+/// above k.
 #[test]
 fn a_resting_part_is_thrown_by_the_next_window() {
     let mut random = Random::new(9);
@@ -96,7 +97,7 @@ fn a_resting_part_is_thrown_by_the_next_window() {
         }
         windows[phases.len()] += 1;
     }
-    // One window a turn, two and three.
+    // Tracks with one, two and three such windows in a turn.
     assert!(
         windows[1] > 1000 && windows[2] > 500 && windows[3] > 20,
         "{windows:?}"

@@ -311,8 +311,8 @@ const char *kband_version(void);
 const char *kband_code_text(int32_t code);
 
 /**
- * Copies why the last failed call of this thread failed, with a zero at the end, into `size` bytes;
- * it is cut to fit. Returns its length without the zero; 0 where none failed.
+ * Copies why the last failed call of this thread failed, with a zero at the end, into `size`
+ * bytes; it is cut to fit. Returns its length without the zero; 0 where none failed.
  *
  * # Safety
  * `buffer` has `size` bytes, or is null with `size` 0.
@@ -478,7 +478,8 @@ const char *kband_fault_name(uint8_t number);
 /**
  * The first impact after each launch: phase (rad, 0..2 pi) and speed (units of b w) just after it.
  *
- * phase: -1.3e7..1.3e7 rad; speed: 0..1000 b w; k: 0.001..1000; restitution: 0..1. `next_phase` and
+ * phase: -1.3e7..1.3e7 rad; speed: 0..1000 b w; k: 0.001..1000; restitution: 0..1. `next_phase`
+ * and
  * `next_speed` may be the arrays `phase` and `speed`. Launches before a refused one may be done.
  *
  * # Safety

@@ -44,7 +44,7 @@ pub extern "C" fn kband_code_text(code: i32) -> *const c_char {
 /// Longest message in bytes; it is cut there.
 const MESSAGE_BYTES: usize = 1024;
 
-/// Why the last call of this thread failed. It does not allocate.
+/// Cause of the last failed call of this thread, in a fixed buffer without allocation.
 struct Message {
     bytes: [u8; MESSAGE_BYTES],
     used: usize,
@@ -69,16 +69,16 @@ thread_local! {
     };
 }
 
-/// A failure of a call; its message is kept for the thread.
+/// A failed call; its message is kept for the thread.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Failure(Code);
 
 impl Failure {
     pub(crate) fn new(code: Code, message: fmt::Arguments<'_>) -> Self {
-        MESSAGE.with_borrow_mut(|kept| {
-            kept.used = 0;
-            // Writing cannot fail: what does not fit is cut.
-            let _ = kept.write_fmt(message);
+        MESSAGE.with_borrow_mut(|stored| {
+            stored.used = 0;
+            // Writing cannot fail: text beyond the buffer is cut.
+            let _ = stored.write_fmt(message);
         });
         Self(code)
     }
@@ -109,7 +109,7 @@ impl From<Refusal> for Failure {
     }
 }
 
-/// The work of a call; neither a failure nor a panic leaves it otherwise than as a code.
+/// Runs the work of a call. Failures and panics become codes.
 pub(crate) fn call(work: impl FnOnce() -> Result<(), Failure>) -> Code {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(())) => Code::Ok,
@@ -121,23 +121,23 @@ pub(crate) fn call(work: impl FnOnce() -> Result<(), Failure>) -> Code {
     }
 }
 
-/// What a pointer points to; refused where it is null.
-pub(crate) fn there<T>(pointer: Option<T>, name: &str) -> Result<T, Failure> {
+/// The object that a pointer refers to; an error for a null pointer.
+pub(crate) fn require<T>(pointer: Option<T>, name: &str) -> Result<T, Failure> {
     pointer.ok_or_else(|| Failure::new(Code::Null, format_args!("{name} is null")))
 }
 
-/// Copies why the last failed call of this thread failed, with a zero at the end, into `size` bytes;
-/// it is cut to fit. Returns its length without the zero; 0 where none failed.
+/// Copies why the last failed call of this thread failed, with a zero at the end, into `size`
+/// bytes; it is cut to fit. Returns its length without the zero; 0 where none failed.
 ///
 /// # Safety
 /// `buffer` has `size` bytes, or is null with `size` 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kband_error(buffer: *mut c_char, size: usize) -> usize {
-    MESSAGE.with_borrow(|kept| {
-        let message = &kept.bytes[..kept.used];
+    MESSAGE.with_borrow(|stored| {
+        let message = &stored.bytes[..stored.used];
         if !buffer.is_null() && size > 0 {
             let count = message.len().min(size - 1);
-            // SAFETY: as the caller says, and the message is another memory.
+            // SAFETY: the caller guarantees the buffer, which does not overlap the message.
             unsafe {
                 buffer.copy_from_nonoverlapping(message.as_ptr().cast(), count);
                 buffer.add(count).write(0);

@@ -11,7 +11,7 @@ use kband_control::{AdcCode, Controller, Fault, Inputs, Signal, State, Target};
 use kband_plant::Bench;
 use kband_scene::SceneFile;
 
-use crate::failure::{Code, Failure, call, there};
+use crate::failure::{Code, Failure, call, require};
 
 /// Samples a second.
 pub const SAMPLE_RATE: u32 = 20_000;
@@ -144,7 +144,7 @@ pub unsafe extern "C" fn kband_scene_parse(
     scene: Option<&mut MaybeUninit<Box<SceneHandle>>>,
 ) -> Code {
     call(|| {
-        let text = there(NonNull::new(text.cast_mut()), "text")?;
+        let text = require(NonNull::new(text.cast_mut()), "text")?;
         // SAFETY: as the caller says.
         let bytes = unsafe { slice::from_raw_parts(text.as_ptr().cast::<u8>(), length) };
         let text = str::from_utf8(bytes)
@@ -153,9 +153,9 @@ pub unsafe extern "C" fn kband_scene_parse(
     })
 }
 
-/// Hands a new object over.
+/// Moves a new object to the caller.
 fn create<T>(place: Option<&mut MaybeUninit<Box<T>>>, object: T) -> Result<(), Failure> {
-    there(place, "the place for the handle")?.write(Box::new(object));
+    require(place, "the place for the handle")?.write(Box::new(object));
     Ok(())
 }
 
@@ -178,8 +178,8 @@ pub extern "C" fn kband_scene_duration(
     duration: Option<&mut MaybeUninit<f64>>,
 ) -> Code {
     call(|| {
-        let scene = there(scene, "scene")?;
-        there(duration, "duration")?.write(scene.0.duration);
+        let scene = require(scene, "scene")?;
+        require(duration, "duration")?.write(scene.0.duration);
         Ok(())
     })
 }
@@ -194,7 +194,7 @@ pub extern "C" fn kband_plant_new(
     plant: Option<&mut MaybeUninit<Box<PlantHandle>>>,
 ) -> Code {
     call(|| {
-        let scene = &there(scene, "scene")?.0.scene;
+        let scene = &require(scene, "scene")?.0.scene;
         create(plant, PlantHandle(Bench::build(scene)?))
     })
 }
@@ -220,8 +220,8 @@ pub extern "C" fn kband_plant_sample(
     current: Option<&mut MaybeUninit<u16>>,
 ) -> Code {
     call(|| {
-        let plant = &mut there(plant, "plant")?.0;
-        there(accelerometer, "accelerometer")?.write(plant.sample().0);
+        let plant = &mut require(plant, "plant")?.0;
+        require(accelerometer, "accelerometer")?.write(plant.sample().0);
         if let Some(current) = current {
             current.write(plant.current().0);
         }
@@ -240,7 +240,7 @@ pub extern "C" fn kband_plant_hold(
     step: u32,
 ) -> Code {
     call(|| {
-        let plant = there(plant, "plant")?;
+        let plant = require(plant, "plant")?;
         if !(-1.0..=1.0).contains(&output) {
             return Err(Failure::new(
                 Code::OutOfRange,
@@ -262,8 +262,8 @@ pub extern "C" fn kband_plant_inputs(
     inputs: Option<&mut MaybeUninit<BoardInputs>>,
 ) -> Code {
     call(|| {
-        let plant = there(plant, "plant")?;
-        there(inputs, "inputs")?.write(plant.0.inputs().into());
+        let plant = require(plant, "plant")?;
+        require(inputs, "inputs")?.write(plant.0.inputs().into());
         Ok(())
     })
 }
@@ -278,8 +278,8 @@ pub extern "C" fn kband_plant_displacement(
     displacement: Option<&mut MaybeUninit<f64>>,
 ) -> Code {
     call(|| {
-        let plant = there(plant, "plant")?;
-        there(displacement, "displacement")?.write(plant.0.displacement());
+        let plant = require(plant, "plant")?;
+        require(displacement, "displacement")?.write(plant.0.displacement());
         Ok(())
     })
 }
@@ -294,7 +294,7 @@ pub extern "C" fn kband_signal_new(
     signal: Option<&mut MaybeUninit<Box<SignalHandle>>>,
 ) -> Code {
     call(|| {
-        let scene = &there(scene, "scene")?.0.scene;
+        let scene = &require(scene, "scene")?.0.scene;
         create(signal, SignalHandle(Signal::build(&scene.settings)?))
     })
 }
@@ -320,8 +320,8 @@ pub extern "C" fn kband_signal_sample(
     output: Option<&mut MaybeUninit<SignalOutput>>,
 ) -> Code {
     call(|| {
-        let signal = &mut there(signal, "signal")?.0;
-        let output = there(output, "output")?;
+        let signal = &mut require(signal, "signal")?.0;
+        let output = require(output, "output")?;
         let before = signal.phase();
         let sampled = signal.sample_with(AdcCode(accelerometer), || AdcCode(current));
         output.write(SignalOutput {
@@ -344,7 +344,7 @@ pub extern "C" fn kband_controller_new(
     controller: Option<&mut MaybeUninit<Box<ControllerHandle>>>,
 ) -> Code {
     call(|| {
-        let scene = &there(scene, "scene")?.0.scene;
+        let scene = &require(scene, "scene")?.0.scene;
         let built = Controller::build(&scene.settings, scene.target, scene.start)?;
         create(controller, ControllerHandle(built))
     })
@@ -372,9 +372,9 @@ pub extern "C" fn kband_controller_cycle(
     report: Option<&mut MaybeUninit<CycleReport>>,
 ) -> Code {
     call(|| {
-        let controller = &mut there(controller, "controller")?.0;
-        let signal = &mut there(signal, "signal")?.0;
-        let inputs = Inputs::from(*there(inputs, "inputs")?);
+        let controller = &mut require(controller, "controller")?.0;
+        let signal = &mut require(signal, "signal")?.0;
+        let inputs = Inputs::from(*require(inputs, "inputs")?);
         let reported = controller.cycle(signal.cycle(), &inputs);
         signal.command(reported.command);
         if let Some(report) = report {
@@ -406,8 +406,8 @@ pub extern "C" fn kband_controller_plan(
     more: Option<&mut MaybeUninit<bool>>,
 ) -> Code {
     call(|| {
-        let controller = there(controller, "controller")?;
-        there(more, "more")?.write(controller.0.plan_step());
+        let controller = require(controller, "controller")?;
+        require(more, "more")?.write(controller.0.plan_step());
         Ok(())
     })
 }
@@ -423,12 +423,12 @@ pub extern "C" fn kband_controller_set_target(
     value: f32,
 ) -> Code {
     call(|| {
-        let controller = &mut there(controller, "controller")?.0;
+        let controller = &mut require(controller, "controller")?.0;
         let order = value as u8;
-        let whole = f32::from(order) == value;
+        let is_integer = f32::from(order) == value;
         let target = match kind {
-            kind if kind == TargetKind::Gear as i32 && whole => Target::Gear { order },
-            kind if kind == TargetKind::Locked as i32 && whole => Target::Locked { order },
+            kind if kind == TargetKind::Gear as i32 && is_integer => Target::Gear { order },
+            kind if kind == TargetKind::Locked as i32 && is_integer => Target::Locked { order },
             kind if kind == TargetKind::K as i32 => Target::K(value),
             kind if kind == TargetKind::Amplitude as i32 => Target::Amplitude(value),
             kind if kind == TargetKind::Speed as i32 => Target::Speed(value),
@@ -445,18 +445,16 @@ pub extern "C" fn kband_controller_set_target(
     })
 }
 
-/// Name by a number, with the zero at its end.
+/// Name of a number, with a terminating zero.
 macro_rules! name {
     ($number:ident, $type:ident, $other:literal) => {{
         static NAMES: OnceLock<BTreeMap<u8, CString>> = OnceLock::new();
         let names = NAMES.get_or_init(|| {
-            let named = |known: &$type| Some((known.number(), CString::new(known.name()).ok()?));
+            let named = |item: &$type| Some((item.number(), CString::new(item.name()).ok()?));
             $type::ALL.iter().filter_map(named).collect()
         });
-        names
-            .get(&$number)
-            .map_or($other, CString::as_c_str)
-            .as_ptr()
+        let name = names.get(&$number);
+        name.map_or($other, CString::as_c_str).as_ptr()
     }};
 }
 

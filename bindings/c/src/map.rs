@@ -7,7 +7,8 @@ use crate::failure::{Code, Failure, call};
 
 /// The first impact after each launch: phase (rad, 0..2 pi) and speed (units of b w) just after it.
 ///
-/// phase: -1.3e7..1.3e7 rad; speed: 0..1000 b w; k: 0.001..1000; restitution: 0..1. `next_phase` and
+/// phase: -1.3e7..1.3e7 rad; speed: 0..1000 b w; k: 0.001..1000; restitution: 0..1. `next_phase`
+/// and
 /// `next_speed` may be the arrays `phase` and `speed`. Launches before a refused one may be done.
 ///
 /// # Safety
@@ -50,8 +51,8 @@ pub unsafe extern "C" fn kband_impacts(
                 let next = match block.impact(lane) {
                     Some(Impact { flight, next, .. }) if flight > 0.0 => next,
                     _ => {
-                        // The block leaves out parts that rest, or chatter with a closed form. This
-                        // launch is not written yet.
+                        // The block does not advance parts that rest or whose chatter has a closed
+                        // form. The result of this launch is not written yet.
                         let (map, state) = launch(first + lane)?;
                         map.impact(state).next
                     }
@@ -75,43 +76,26 @@ mod tests {
     #[test]
     fn impacts_have_the_bits_of_the_map_over_their_launches() {
         let spread = |n: u32, factor: f64| (f64::from(n) * factor).fract();
-        let mut phase: Vec<f64> = (0..1000)
-            .map(|n| 9.0 * spread(n, 0.618_034) - 1.0)
-            .collect();
-        let mut speed: Vec<f64> = (0..1000)
-            .map(|n| (20.0 * spread(n, 0.414_214)).powi(3))
-            .collect();
+        let column = |value: &dyn Fn(u32) -> f64| -> Vec<f64> { (0..1000).map(value).collect() };
+        let mut phase = column(&|n| 9.0 * spread(n, 0.618_034) - 1.0);
+        let mut speed = column(&|n| (20.0 * spread(n, 0.414_214)).powi(3).min(1000.0));
         speed[77] = 0.0;
-        let k: Vec<f64> = (0..1000)
-            .map(|n| 0.02 + 1.3 * spread(n, 0.732_051))
-            .collect();
-        let restitution: Vec<f64> = (0..1000).map(|n| spread(n, 0.236_068)).collect();
-        speed
-            .iter_mut()
-            .for_each(|speed| *speed = speed.min(1000.0));
+        let k = column(&|n| 0.02 + 1.3 * spread(n, 0.732_051));
+        let restitution = column(&|n| spread(n, 0.236_068));
         let impact = |n: usize| {
             let map = Map::build(k[n], restitution[n]).unwrap();
             map.impact(Map::state(phase[n], speed[n]).unwrap()).next
         };
         let expected: Vec<PartState> = (0..1000).map(impact).collect();
         let (phases, speeds) = (phase.as_mut_ptr(), speed.as_mut_ptr());
+        let (k, restitution) = (k.as_ptr(), restitution.as_ptr());
         // SAFETY: each array has 1000 elements.
-        let code = unsafe {
-            kband_impacts(
-                phases,
-                speeds,
-                k.as_ptr(),
-                restitution.as_ptr(),
-                1000,
-                phases,
-                speeds,
-            )
-        };
+        let code = unsafe { kband_impacts(phases, speeds, k, restitution, 1000, phases, speeds) };
         assert_eq!(code, Code::Ok);
         for (n, state) in expected.iter().enumerate() {
-            let found = [phase[n], speed[n]].map(f64::to_bits);
-            let due = [state.phase, state.velocity].map(f64::to_bits);
-            assert_eq!(found, due, "{n}");
+            let actual = [phase[n], speed[n]].map(f64::to_bits);
+            let reference = [state.phase, state.velocity].map(f64::to_bits);
+            assert_eq!(actual, reference, "{n}");
         }
     }
 }

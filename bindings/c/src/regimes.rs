@@ -7,7 +7,7 @@ use kband::impact::ContactTime;
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner};
 
-use crate::failure::{Code, Failure, call, there};
+use crate::failure::{Code, Failure, call, require};
 
 /// Band of k in which a whole lot has the lock.
 #[repr(C)]
@@ -41,7 +41,7 @@ pub extern "C" fn kband_band(
                 return Err(Failure::new(Code::None, format_args!("{none}")));
             }
         };
-        there(band, "band")?.write(BandOfLot {
+        require(band, "band")?.write(BandOfLot {
             low: found.low(),
             high: found.high(),
             setpoint: found.setpoint(),
@@ -97,7 +97,7 @@ pub struct GearChoice {
 }
 
 /// Impacts of one slice of the search.
-const SLICE: u32 = 10_000;
+const PLAN_SLICE: u32 = 10_000;
 
 /// Plans gear for a lot, as the board does; it takes some 0.1 s. `KBAND_CODE_NONE` where no k that
 /// may be chosen is settled on.
@@ -110,7 +110,7 @@ pub extern "C" fn kband_gear_plan(
     choice: Option<&mut MaybeUninit<GearChoice>>,
 ) -> Code {
     call(|| {
-        let lot = there(lot, "lot")?;
+        let lot = require(lot, "lot")?;
         let mut planner = GearPlanner::new(GearPlanSettings {
             restitution: Restitution::interval(lot.restitution_low, lot.restitution_high)?,
             scatter: lot.scatter,
@@ -121,14 +121,14 @@ pub extern "C" fn kband_gear_plan(
             limits: GearLimits::NONE,
             contact: ContactTime::INSTANT,
         })?;
-        while planner.advance(SLICE) {}
+        while planner.advance(PLAN_SLICE) {}
         let plan = planner.plan().filter(|plan| plan.settled).ok_or_else(|| {
             let message = format_args!("no k of these throws the parts so far");
             Failure::new(Code::None, message)
         })?;
         let [[second_tone, second_angle], [third_tone, third_angle]] = plan.tones;
         let [band_low, band_high] = plan.band;
-        there(choice, "choice")?.write(GearChoice {
+        require(choice, "choice")?.write(GearChoice {
             k: plan.k,
             second_tone,
             second_angle,

@@ -1,4 +1,5 @@
-//! Signal path and controller allocate nothing after their creation, and give the closed loop's bits.
+//! Signal path and controller allocate nothing after their creation, and give the closed loop's
+//! bits.
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -16,7 +17,7 @@ thread_local! {
 
 struct Counting;
 
-// SAFETY: it does what the system's allocator does, and counts.
+// SAFETY: every call goes to the system's allocator; it is only counted.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
@@ -33,8 +34,8 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
-/// What a call that succeeds writes.
-fn given<T>(call: impl FnOnce(Option<&mut MaybeUninit<T>>) -> Code) -> T {
+/// The object that a successful call writes.
+fn created<T>(call: impl FnOnce(Option<&mut MaybeUninit<T>>) -> Code) -> T {
     let mut place = MaybeUninit::uninit();
     assert_eq!(call(Some(&mut place)), Code::Ok);
     // SAFETY: the call has written it.
@@ -46,18 +47,18 @@ fn controller_allocates_nothing_and_gives_the_loops_bits() {
     let text = kband_scene::DEFAULT;
     let mut closed = ClosedLoop::build(&SceneFile::parse(text).unwrap().scene).unwrap();
     // SAFETY: the text has this length.
-    let scene = given(|to| unsafe { kband_scene_parse(text.as_ptr().cast(), text.len(), to) });
-    let mut plant = given(|to| kband_plant_new(Some(&scene), to));
-    let mut signal = given(|to| kband_signal_new(Some(&scene), to));
-    let mut controller = given(|to| kband_controller_new(Some(&scene), to));
+    let scene = created(|to| unsafe { kband_scene_parse(text.as_ptr().cast(), text.len(), to) });
+    let mut plant = created(|to| kband_plant_new(Some(&scene), to));
+    let mut signal = created(|to| kband_signal_new(Some(&scene), to));
+    let mut controller = created(|to| kband_controller_new(Some(&scene), to));
     let mut cycles = 0;
     while cycles < 120 {
         let mut current = MaybeUninit::uninit();
-        let code = given(|to| kband_plant_sample(Some(&mut plant), to, Some(&mut current)));
+        let code = created(|to| kband_plant_sample(Some(&mut plant), to, Some(&mut current)));
         // SAFETY: the call has written it.
         let current = unsafe { current.assume_init() };
         let before = ALLOCATIONS.get();
-        let output = given(|to| kband_signal_sample(Some(&mut signal), code, current, to));
+        let output = created(|to| kband_signal_sample(Some(&mut signal), code, current, to));
         assert_eq!(ALLOCATIONS.get(), before);
         let held = kband_plant_hold(Some(&mut plant), output.output, output.step);
         assert_eq!(held, Code::Ok);
@@ -65,13 +66,13 @@ fn controller_allocates_nothing_and_gives_the_loops_bits() {
             continue;
         }
         cycles += 1;
-        let inputs = given(|to| kband_plant_inputs(Some(&plant), to));
+        let inputs = created(|to| kband_plant_inputs(Some(&plant), to));
         let before = ALLOCATIONS.get();
-        let report = given(|to| {
+        let report = created(|to| {
             kband_controller_cycle(Some(&mut controller), Some(&mut signal), Some(&inputs), to)
         });
         for _ in 0..PLAN_SLICES {
-            if !given(|to| kband_controller_plan(Some(&mut controller), to)) {
+            if !created(|to| kband_controller_plan(Some(&mut controller), to)) {
                 break;
             }
         }

@@ -25,9 +25,9 @@ fn scene() -> PathBuf {
 /// The library of this build: beside the test programs.
 fn library(name: &str) -> PathBuf {
     let program = std::env::current_exe().unwrap();
-    let found = program.with_file_name(name);
-    assert!(found.is_file(), "{} is missing", found.display());
-    found
+    let file = program.with_file_name(name);
+    assert!(file.is_file(), "{} is missing", file.display());
+    file
 }
 
 /// A command that may take two minutes.
@@ -55,9 +55,9 @@ fn accepted(file: &str, text: &str) {
         fs::write(path, text).unwrap();
         return;
     }
-    let known = fs::read_to_string(&path).unwrap_or_default();
+    let recorded = fs::read_to_string(&path).unwrap_or_default();
     assert!(
-        known == text,
+        recorded == text,
         "{file} is out of date; {ACCEPT}=1 rewrites it:\n{text}"
     );
 }
@@ -65,9 +65,9 @@ fn accepted(file: &str, text: &str) {
 #[test]
 fn header_is_up_to_date() {
     let config = cbindgen::Config::from_file(folder().join("cbindgen.toml")).unwrap();
-    let made = cbindgen::generate_with_config(folder(), config).unwrap();
+    let header = cbindgen::generate_with_config(folder(), config).unwrap();
     let mut text = Vec::new();
-    made.write(&mut text);
+    header.write(&mut text);
     accepted("include/kband.h", str::from_utf8(&text).unwrap());
 }
 
@@ -85,8 +85,8 @@ fn exported_symbols_are_the_listed_ones() {
 
 /// Compiles the program against a library with more options of the compiler; then `run` gets it.
 fn program(name: &str, library_name: &str, options: &[&str], run: impl Fn(&Path)) {
-    let made = tempfile::tempdir().unwrap();
-    let file = made.path().join(name);
+    let scratch = tempfile::tempdir().unwrap();
+    let file = scratch.path().join(name);
     let library = library(library_name);
     let rpath = format!("-Wl,-rpath,{}", library.parent().unwrap().display());
     let mut gcc = limited("gcc");
@@ -103,10 +103,10 @@ fn program(name: &str, library_name: &str, options: &[&str], run: impl Fn(&Path)
 #[test]
 fn a_program_in_c_runs_with_the_shared_library() {
     program("shared", "libkband_c.so", &[], |file| {
-        let said = output(limited(file).arg(scene()).arg("2"));
+        let printed = output(limited(file).arg(scene()).arg("2"));
         assert!(
-            said.contains("fault none") && said.contains("holding after"),
-            "{said}"
+            printed.contains("fault none") && printed.contains("holding after"),
+            "{printed}"
         );
     });
 }
@@ -141,8 +141,8 @@ fn valgrind_finds_nothing() {
 fn python_calls_it_through_ctypes() {
     let script = folder().join("tests/ctypes_use.py");
     let arguments = [script, library("libkband_c.so"), scene()];
-    let said = output(limited("python3").args(arguments));
-    assert!(said.contains("ctypes: ok"), "{said}");
+    let printed = output(limited("python3").args(arguments));
+    assert!(printed.contains("ctypes: ok"), "{printed}");
 }
 
 /// Code blocks of a language in the page of the manual.
@@ -157,22 +157,22 @@ fn blocks(language: &str) -> Vec<String> {
 
 #[test]
 fn the_program_of_the_manual_runs() {
-    let (programs, shown, commands) = (blocks("c"), blocks("text"), blocks("sh"));
-    assert_eq!((programs.len(), shown.len(), commands.len()), (1, 1, 1));
-    // The libraries of this build take the place of those of the first command.
+    let (programs, outputs, commands) = (blocks("c"), blocks("text"), blocks("sh"));
+    assert_eq!((programs.len(), outputs.len(), commands.len()), (1, 1, 1));
+    // The libraries of this build replace those of the first command.
     let build = "cargo build --release --package kband-c\n";
     let use_it = commands[0]
         .strip_prefix(build)
         .expect("the first command builds");
-    let made = tempfile::tempdir().unwrap();
-    let there = |name: &str| made.path().join(name);
-    fs::create_dir_all(there("target/release")).unwrap();
+    let scratch = tempfile::tempdir().unwrap();
+    let path_in = |name: &str| scratch.path().join(name);
+    fs::create_dir_all(path_in("target/release")).unwrap();
     let library = library("libkband_c.a");
-    fs::copy(library, there("target/release/libkband_c.a")).unwrap();
+    fs::copy(library, path_in("target/release/libkband_c.a")).unwrap();
     for folder in ["bindings", "host"] {
-        std::os::unix::fs::symlink(root().join(folder), there(folder)).unwrap();
+        std::os::unix::fs::symlink(root().join(folder), path_in(folder)).unwrap();
     }
-    fs::write(there("feeder.c"), &programs[0]).unwrap();
-    let script = format!("set -e\ncd '{}'\n{use_it}", made.path().display());
-    assert_eq!(output(limited("sh").args(["-c", &script])), shown[0]);
+    fs::write(path_in("feeder.c"), &programs[0]).unwrap();
+    let script = format!("set -e\ncd '{}'\n{use_it}", scratch.path().display());
+    assert_eq!(output(limited("sh").args(["-c", &script])), outputs[0]);
 }

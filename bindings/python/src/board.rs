@@ -19,7 +19,7 @@ use crate::scenes::target;
 /// Longest time for which telemetry is collected at once.
 const LISTEN: Duration = Duration::from_millis(200);
 
-/// The link to a board, which asks for Ctrl-C while it waits.
+/// The link to a board; it checks for Ctrl-C while it waits.
 #[pyclass]
 pub struct Board {
     link: Mutex<Link>,
@@ -29,8 +29,8 @@ pub struct Board {
 /// Key, unit, value, lowest and highest accepted value, and default of a setting.
 type Setting = (String, String, f32, f32, f32, f32);
 
-/// The exception of a refusal: Ctrl-C where that ended the wait, `ValueError` for a value out of
-/// range, else `ConnectionError`.
+/// Exception of a refusal: Ctrl-C if it ended the wait, `ValueError` for a value out of range, else
+/// `ConnectionError`.
 fn exception(refusal: Refusal, raised: &Mutex<Option<PyErr>>) -> PyErr {
     let raised = raised.lock().unwrap_or_else(PoisonError::into_inner).take();
     raised.unwrap_or_else(|| {
@@ -43,7 +43,7 @@ fn exception(refusal: Refusal, raised: &Mutex<Option<PyErr>>) -> PyErr {
 }
 
 impl Board {
-    /// Works with the link without the interpreter's lock.
+    /// Uses the link with the interpreter's lock released.
     fn with<T: Send>(
         &mut self,
         py: Python<'_>,
@@ -61,10 +61,10 @@ impl Board {
     #[new]
     fn new(py: Python<'_>, on: &str, image: Option<PathBuf>, running: bool) -> PyResult<Self> {
         let raised = Arc::new(Mutex::new(None));
-        let kept = Arc::clone(&raised);
-        let go_on = Box::new(move || {
+        let slot = Arc::clone(&raised);
+        let check_stop = Box::new(move || {
             Python::attach(|py| py.check_signals()).map_err(|error| {
-                *kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
                 Refusal::interrupted()
             })
         });
@@ -75,11 +75,11 @@ impl Board {
         };
         let link = py.detach(|| {
             let link = if on == "qemu" {
-                Link::emulate([image.as_deref(), None], emulated, go_on)
+                Link::emulate([image.as_deref(), None], emulated, check_stop)
             } else {
-                Link::open(on.as_ref(), go_on)
+                Link::open(on.as_ref(), check_stop)
             };
-            link.and_then(|link| link.speaks_the_same().map(|()| link))
+            link.and_then(|link| link.check_protocol().map(|()| link))
         });
         let link = link.map_err(|refusal| exception(refusal, &raised))?;
         Ok(Self {
@@ -109,43 +109,43 @@ impl Board {
 
     /// Saves settings and target.
     fn save(&mut self, py: Python<'_>) -> PyResult<()> {
-        self.with(py, |link| link.tell(&Request::Save))
+        self.with(py, |link| link.command(&Request::Save))
     }
 
     /// The target in words.
     fn target(&mut self, py: Python<'_>) -> PyResult<String> {
-        self.with(py, |link| link.held().map(describe))
+        self.with(py, |link| link.target().map(describe))
     }
 
-    /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
+    /// Requests another target, written as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
     fn set_target(&mut self, py: Python<'_>, given: &Bound<'_, PyDict>) -> PyResult<()> {
-        let wanted = target(given)?;
+        let requested = target(given)?;
         self.with(py, |link| {
-            wanted.map_or(Ok(()), |target| link.tell(&Request::Target(target)))
+            requested.map_or(Ok(()), |target| link.command(&Request::Target(target)))
         })
     }
 
-    /// Removes the link's stop of the drive, or stops it.
+    /// Stops the drive over the link, or removes that stop.
     fn enable(&mut self, py: Python<'_>, on: bool) -> PyResult<()> {
-        self.with(py, |link| link.tell(&Request::Enable(on)))
+        self.with(py, |link| link.command(&Request::Enable(on)))
     }
 
-    /// Telemetry for some seconds, every so many drive cycles: cycle, b in m, its setpoint, k,
-    /// output, share in gear, its error, and the numbers of state and fault.
+    /// Telemetry over some seconds, one row per `every` drive cycles. Columns: cycle, b in m, its
+    /// setpoint, k, output, share in gear, its error, and the numbers of state and fault.
     fn telemetry(&mut self, py: Python<'_>, seconds: f64, every: u16) -> PyResult<Vec<[f64; 9]>> {
         self.with(py, |link| {
             link.begin_telemetry(every)?;
             let end = Instant::now() + Duration::from_secs_f64(seconds);
             let mut rows = Vec::new();
             while Instant::now() < end {
-                let left = end.saturating_duration_since(Instant::now());
-                for came in link.listen(left.min(LISTEN))? {
-                    if let Unsolicited::Telemetry(telemetry) = came {
+                let remaining = end.saturating_duration_since(Instant::now());
+                for message in link.listen(remaining.min(LISTEN))? {
+                    if let Unsolicited::Telemetry(telemetry) = message {
                         rows.push(row(&telemetry));
                     }
                 }
             }
-            link.tell(&Request::Telemetry(0))?;
+            link.command(&Request::Telemetry(0))?;
             Ok(rows)
         })
     }
@@ -165,13 +165,13 @@ fn row(telemetry: &Telemetry) -> [f64; 9] {
     ]
 }
 
-/// Name of a state by its number.
+/// Name of a state.
 #[pyfunction]
 pub fn state_name(number: u8) -> &'static str {
     State::numbered(number).map_or("unknown", State::name)
 }
 
-/// Name of a fault by its number; none for 0.
+/// Name of a fault; `None` for 0.
 #[pyfunction]
 pub fn fault_name(number: u8) -> Option<&'static str> {
     Fault::numbered(number).map(Fault::name)

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::num::NonZero;
 
-use kband_scene::design::{Ask, Conveyed, Design, Designed, Feeder, Ranges, Workers};
+use kband_scene::design::{CheckStop, Conveyed, Design, Designed, Feeder, Ranges, Workers};
 use kband_scene::refusal::Refusal;
 use pyo3::prelude::*;
 
@@ -11,7 +11,7 @@ use crate::refused::Refused;
 use crate::scenes::{Given, scene};
 use crate::work;
 
-/// Threads of a call; an exception ends it.
+/// Threads of a call; an exception ends their work.
 struct Threads<'py> {
     py: Python<'py>,
     count: Option<NonZero<usize>>,
@@ -23,14 +23,14 @@ impl Workers for Threads<'_> {
         &self,
         _: &str,
         count: usize,
-        work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+        work: impl Fn(usize, CheckStop<'_>) -> Result<T, Refusal> + Sync + Send,
     ) -> Result<Vec<T>, Refusal> {
         let all = work::map(self.py, &[], count, self.count, |n, stop| {
-            let go_on = || match stop.is_requested() {
+            let check_stop = || match stop.is_requested() {
                 true => Err(Refusal::interrupted()),
                 false => Ok(()),
             };
-            Ok(work(n, &go_on)?)
+            Ok(work(n, &check_stop)?)
         });
         all.map_err(|raised| {
             *self.raised.borrow_mut() = Some(raised);
@@ -39,17 +39,18 @@ impl Workers for Threads<'_> {
     }
 }
 
-/// Ranges that were given, in the order of [`Ranges`]; none for those of the scene.
+/// Requested ranges, in the order of [`Ranges`]; `None` means the scene's own range.
 type GivenRanges = [Option<[f64; 2]>; 6];
 
-/// Numbers of a feeder: frequency (Hz), b (mm), angle of throw, phase lead, incline (degrees), k,
-/// e, th, e3, th3; share in gear, speed (m/s) and parts a minute, the same in the closed loop;
-/// derivatives by 1 % of b, 1 % of the frequency and 0.01 of R, each of ln(parts a minute) and share.
+/// Row of a feeder: frequency (Hz), b (mm), angle of throw, phase lead, incline (degrees), k, e,
+/// th, e3, th3. Then share in gear, speed (m/s) and parts a minute, simulated and in the closed
+/// loop. Last the changes of ln(parts a minute) and of the share, for 1 % of b, 1 % of the
+/// frequency and 0.01 of R.
 type Row = Vec<f64>;
 
-/// What a design comes to: the scene's own feeder, the best, the front; candidates tried and within
-/// the limits; deviation of the table from simulated parts.
-type Found = (Option<Row>, Vec<Row>, Vec<Row>, [usize; 2], [f64; 4]);
+/// Result of a design: the scene's own feeder, the best feeders, the front. Then the numbers of
+/// candidates tried and within the limits, and the deviation of the table from simulated parts.
+type DesignResult = (Option<Row>, Vec<Row>, Vec<Row>, [usize; 2], [f64; 4]);
 
 /// Searches feeders with the drive of a scene.
 #[pyfunction]
@@ -63,9 +64,9 @@ pub fn design(
     checked: usize,
     seed: u64,
     threads: Option<NonZero<usize>>,
-) -> PyResult<Found> {
+) -> PyResult<DesignResult> {
     let file = scene(&given)?;
-    let of_scene = Ranges::of(&file);
+    let of_scene = Ranges::from_scene(&file);
     let ranges = Ranges {
         frequency: ranges[0].unwrap_or(of_scene.frequency),
         amplitude: ranges[1].unwrap_or(of_scene.amplitude),
@@ -83,11 +84,11 @@ pub fn design(
         count: threads,
         raised: RefCell::new(None),
     };
-    let found = Design::search(&file, &ranges, &workers);
+    let outcome = Design::search(&file, &ranges, &workers);
     if let Some(raised) = workers.raised.into_inner() {
         return Err(raised);
     }
-    let found = found.map_err(Refused::from)?;
+    let outcome = outcome.map_err(Refused::from)?;
     let gravity = f64::from(file.scene.settings.gravity);
     let numbers = |of: &Feeder| {
         let mut row = vec![of.frequency, of.amplitude(gravity), of.throw_angle];
@@ -100,26 +101,26 @@ pub fn design(
             [share, 1e-3 * speed, 60.0 * speed / file.part_length]
         })
     };
-    let whole = |of: &Designed| {
-        let by = &of.sensitivity;
+    let as_row = |of: &Designed| {
+        let gradient = &of.sensitivity;
         let mut row = numbers(&of.feeder);
         row.extend(conveyed(Some(of.simulated)));
         row.extend(conveyed(of.closed));
-        row.extend([by.amplitude, by.frequency, by.restitution].as_flattened());
+        row.extend([gradient.amplitude, gradient.frequency, gradient.restitution].as_flattened());
         row
     };
-    let front = found.front.iter().map(|(feeder, simulated)| {
+    let front = outcome.front.iter().map(|(feeder, simulated)| {
         let mut row = numbers(feeder);
         row.extend(conveyed(Some(*simulated)));
         row.extend([f64::NAN; 9]);
         row
     });
-    let of = &found.error;
+    let of = &outcome.error;
     Ok((
-        found.today.as_ref().map(whole),
-        found.best.iter().map(whole).collect(),
+        outcome.today.as_ref().map(as_row),
+        outcome.best.iter().map(as_row).collect(),
         front.collect(),
-        [found.tried, found.within],
+        [outcome.tried, outcome.within],
         [of.share_rms, of.share_max, of.speed_rms, of.speed_max],
     ))
 }

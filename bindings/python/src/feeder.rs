@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 use crate::refused::Refused;
 use crate::scenes::{Given, impact, report, scene, target};
 
-/// An input of the board: its name and its place.
+/// Name of an input of the board, and its field.
 type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
 
 /// Inputs of the board.
@@ -63,11 +63,11 @@ impl Plant {
     /// Inputs of the board, by name.
     #[getter]
     fn inputs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (mut inputs, shown) = (self.0.inputs(), PyDict::new(py));
+        let (mut inputs, dict) = (self.0.inputs(), PyDict::new(py));
         for (name, place) in INPUTS {
-            shown.set_item(name, *place(&mut inputs))?;
+            dict.set_item(name, *place(&mut inputs))?;
         }
-        Ok(shown)
+        Ok(dict)
     }
 
     /// Displacement (m) and velocity (m/s) of the track normal to itself.
@@ -116,8 +116,8 @@ impl Controller {
         })
     }
 
-    /// Takes converter codes; the output, the advance of the drive's phase in 2^-32 turns, and
-    /// whether a drive cycle ended.
+    /// Processes the converter codes of a sample. Returns the output, the advance of the drive's
+    /// phase in 2^-32 turns, and whether a drive cycle ended.
     fn sample(&mut self, code: u16, current: u16) -> (f32, u32, bool) {
         let before = self.signal.phase();
         let sampled = self.signal.sample_with(AdcCode(code), || AdcCode(current));
@@ -125,7 +125,7 @@ impl Controller {
         (sampled.output, step, sampled.wrapped)
     }
 
-    /// Ends a drive cycle, from the inputs of the board by name; what the controller reports.
+    /// Ends a drive cycle with the board's inputs, by name. Returns the controller's report.
     fn cycle<'py>(
         &mut self,
         py: Python<'py>,
@@ -134,8 +134,8 @@ impl Controller {
         let mut inputs = Inputs::default();
         for (key, on) in given {
             let key: String = key.extract()?;
-            let known = INPUTS.iter().find(|(name, _)| *name == key);
-            let (_, place) = known.ok_or_else(|| {
+            let input = INPUTS.iter().find(|(name, _)| *name == key);
+            let (_, place) = input.ok_or_else(|| {
                 let names = INPUTS.map(|(name, _)| name).join(", ");
                 PyValueError::new_err(format!("input {key} is refused; accepted: {names}"))
             })?;
@@ -157,7 +157,7 @@ impl Controller {
         self.control.is_ready()
     }
 
-    /// Asks for another target, as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
+    /// Requests another target, written as in a scene: `{"gear": 1}`, `{"k": 0.4}`.
     fn set_target(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
         if let Some(target) = target(given)? {
             self.control.set_target(target).map_err(Refused::from)?;

@@ -19,16 +19,15 @@ pub type Tones = [[f64; 2]; 2];
 
 /// The motion of a track with these tones; a sine without them.
 pub fn wave(tones: Option<Tones>) -> Result<Wave, Refused> {
-    let [second, third] = tones
-        .unwrap_or_default()
-        .map(|[amplitude, angle]| Tone::new(amplitude, angle));
+    let tones = tones.unwrap_or_default();
+    let [second, third] = tones.map(|[amplitude, angle]| Tone::new(amplitude, angle));
     Ok(Wave::build(second, third)?)
 }
 
-/// Launches that one task computes.
+/// Number of launches per task.
 const TASK: usize = 64 * LANES;
 
-/// Columns of launches: each has one value for all, or one for each.
+/// Columns of launches, each with one value for all launches or one value per launch.
 #[derive(Clone, Copy)]
 struct Launches<'a> {
     phase: &'a [f64],
@@ -45,7 +44,7 @@ fn pick(column: &[f64], n: usize) -> f64 {
 }
 
 /// A map, and phases and speeds of launches on it.
-type Plain<'a> = (&'a Map, &'a [f64], &'a [f64]);
+type Inputs<'a> = (&'a Map, &'a [f64], &'a [f64]);
 
 impl Launches<'_> {
     fn state(&self, n: usize) -> Result<PartState, Refused> {
@@ -53,14 +52,14 @@ impl Launches<'_> {
         state.map_err(|refused| Refused::from(refused).at(n))
     }
 
-    /// The map, phases and speeds of launches on one track whose states are already as
-    /// [`Map::state`] has them, but for the sign of a phase 0.
-    fn plain<'a>(
+    /// Map, phases and speeds of launches on one track. `None` unless [`Map::state`] would accept
+    /// every state unchanged, up to the sign of a phase 0.
+    fn inputs<'a>(
         &'a self,
         first: usize,
         count: usize,
         maps: &'a mut Maps,
-    ) -> Result<Option<Plain<'a>>, Refused> {
+    ) -> Result<Option<Inputs<'a>>, Refused> {
         let rows = first..first + count;
         let (Some(phases), Some(speeds), [_], [_]) = (
             self.phase.get(rows.clone()),
@@ -70,7 +69,7 @@ impl Launches<'_> {
         ) else {
             return Ok(None);
         };
-        // Without short cuts, in SIMD registers.
+        // No early exit, so that the compiler can use SIMD registers.
         let phased = |all, t: &f64| all & (*t >= 0.0) & (*t < TAU);
         let fast = |all, v: &f64| all & (*v >= 0.0) & (*v <= 1e3);
         if !(phases.iter().fold(true, phased) & speeds.iter().fold(true, fast)) {
@@ -84,7 +83,7 @@ impl Launches<'_> {
     }
 }
 
-/// The map of the launch before, where that has the same k and restitution to the last bit.
+/// Map of the previous launch, reused for bitwise equal k and restitution.
 #[derive(Default)]
 struct Maps(Option<([u64; 2], Map)>);
 
@@ -115,13 +114,10 @@ fn fly(
     speed: &mut [f64],
 ) -> Result<(), Refused> {
     let (mut block, mut maps) = (Block::new(), Maps::default());
-    for (at, (phase, speed)) in phase
-        .chunks_mut(LANES)
-        .zip(speed.chunks_mut(LANES))
-        .enumerate()
-    {
+    let columns = phase.chunks_mut(LANES).zip(speed.chunks_mut(LANES));
+    for (at, (phase, speed)) in columns.enumerate() {
         let first = from + at * LANES;
-        if let Some((map, phases, speeds)) = launches.plain(first, phase.len(), &mut maps)? {
+        if let Some((map, phases, speeds)) = launches.inputs(first, phase.len(), &mut maps)? {
             for (lane, (phase, speed)) in phases.iter().zip(speeds).enumerate() {
                 block.put(lane, map, PartState::new(phase + 0.0, *speed))?;
             }
@@ -138,7 +134,7 @@ fn fly(
         for (lane, (phase, speed)) in phase.iter_mut().zip(speed).enumerate() {
             let next = match block.impact(lane) {
                 Some(Impact { flight, next, .. }) if flight > 0.0 => next,
-                // The block leaves out parts that rest, or chatter with a closed form.
+                // The block does not advance parts that rest or whose chatter has a closed form.
                 _ => {
                     let map = maps.of(launches, first + lane)?;
                     map.impact(launches.state(first + lane)?).next
@@ -190,10 +186,8 @@ pub fn impacts(
     };
     let wave = wave(tones)?;
     let phases = next_phase.as_slice_mut()?.chunks_mut(TASK);
-    let tasks: Vec<Mutex<(&mut [f64], &mut [f64])>> = phases
-        .zip(next_speed.as_slice_mut()?.chunks_mut(TASK))
-        .map(Mutex::new)
-        .collect();
+    let speeds = next_speed.as_slice_mut()?.chunks_mut(TASK);
+    let tasks: Vec<Mutex<(&mut [f64], &mut [f64])>> = phases.zip(speeds).map(Mutex::new).collect();
     work::map(py, &shape, tasks.len(), threads, |n, _| {
         let mut task = tasks[n].lock().unwrap_or_else(PoisonError::into_inner);
         let (phase, speed) = &mut *task;
@@ -206,8 +200,8 @@ pub fn impacts(
     Ok(())
 }
 
-/// Takes the impacts of an orbit in turn: state after each, flight before it, and whether the part
-/// rested between this impact and the one before.
+/// Columns of one orbit: state after each impact, flight before it, and whether the part rested
+/// since the previous impact.
 struct Row<'a> {
     columns: [&'a mut [f64]; 3],
     rested: &'a mut [bool],
@@ -216,7 +210,7 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// Takes the impacts of an orbit, until the work is to end.
+    /// Records the impacts of an orbit until it is complete or `stop` is requested.
     fn take_all(&mut self, orbit: impl Iterator<Item = OrbitEvent>, stop: &Stop) {
         for event in orbit {
             if !self.take(event) || stop.is_requested() {
@@ -230,7 +224,7 @@ impl Row<'_> {
         self.rested[self.at..].fill(true);
     }
 
-    /// Whether more impacts are wanted.
+    /// Records an event; returns whether more impacts are needed.
     fn take(&mut self, event: OrbitEvent) -> bool {
         match event {
             OrbitEvent::Rest { .. } => self.rests = true,
@@ -254,7 +248,7 @@ pub fn stream(seed: u64, number: u64) -> u64 {
     seed.rotate_left(20) ^ number
 }
 
-/// The first `impacts` impacts of the orbit from each launch, an orbit after the other.
+/// The first `impacts` impacts of the orbit from each launch, orbit by orbit.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn orbits(
@@ -301,7 +295,7 @@ pub fn orbits(
         let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
         let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
         let of_row = |refused| Refused::from(refused).at(n);
-        // After the map, whose range of restitution is the narrower one.
+        // Checked after the map, whose range of restitution is narrower.
         let scatter =
             || Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row);
         if wave.is_sine() {

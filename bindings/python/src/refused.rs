@@ -5,10 +5,10 @@ use kband_scene::refusal::Refusal;
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
 
-/// Why a call did not do what was asked.
+/// Reason for a refused call.
 #[derive(Clone, Debug)]
 pub enum Refused {
-    /// A value, by its place in an array where it is in one.
+    /// A value out of range, and its index if it is in an array.
     Value(OutOfRange, Option<usize>),
     /// A scene or a run of it.
     Scene(Refusal),

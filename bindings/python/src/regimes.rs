@@ -22,15 +22,15 @@ use pyo3::prelude::*;
 
 use crate::map::{Tones, stream, wave};
 use crate::refused::Refused;
-use crate::work::{self, Look};
+use crate::work::{self, InterruptPoll};
 
 fn lot(restitution: [f64; 2]) -> Result<Restitution, Refused> {
     let [low, high] = restitution;
     Ok(Restitution::interval(low, high)?)
 }
 
-/// The band of k that a lot has in common: lowest and highest k and the one with the largest
-/// margin; none where it has no such band.
+/// Common band of k of a lot: lowest k, highest k, and the k with the largest margin. `None`
+/// without a common band.
 #[pyfunction]
 pub fn band(
     restitution: [f64; 2],
@@ -49,11 +49,11 @@ pub fn band(
     }
 }
 
-/// Birth of a lock, its flips, the ratios of their gaps, where chaos begins with its error, and
-/// whether all flips that were asked for were found; none where no band ends in a flip.
+/// Birth of a lock, its flips, the ratios of their gaps, and the onset of chaos with its error. The
+/// last field: whether all requested flips were found.
 type Doublings = (f64, Vec<f64>, Vec<f64>, Option<(f64, f64)>, bool);
 
-/// The period doublings of a lock.
+/// The period doublings of a lock; `None` if no band ends in a flip.
 #[pyfunction]
 pub fn doublings(
     py: Python<'_>,
@@ -63,14 +63,14 @@ pub fn doublings(
     tones: Option<Tones>,
 ) -> Result<Option<Doublings>, Refused> {
     let wave = wave(tones)?;
-    let found = py.detach(|| {
+    let result = py.detach(|| {
         if wave.is_sine() {
             Cascade::locate(restitution, order, count).map(Some)
         } else {
             Cascade::on_tones(&wave, restitution, order, count)
         }
     })?;
-    Ok(found.map(|cascade| {
+    Ok(result.map(|cascade| {
         let limit = cascade.k_infinity().map(|limit| (limit.value, limit.error));
         (
             cascade.birth(),
@@ -82,11 +82,11 @@ pub fn doublings(
     }))
 }
 
-/// Drive periods that runs of gear take together at most, between two looks for Ctrl-C.
+/// Largest number of drive periods of the gear runs between two checks for Ctrl-C.
 const TASK_PERIODS: f64 = 1e5;
 
-/// Share of time in gear of each part at each k, and mean time to a loss in drive periods, all
-/// parts together, infinite where none was lost.
+/// Share of time in gear of each part at each k. Then the mean time to a loss over all parts, in
+/// drive periods; infinite without a loss.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn gear_shares(
@@ -103,7 +103,7 @@ pub fn gear_shares(
 ) -> PyResult<Vec<(Vec<f64>, f64)>> {
     let wave = wave(tones)?;
     let shape = [k.len()];
-    let together = (TASK_PERIODS / periods).max(1.0) as usize;
+    let batch_size = (TASK_PERIODS / periods).max(1.0) as usize;
     work::map(py, &shape, k.len(), threads, |n, stop| {
         let of_k = |refused| Refused::from(refused).at(n);
         let map = WaveMap::on(wave, k[n], 0.5).map_err(of_k)?;
@@ -114,35 +114,26 @@ pub fn gear_shares(
                 Scatter::build(*restitution, scatter, stream(seed, number))
             };
             let scatters = (0..runs).map(draws).collect::<Result<Vec<_>, _>>()?;
-            for scatters in scatters.chunks(together) {
+            for scatters in scatters.chunks(batch_size) {
                 if stop.is_requested() {
                     break;
                 }
-                shares_from_rest(
-                    &map,
-                    ContactTime::INSTANT,
-                    scatters,
-                    order,
-                    periods,
-                    |_, share| {
-                        shares[part] = shares[part].plus(&share);
-                    },
-                )?;
+                let add = |_: usize, share: Share| shares[part] = shares[part].plus(&share);
+                shares_from_rest(&map, ContactTime::INSTANT, scatters, order, periods, add)?;
             }
         }
-        let all = shares
-            .iter()
-            .fold(Share::default(), |sum, share| sum.plus(share));
+        let add = |sum: Share, share: &Share| sum.plus(share);
+        let all = shares.iter().fold(Share::default(), add);
         let to_loss = all.time_to_loss().unwrap_or(f64::INFINITY);
         Ok((shares.iter().map(Share::share).collect(), to_loss))
     })
 }
 
-/// The k and the tones with the largest share of time in gear: k, amplitudes and angles of the
-/// tones, gear band, predicted share; none where no k throws the parts so far.
+/// k, amplitudes and angles of the tones, gear band and predicted share, for the largest share in
+/// gear.
 type GearPlanned = (f32, [[f32; 2]; 2], [f32; 2], f32);
 
-/// Plans gear for a lot.
+/// Plans gear for a lot; `None` if no k throws the parts far enough.
 #[pyfunction]
 pub fn gear_plan(
     py: Python<'_>,
@@ -165,24 +156,23 @@ pub fn gear_plan(
     })
     .map_err(Refused::from)?;
     py.detach(|| {
-        let mut look = Look::new();
+        let mut poll = InterruptPoll::new();
         while planner.advance(10_000) {
-            look.look()?;
+            poll.poll()?;
         }
         let plan = planner.plan().filter(|plan| plan.settled);
         Ok(plan.map(|plan| (plan.k, plan.tones, plan.band, plan.share)))
     })
 }
 
-/// Impacts that a task of a basin makes at most: a tenth of a second.
+/// Largest number of impacts of one task of a basin: a tenth of a second.
 const TASK_IMPACTS: usize = 5_000_000;
 
-/// Names of the regimes in which parts end, the number of the name for each start, and the name of
-/// the regime of a part from rest.
+/// Names of the regimes, index of the final regime of each start, and regime of a part from rest.
 type Basins = (Vec<String>, Vec<u16>, String);
 
-/// Where parts end that start in the middles of `side * side` cells of phase 0..2 pi and speed
-/// 0..`top`, row by row.
+/// Final regimes of parts that start at the centres of `side * side` cells of phase 0..2 pi and
+/// speed 0..`top`, row by row.
 #[pyfunction]
 pub fn basins(
     py: Python<'_>,
@@ -194,33 +184,32 @@ pub fn basins(
     threads: Option<NonZero<usize>>,
 ) -> PyResult<Basins> {
     Map::state(0.0, top).map_err(Refused::from)?;
-    let endings = py
-        .detach(|| Endings::new(k, restitution, impacts))
-        .map_err(Refused::from)?;
+    let endings = py.detach(|| Endings::new(k, restitution, impacts));
+    let endings = endings.map_err(Refused::from)?;
     let count = side * side;
-    let together = (TASK_IMPACTS / impacts.max(1)).clamp(8, 4096);
+    let batch_size = (TASK_IMPACTS / impacts.max(1)).clamp(8, 4096);
     let middle = |n: usize| (n as f64 + 0.5) / side as f64;
     let start = |n: usize| PartState::new(TAU * middle(n % side), top * middle(n / side));
-    let ends = work::map(py, &[], count.div_ceil(together), threads, |task, _| {
-        let range = task * together..count.min((task + 1) * together);
-        Ok(endings.of_all(range.map(start)))
+    let ends = work::map(py, &[], count.div_ceil(batch_size), threads, |task, _| {
+        let range = task * batch_size..count.min((task + 1) * batch_size);
+        Ok(endings.classify_all(range.map(start)))
     })?;
-    let mut known = Vec::new();
+    let mut distinct = Vec::new();
     let numbers = ends.into_iter().flatten().map(|regime| {
-        let number = known.iter().position(|other| *other == regime);
+        let number = distinct.iter().position(|other| *other == regime);
         number.unwrap_or_else(|| {
-            known.push(regime);
-            known.len() - 1
+            distinct.push(regime);
+            distinct.len() - 1
         }) as u16
     });
     let numbers = numbers.collect();
     let name = |regime| describe_regime(regime, impacts);
-    let names = known.into_iter().map(name).collect();
+    let names = distinct.into_iter().map(name).collect();
     Ok((names, numbers, name(endings.from_rest())))
 }
 
-/// Phase and speed of the impacts of a part from rest at each k, after those that settle; not a
-/// number after a rest for ever.
+/// Phase and speed of the impacts of a part from rest at each k, after the settling impacts. NaN
+/// once the part rests for ever.
 #[pyfunction]
 pub fn diagram(
     py: Python<'_>,
@@ -298,12 +287,12 @@ pub fn capture_plan(
     })
     .map_err(Refused::from)?;
     let plan = py.detach(|| {
-        let mut look = Look::new();
+        let mut poll = InterruptPoll::new();
         loop {
             if let Poll::Ready(plan) = planner.advance(10_000) {
                 return Ok::<_, PyErr>(plan);
             }
-            look.look()?;
+            poll.poll()?;
         }
     })?;
     let kicks = (0..).map_while(|attempt| plan.attempt(attempt)).take(20);
@@ -316,7 +305,7 @@ pub fn capture_plan(
 }
 
 /// Exponent per impact with its error, the same per drive cycle, mean flight in drive cycles, and
-/// what the orbit is.
+/// type of the orbit.
 type Exponents = ([f64; 2], [f64; 2], f64, &'static str);
 
 /// The largest Lyapunov exponent at each k, of the orbit that begins beside the lock.
@@ -339,32 +328,32 @@ pub fn exponents(
         let of_k = |refused| Refused::from(refused).at(n);
         let map = Map::build(k[n], restitution).map_err(of_k)?;
         let start = start_near_lock(&map, order);
-        let found = if scatter > 0.0 {
+        let result = if scatter > 0.0 {
             let scatter = Scatter::build(restitution, scatter, stream(seed, n as u64))?;
             exponent::measure_scattered(&map, start, settings, scatter)?
         } else {
             exponent::measure(&map, start, settings)?
         };
-        let dynamics = match found.dynamics {
+        let dynamics = match result.dynamics {
             Dynamics::Regular => "regular",
             Dynamics::Chaotic => "chaotic",
             Dynamics::Undecided => "undecided",
             Dynamics::Rest { .. } => "rest",
         };
-        let [impact, cycle] = [found.per_impact, found.per_cycle].map(|of| [of.value, of.error]);
-        Ok((impact, cycle, found.flight, dynamics))
+        let [impact, cycle] = [result.per_impact, result.per_cycle].map(|of| [of.value, of.error]);
+        Ok((impact, cycle, result.flight, dynamics))
     })
 }
 
-/// How parts rub on the track: tangential restitution, or friction (sliding, sticking).
+/// Law of the motion along the track: tangential restitution, or friction (sliding, sticking).
 #[derive(FromPyObject)]
 pub enum Along {
     Kept(f64),
     Friction([f64; 2]),
 }
 
-/// The conveying speed at each k of a part from rest: mean over time in m/s, share of time in
-/// flight, and what the part does.
+/// Conveying speed at each k of a part from rest: mean over time in m/s, share of time in flight,
+/// and type of motion.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn transport_speeds(
@@ -398,7 +387,7 @@ pub fn transport_speeds(
     work::map(py, &shape, k.len(), threads, |n, _| {
         let of_k = |refused| Refused::from(refused).at(n);
         let map = Map::build(k[n], restitution).map_err(of_k)?;
-        let found = match along {
+        let result = match along {
             Along::Kept(kept) => {
                 let tangential = Tangential::build(k[n], TangentialSettings::on(&track, kept))?;
                 measure(Orbit::from_rest(&map), tangential, effort, &mut ())
@@ -415,8 +404,8 @@ pub fn transport_speeds(
                 }
             }
         };
-        let conveyed = found.conveyed;
-        let motion = match found.motion {
+        let conveyed = result.conveyed;
+        let motion = match result.motion {
             Motion::Rest => "rest",
             Motion::HopAndRest => "hops and rests",
             Motion::Hopping => "hops",

@@ -12,9 +12,9 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use toml::{Table, Value};
 
 use crate::refused::Refused;
-use crate::work::Look;
+use crate::work::InterruptPoll;
 
-/// A Python value as one of TOML.
+/// A Python value as a TOML value.
 fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
     if object.is_instance_of::<PyBool>() {
         Ok(Value::Boolean(object.extract()?))
@@ -39,7 +39,7 @@ fn value(object: &Bound<'_, PyAny>) -> PyResult<Value> {
     }
 }
 
-/// A dict as a table of TOML.
+/// A dict as a TOML table.
 pub fn table_of(dict: &Bound<'_, PyDict>) -> PyResult<Table> {
     let pair = |(key, item): (Bound<'_, PyAny>, _)| Ok((key.extract()?, value(&item)?));
     dict.iter().map(pair).collect()
@@ -78,7 +78,7 @@ pub fn impact(strike: &Strike) -> (u8, f64, f64) {
     (strike.part, strike.phase, strike.speed)
 }
 
-/// The fidelity of a name, or that of the scene.
+/// Fidelity of this name; without a name the scene's own.
 fn fidelity(file: &SceneFile, name: Option<&str>) -> PyResult<Fidelity> {
     let Some(name) = name else {
         return Ok(file.fidelity.unwrap_or_default());
@@ -90,45 +90,45 @@ fn fidelity(file: &SceneFile, name: Option<&str>) -> PyResult<Fidelity> {
     })
 }
 
-/// What a drive cycle shows, as a dict.
-fn shown<'py>(py: Python<'py>, moment: &Moment) -> PyResult<Bound<'py, PyDict>> {
-    let shown = report(py, &moment.report)?;
-    shown.set_item("time", moment.time)?;
-    shown.set_item("impacts", moment.strikes)?;
-    shown.set_item("displacement", moment.displacement)?;
-    shown.set_item("load", moment.load)?;
-    Ok(shown)
+/// The moment of a drive cycle, as a dict.
+fn moment_dict<'py>(py: Python<'py>, moment: &Moment) -> PyResult<Bound<'py, PyDict>> {
+    let dict = report(py, &moment.report)?;
+    dict.set_item("time", moment.time)?;
+    dict.set_item("impacts", moment.strikes)?;
+    dict.set_item("displacement", moment.displacement)?;
+    dict.set_item("load", moment.load)?;
+    Ok(dict)
 }
 
-/// What the controller reports of a drive cycle, as a dict.
+/// The controller's report of a drive cycle, as a dict.
 pub fn report<'py>(
     py: Python<'py>,
     report: &kband_control::Report,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let shown = PyDict::new(py);
-    shown.set_item("cycle", report.cycle)?;
-    shown.set_item("amplitude", report.amplitude)?;
-    shown.set_item("reference", report.reference)?;
-    shown.set_item("setpoint", report.setpoint)?;
-    shown.set_item("k", report.k)?;
-    shown.set_item("in_gear", report.in_gear)?;
-    shown.set_item("in_gear_error", report.in_gear_error)?;
-    shown.set_item("expected_in_gear", report.expected_in_gear)?;
+    let dict = PyDict::new(py);
+    dict.set_item("cycle", report.cycle)?;
+    dict.set_item("amplitude", report.amplitude)?;
+    dict.set_item("reference", report.reference)?;
+    dict.set_item("setpoint", report.setpoint)?;
+    dict.set_item("k", report.k)?;
+    dict.set_item("in_gear", report.in_gear)?;
+    dict.set_item("in_gear_error", report.in_gear_error)?;
+    dict.set_item("expected_in_gear", report.expected_in_gear)?;
     let margin = report.margin;
-    shown.set_item("restitution", margin.map(|margin| margin.restitution))?;
-    shown.set_item("scatter", margin.map(|margin| margin.scatter))?;
-    shown.set_item("mass", report.load.map(|load| 1e-3 * f64::from(load.mass)))?;
-    shown.set_item("flow", report.load.map(|load| 1e-3 * f64::from(load.flow)))?;
-    shown.set_item("frequency", report.frequency)?;
-    shown.set_item("output", report.command.amplitude)?;
-    shown.set_item("state", report.state.name())?;
-    shown.set_item("fault", report.fault.map(Fault::name))?;
+    dict.set_item("restitution", margin.map(|margin| margin.restitution))?;
+    dict.set_item("scatter", margin.map(|margin| margin.scatter))?;
+    dict.set_item("mass", report.load.map(|load| 1e-3 * f64::from(load.mass)))?;
+    dict.set_item("flow", report.load.map(|load| 1e-3 * f64::from(load.flow)))?;
+    dict.set_item("frequency", report.frequency)?;
+    dict.set_item("output", report.command.amplitude)?;
+    dict.set_item("state", report.state.name())?;
+    dict.set_item("fault", report.fault.map(Fault::name))?;
     let events: Vec<&str> = report.events.iter().map(Event::name).collect();
-    shown.set_item("events", PyTuple::new(py, events)?)?;
-    Ok(shown)
+    dict.set_item("events", PyTuple::new(py, events)?)?;
+    Ok(dict)
 }
 
-/// What is kept of every drive cycle.
+/// Columns recorded in every drive cycle.
 const COLUMNS: [fn(&Moment) -> f64; 9] = [
     |moment| moment.time,
     |moment| moment.report.amplitude.into(),
@@ -141,8 +141,9 @@ const COLUMNS: [fn(&Moment) -> f64; 9] = [
     |moment| moment.load,
 ];
 
-/// Runs a scene to its end: what came of it, and with `kept` the columns time, amplitude,
-/// reference, k, share in gear, its error, output, displacement and load of every drive cycle.
+/// Runs a scene to its end and returns its summary. With `kept` it also returns these columns of
+/// every drive cycle: time, amplitude, reference, k, share in gear, its error, output,
+/// displacement, load.
 #[pyfunction]
 pub fn simulate<'py>(
     py: Python<'py>,
@@ -155,12 +156,12 @@ pub fn simulate<'py>(
     let outcome = py.detach(|| {
         let watch = Watch {
             regime: true,
-            kept,
+            all_cycles: kept,
             ..Watch::default()
         };
-        let (mut look, mut interrupted) = (Look::new(), None);
+        let (mut poll, mut interrupted) = (InterruptPoll::new(), None);
         let outcome = Outcome::run(&file, fidelity, watch, &mut |_| {
-            look.look().map_err(|error| {
+            poll.poll().map_err(|error| {
                 interrupted = Some(error);
                 Refusal::interrupted()
             })
@@ -180,27 +181,27 @@ fn summary<'py>(
     fidelity: Fidelity,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (last, record) = (outcome.last(), outcome.record());
-    let shown = PyDict::new(py);
-    shown.set_item("state", last.state.name())?;
-    shown.set_item("fault", last.fault.map(Fault::name))?;
-    shown.set_item("limits", PyTuple::new(py, outcome.limits())?)?;
+    let dict = PyDict::new(py);
+    dict.set_item("state", last.state.name())?;
+    dict.set_item("fault", last.fault.map(Fault::name))?;
+    dict.set_item("limits", PyTuple::new(py, outcome.limits())?)?;
     let events = outcome.events();
     let events = events.map(|happened| (happened.time, happened.event.name()));
-    shown.set_item("events", PyTuple::new(py, events.collect::<Vec<_>>())?)?;
-    shown.set_item("amplitude", outcome.amplitude())?;
-    shown.set_item("k", outcome.k())?;
-    shown.set_item("speed", outcome.speed())?;
-    shown.set_item("in_gear", outcome.in_gear())?;
-    shown.set_item("in_gear_estimated", record.in_gear_estimated())?;
-    shown.set_item("in_gear_error", record.in_gear_error())?;
-    shown.set_item("regime", outcome.regime())?;
+    dict.set_item("events", PyTuple::new(py, events.collect::<Vec<_>>())?)?;
+    dict.set_item("amplitude", outcome.amplitude())?;
+    dict.set_item("k", outcome.k())?;
+    dict.set_item("speed", outcome.speed())?;
+    dict.set_item("in_gear", outcome.in_gear())?;
+    dict.set_item("in_gear_estimated", record.in_gear_estimated())?;
+    dict.set_item("in_gear_error", record.in_gear_error())?;
+    dict.set_item("regime", outcome.regime())?;
     let identified = outcome.identified();
-    shown.set_item("restitution", identified.map(|found| found.restitution))?;
+    dict.set_item("restitution", identified.map(|found| found.restitution))?;
     let unmet = outcome.unmet().map(|unmet| PyTuple::new(py, unmet));
-    shown.set_item("unmet", unmet.transpose()?)?;
-    shown.set_item("seed", outcome.file().scene.seed)?;
-    shown.set_item("fidelity", fidelity.name())?;
-    Ok(shown)
+    dict.set_item("unmet", unmet.transpose()?)?;
+    dict.set_item("seed", outcome.file().scene.seed)?;
+    dict.set_item("fidelity", fidelity.name())?;
+    Ok(dict)
 }
 
 /// The closed loop of a scene, cycle by cycle.
@@ -224,20 +225,20 @@ impl Loop {
         Ok(Self(Mutex::new(engine)))
     }
 
-    /// Runs drive cycles; what the last of them shows.
+    /// Runs drive cycles; returns the last moment.
     fn cycle<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyDict>> {
         let engine = self.engine();
         py.detach(|| {
-            let mut look = Look::new();
+            let mut poll = InterruptPoll::new();
             for _ in 0..count {
                 engine.cycle().map_err(Refused::from)?;
-                look.look()?;
+                poll.poll()?;
             }
             Ok::<_, PyErr>(())
         })?;
         let moment = self.engine().moment();
         let moment = moment.ok_or_else(|| PyValueError::new_err("no cycle has run"))?;
-        shown(py, &moment)
+        moment_dict(py, &moment)
     }
 
     /// Impacts of the last cycle: number of the part, phase in rad, speed in m/s.
@@ -245,7 +246,7 @@ impl Loop {
         self.engine().strikes().iter().map(impact).collect()
     }
 
-    /// Changes something about the scene from the next cycle on.
+    /// Changes the scene from the next cycle on.
     fn apply(&mut self, given: &Bound<'_, PyDict>) -> PyResult<()> {
         let change = change(table_of(given)?).map_err(Refused::from)?;
         self.engine().apply(change);

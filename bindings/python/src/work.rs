@@ -11,21 +11,21 @@ use pyo3::prelude::*;
 
 use crate::refused::Refused;
 
-/// Time between two looks for Ctrl-C.
-const LOOK: Duration = Duration::from_millis(50);
+/// Time between two checks for Ctrl-C.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Whether work is to end; work of many steps asks between them.
+/// Flag that requests the end of the work. Work of many steps checks it between them.
 pub struct Stop(AtomicBool);
 
 impl Stop {
-    /// Whether work is to end.
+    /// Whether the end is requested.
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// `work` on each of `0..count` on `threads` threads, results in order. Each result depends on its
-/// number alone, which gives the same bits for any number of threads.
+/// Runs `work` for each of `0..count` on `threads` threads; results in order. Each result depends
+/// on its number alone, so any number of threads gives the same bits.
 ///
 /// # Errors
 /// The refusal with the lowest number, as an exception for arrays of this shape; Ctrl-C.
@@ -49,10 +49,10 @@ pub fn map<T: Send + Sync>(
                 Ok(result) => {
                     let _ = place.set(result);
                 }
-                Err(why) => {
+                Err(cause) => {
                     let mut first = refused.lock().unwrap_or_else(PoisonError::into_inner);
                     if first.as_ref().is_none_or(|(number, _)| n < *number) {
-                        *first = Some((n, why));
+                        *first = Some((n, cause));
                     }
                     stop.0.store(true, Ordering::Relaxed);
                 }
@@ -61,7 +61,7 @@ pub fn map<T: Send + Sync>(
     };
     let interrupted = py.detach(|| {
         thread::scope(|scope| {
-            let (working, over) = channel::<()>();
+            let (working, finished) = channel::<()>();
             for _ in 0..threads.min(count) {
                 let working = working.clone();
                 scope.spawn(move || {
@@ -71,7 +71,7 @@ pub fn map<T: Send + Sync>(
             }
             drop(working);
             let mut interrupted = Ok(());
-            while over.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+            while finished.recv_timeout(POLL_INTERVAL) == Err(RecvTimeoutError::Timeout) {
                 if interrupted.is_ok() {
                     interrupted = Python::attach(|py| py.check_signals());
                     if interrupted.is_err() {
@@ -83,27 +83,25 @@ pub fn map<T: Send + Sync>(
         })
     });
     interrupted?;
-    if let Some((_, why)) = refused.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        return Err(why.exception(shape));
+    if let Some((_, cause)) = refused.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(cause.exception(shape));
     }
-    Ok(results
-        .into_iter()
-        .filter_map(OnceLock::into_inner)
-        .collect())
+    let results = results.into_iter().filter_map(OnceLock::into_inner);
+    Ok(results.collect())
 }
 
-/// Looks for Ctrl-C between the steps of work on the calling thread, without the lock.
-pub struct Look(Instant);
+/// Checks for Ctrl-C between steps of work on the calling thread, without the interpreter's lock.
+pub struct InterruptPoll(Instant);
 
-impl Look {
-    /// Begins to look.
+impl InterruptPoll {
+    /// Starts the time to the first check.
     pub fn new() -> Self {
         Self(Instant::now())
     }
 
-    /// Called between two steps; an error ends the work.
-    pub fn look(&mut self) -> PyResult<()> {
-        if self.0.elapsed() < LOOK {
+    /// Call it between two steps; an error ends the work.
+    pub fn poll(&mut self) -> PyResult<()> {
+        if self.0.elapsed() < POLL_INTERVAL {
             return Ok(());
         }
         self.0 = Instant::now();

@@ -1,10 +1,10 @@
-//! The loader of the STM32F405: swaps the slots for an update, takes an update back that was not
-//! confirmed, and starts the program.
+//! The loader of the STM32F405. It swaps the slots for an update, reverts an unconfirmed update,
+//! and starts the program.
 //!
-//! It runs on the internal oscillator of 16 MHz, as after a reset. All outputs float meanwhile, but
-//! FAULT (PB11), which is on during a swap. The independent watchdog runs with its longest period.
-//! The loader uses only RAM of the program's stack. It leaves every register as after a reset, but
-//! the watchdog's after a swap.
+//! It runs on the internal oscillator of 16 MHz, as after a reset. All outputs float meanwhile,
+//! except FAULT (PB11), which is on during a swap. The independent watchdog runs with its longest
+//! period. The loader uses only RAM of the program's stack. It leaves every register as after a
+//! reset, except the watchdog's after a swap.
 
 use core::ops::Range;
 
@@ -52,7 +52,7 @@ const RAM: core::ops::RangeInclusive<u32> = 0x2000_0000..=0x2002_0000;
 /// Number of loops for which the supply must be good: about 0.1 s at 16 MHz.
 const SETTLED: u32 = 200_000;
 
-/// Waits until the supply was good for 0.1 s, or returns at once where it is.
+/// Waits until the supply was good for 0.1 s; returns at once if it is good.
 fn await_supply() {
     let is_good = || read(POWER_STATUS) & BELOW == 0;
     if is_good() {
@@ -65,21 +65,10 @@ fn await_supply() {
     }
 }
 
-struct Part {
-    start: u32,
-    length: u32,
-}
+/// A part of the flash, by its addresses.
+struct Part(Range<u32>);
 
-impl Part {
-    fn new(range: Range<u32>) -> Self {
-        Self {
-            start: range.start,
-            length: range.end - range.start,
-        }
-    }
-}
-
-/// The flash failed.
+/// Error of the flash.
 const FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl ErrorType for Part {
@@ -91,12 +80,12 @@ impl ReadNorFlash for Part {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         check_read(self, offset, bytes.len())?;
-        copy(self.start + offset, bytes);
+        copy(self.0.start + offset, bytes);
         Ok(())
     }
 
     fn capacity(&self) -> usize {
-        self.length as usize
+        self.0.len()
     }
 }
 
@@ -106,7 +95,7 @@ impl NorFlash for Part {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         check_erase(self, from, to)?;
-        let first = FIRST_SECTOR + (self.start - ACTIVE.start) / SECTOR;
+        let first = FIRST_SECTOR + (self.0.start - ACTIVE.start) / SECTOR;
         for sector in first + from / SECTOR..first + to / SECTOR {
             await_supply();
             if !FLASH.erase(BY_WORDS | sector << 3) {
@@ -119,7 +108,7 @@ impl NorFlash for Part {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         check_write(self, offset, bytes.len())?;
         let (words, _) = bytes.as_chunks::<4>();
-        for (address, word) in (self.start + offset..).step_by(4).zip(words) {
+        for (address, word) in (self.0.start + offset..).step_by(4).zip(words) {
             let word = u32::from_le_bytes(*word);
             // An erased word needs no programming.
             if read(address) == word {
@@ -144,11 +133,11 @@ fn begin() {
         (PORT_B_MODE, 0, 1 << (2 * FAULT)),
         (POWER_CONTROL, 0, MONITOR),
     ]);
-    // The monitor needs a moment.
+    // The monitor needs time to start.
     cortex_m::asm::delay(1_000);
 }
 
-/// Leaves port and supply monitor as after a reset.
+/// Resets port and supply monitor to their state after a reset.
 fn end() {
     change(&[(PORT_B_MODE, 3 << (2 * FAULT), 0)]);
     write(PORT_B_SET, 1 << (16 + FAULT));
@@ -167,13 +156,13 @@ fn has_program() -> bool {
 
 #[entry]
 fn main() -> ! {
-    let mut state = StatePages::new(Part::new(STATE), 0..STATE.end - STATE.start);
+    let mut state = StatePages::new(Part(STATE), 0..STATE.end - STATE.start);
     let swaps = state.is_swap_due();
     if swaps {
         begin();
         let mut loader = BootLoader::new(BootLoaderConfig {
-            active: Part::new(ACTIVE),
-            dfu: Part::new(UPDATE),
+            active: Part(ACTIVE),
+            dfu: Part(UPDATE),
             state,
         });
         if loader.prepare_boot(&mut [0; 1024]).is_err() {
@@ -185,7 +174,7 @@ fn main() -> ! {
         // SAFETY: the vector table of the program; the loader uses no memory afterwards.
         unsafe { start_program(ACTIVE.start) }
     }
-    // An image without a program is taken back at once.
+    // An image without a program is reverted at once.
     if swaps {
         SCB::sys_reset();
     }

@@ -1,9 +1,9 @@
-//! Two slots of a flash for the program: the state of an update, on which a loader and the program
-//! work with `embassy-boot`. One slot is in [`one_slot`].
+//! The state of an update and two slots of a flash for the program. Loader and program change the
+//! state with `embassy-boot`. A single slot is in [`one_slot`].
 //!
-//! `embassy-boot` erases its state at each step. A cut erasure could leave its mark of a swap, one
-//! bit from that of an ordinary start. Here an erasure is one word: it ends a page of 64 bytes, and
-//! the next page, blank until now, has the state from then on.
+//! `embassy-boot` erases its state at each step. An interrupted erasure could leave its mark of a
+//! swap, which differs by one bit from that of an ordinary start. Here an erasure is one word: it
+//! ends a page of 64 bytes. From then on the next page, blank until now, holds the state.
 #![no_std]
 
 #[cfg(test)]
@@ -25,28 +25,10 @@ pub const PAGE: u32 = 64;
 const WORD: u32 = 4;
 /// Offset in a page of the word that ends it.
 const END: u32 = PAGE - WORD;
-/// Number of pages that an update ends at most: it is marked, taken back, and marked as confirmed.
+/// Largest number of pages that an update ends: mark, reversal, and confirmation.
 const PAGES_OF_AN_UPDATE: u32 = 3;
 
-/// Error of the state's flash.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StateError {
-    /// Reading or programming the flash failed.
-    Flash(NorFlashErrorKind),
-    /// All pages were used.
-    Full,
-}
-
-impl NorFlashError for StateError {
-    fn kind(&self) -> NorFlashErrorKind {
-        match self {
-            Self::Flash(kind) => *kind,
-            Self::Full => NorFlashErrorKind::Other,
-        }
-    }
-}
-
-/// The state of an update in `pages` pages of `flash` from `start` on. They were erased together.
+/// The state of an update in `pages` pages of `flash` from `start` on, which were erased together.
 pub struct StatePages<F> {
     flash: F,
     start: u32,
@@ -64,8 +46,8 @@ impl<F: NorFlash> StatePages<F> {
         }
     }
 
-    /// Whether the pages last for an update.
-    pub fn have_room(&mut self) -> Result<bool, StateError> {
+    /// Whether enough pages remain for an update.
+    pub fn have_room(&mut self) -> Result<bool, NorFlashErrorKind> {
         Ok(self.current()? + PAGES_OF_AN_UPDATE < self.pages)
     }
 
@@ -76,28 +58,27 @@ impl<F: NorFlash> StatePages<F> {
         state.mark_updated().is_ok()
     }
 
-    /// Confirms the running image: the next start takes no update back. Returns whether it did.
+    /// Confirms the running image: the next start does not revert it. Returns whether it did.
     pub fn confirm(&mut self) -> bool {
         let mut word = [0; WORD as usize];
         let mut state = BlockingFirmwareState::new(self, &mut word);
         state.mark_booted().is_ok()
     }
 
-    /// Whether the next start swaps the slots or takes an update back. The running image is on trial
-    /// then.
+    /// Whether the next start swaps the slots or reverts an update; the running image is on trial.
     pub fn is_swap_due(&mut self) -> bool {
         let mut magic = [0; WORD as usize];
         let read = self.read(0, &mut magic).is_ok();
         read && embassy_boot::State::from(magic) == embassy_boot::State::Swap
     }
 
-    fn read_at(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), StateError> {
+    fn read_at(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let read = self.flash.read(self.start + offset, bytes);
-        read.map_err(|error| StateError::Flash(error.kind()))
+        read.map_err(|error| error.kind())
     }
 
-    /// Number of the page with the state: the first one that was not ended.
-    fn current(&mut self) -> Result<u32, StateError> {
+    /// Number of the page with the state: the first one that has not ended.
+    fn current(&mut self) -> Result<u32, NorFlashErrorKind> {
         let (mut ended, mut open) = (0, self.pages);
         while ended < open {
             let middle = (ended + open) / 2;
@@ -112,25 +93,26 @@ impl<F: NorFlash> StatePages<F> {
         Ok(open)
     }
 
-    fn write_at(&mut self, offset: u32, bytes: &[u8]) -> Result<(), StateError> {
+    fn write_at(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let page = self.current()?;
         if page == self.pages {
-            return Err(StateError::Full);
+            // All pages were used.
+            return Err(NorFlashErrorKind::Other);
         }
         let written = self.flash.write(self.start + page * PAGE + offset, bytes);
-        written.map_err(|error| StateError::Flash(error.kind()))
+        written.map_err(|error| error.kind())
     }
 }
 
 impl<F: NorFlash> ErrorType for StatePages<F> {
-    type Error = StateError;
+    type Error = NorFlashErrorKind;
 }
 
 impl<F: NorFlash> ReadNorFlash for StatePages<F> {
     const READ_SIZE: usize = 1;
 
-    /// Behind the last page the state is blank: an ordinary start.
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), StateError> {
+    /// After the last page the state reads as blank: an ordinary start.
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let page = self.current()?;
         if page == self.pages {
             bytes.fill(0xff);
@@ -148,11 +130,11 @@ impl<F: NorFlash> NorFlash for StatePages<F> {
     const WRITE_SIZE: usize = WORD as usize;
     const ERASE_SIZE: usize = END as usize;
 
-    fn erase(&mut self, _from: u32, _to: u32) -> Result<(), StateError> {
+    fn erase(&mut self, _from: u32, _to: u32) -> Result<(), NorFlashErrorKind> {
         self.write_at(END, &[0; WORD as usize])
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), StateError> {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         self.write_at(offset, bytes)
     }
 }

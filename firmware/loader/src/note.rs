@@ -19,13 +19,13 @@ impl Note {
         key: [0; 32],
     };
 
-    /// From the loader: it has started the program after a wait, which is no fault.
+    /// From the loader: it started the program after a wait, which is no fault.
     pub const STARTED: Self = Self {
         mark: STARTED,
         ..Self::NONE
     };
 
-    /// From the program: the loader shall wait for an image with a signature for this public key.
+    /// From the program: the loader must wait for an image with a signature for this public key.
     pub const fn request(key: [u8; 32]) -> Self {
         Self { mark: REQUEST, key }
     }

@@ -1,8 +1,9 @@
 //! Update of a chip with one slot: the loader writes the image over the old one.
 //!
-//! The desk sends the image's hash first, with its signature. Only then the first word of the slot,
-//! its mark, is set to zero and its page erased. The mark is written last, once the hash of the
-//! written image is the signed one. A program starts if it has a mark and its CRC-32 is right.
+//! The desk first sends the image's hash with its signature. Only then the loader sets the slot's
+//! first word, its mark, to zero and erases its page. The loader writes the mark last, once the
+//! hash of the written image is the signed one. A program starts if it has a mark and its CRC-32 is
+//! right.
 
 use core::ops::Range;
 
@@ -16,16 +17,16 @@ use crate::layout::stm32g474::{BOARD, END, KEY, PAGE, RAM, SLOT};
 
 /// Size of a word that is programmed at once, bytes.
 const WORD: usize = 8;
-/// Offset of the program's first word behind its end; a shorter image is none.
-const SHORTEST: u32 = END + WORD as u32;
-/// Word behind the key that was written whole.
+/// Offset behind the word with the program's end: length of the shortest accepted image.
+const MIN_LENGTH: u32 = END + WORD as u32;
+/// Word after the key; it marks a completely written key.
 const KEY_WRITTEN: [u8; WORD] = *b"key whol";
 
-/// The chip's flash. Its functions return false, or nothing, where it fails.
+/// The chip's flash. Its functions return false or `None` on failure.
 pub trait Memory {
     /// Copies the content from an address on; false if a word has wrong bits.
     fn read(&self, address: u32, bytes: &mut [u8]) -> bool;
-    /// Programs a word, which is erased, or becomes zero.
+    /// Programs a word that is erased, or sets a word to zero.
     fn program(&mut self, address: u32, word: &[u8; WORD]) -> bool;
     /// Erases the page at an address.
     fn erase(&mut self, address: u32) -> bool;
@@ -33,11 +34,10 @@ pub trait Memory {
     fn crc32(&self, range: Range<u32>) -> Option<u32>;
 }
 
-/// Progress of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
     None,
-    /// An image of this length and hash comes; `written` bytes of it are in the slot, but its mark.
+    /// An image of this length and hash is due; `written` bytes are in the slot, without its mark.
     Open {
         length: u32,
         sum: [u8; 64],
@@ -56,7 +56,7 @@ pub struct OneSlot<M> {
 }
 
 impl<M: Memory> OneSlot<M> {
-    /// The slot in this memory; `requested` is the key that the program has left.
+    /// The slot in this memory; `requested` is the key left by the program.
     pub fn new(memory: M, requested: Option<[u8; 32]>) -> Self {
         let mut slot = Self {
             memory,
@@ -68,7 +68,7 @@ impl<M: Memory> OneSlot<M> {
         slot
     }
 
-    /// Whether the slot has a whole program.
+    /// Whether the slot has a complete program.
     pub fn has_program(&self) -> bool {
         let word = |address| {
             let mut word = [0; 4];
@@ -76,14 +76,11 @@ impl<M: Memory> OneSlot<M> {
             read.then_some(u32::from_le_bytes(word))
         };
         let is_whole = || {
-            let [stack, entry, end] = [
-                word(SLOT.start)?,
-                word(SLOT.start + 4)?,
-                word(SLOT.start + END)?,
-            ];
+            let [stack, entry] = [word(SLOT.start)?, word(SLOT.start + 4)?];
+            let end = word(SLOT.start + END)?;
             let is_bounded = RAM.contains(&stack.wrapping_sub(1))
                 && SLOT.contains(&entry)
-                && (SLOT.start + SHORTEST..SLOT.end).contains(&end)
+                && (SLOT.start + MIN_LENGTH..SLOT.end).contains(&end)
                 && end.is_multiple_of(4);
             let sum = is_bounded.then(|| self.memory.crc32(SLOT.start..end))??;
             Some(sum == word(end)?)
@@ -91,7 +88,7 @@ impl<M: Memory> OneSlot<M> {
         is_whole().unwrap_or(false)
     }
 
-    /// Whether the update is done.
+    /// Whether the update is finished.
     pub fn is_done(&self) -> bool {
         self.progress == Progress::Done
     }
@@ -111,7 +108,7 @@ impl<M: Memory> OneSlot<M> {
                     on_trial: false,
                 };
             }
-            // The signature protects this board, not its PIN.
+            // The signature protects this board, and the PIN does not.
             UpdateRequest::Unlock(_) => Ok(()),
             UpdateRequest::Signed { .. } | UpdateRequest::Bytes { .. } | UpdateRequest::End(_)
                 if !supply_is_good =>
@@ -130,10 +127,7 @@ impl<M: Memory> OneSlot<M> {
                 return UpdateAnswer::Loader;
             }
         };
-        match changed {
-            Ok(()) => UpdateAnswer::Done,
-            Err(why) => UpdateAnswer::Refused(why),
-        }
+        changed.map_or_else(UpdateAnswer::Refused, |()| UpdateAnswer::Done)
     }
 
     fn begin(
@@ -149,7 +143,7 @@ impl<M: Memory> OneSlot<M> {
         let (Ok(sum), Ok(signature)) = (sum.try_into(), signature.try_into()) else {
             return Err(UpdateRefusal::Length);
         };
-        let fits = (SHORTEST..=SLOT.end - SLOT.start).contains(&length);
+        let fits = (MIN_LENGTH..=SLOT.end - SLOT.start).contains(&length);
         if !fits || !length.is_multiple_of(4) {
             return Err(UpdateRefusal::Length);
         }
@@ -162,7 +156,7 @@ impl<M: Memory> OneSlot<M> {
         }
         self.begun += 1;
         self.progress = Progress::None;
-        // A page whose erasure is cut may read as before; a zero stays no stack.
+        // A page with an interrupted erasure may read as before; a mark of zero prevents a start.
         if !self.keep_key(&key)
             || !self.memory.program(SLOT.start, &[0; WORD])
             || !self.memory.erase(SLOT.start)
@@ -191,7 +185,7 @@ impl<M: Memory> OneSlot<M> {
         let Some(end) = check_chunk(offset, bytes, *length, *written)? else {
             return Ok(());
         };
-        // Only the last word may be filled up.
+        // Only the last word may be padded.
         if !offset.is_multiple_of(WORD as u32) {
             return Err(UpdateRefusal::Length);
         }
@@ -265,13 +259,13 @@ impl<M: Memory> OneSlot<M> {
 
 /// Programs a word and verifies it; an erased one needs no programming.
 fn program(memory: &mut impl Memory, address: u32, word: &[u8; WORD]) -> bool {
-    let mut held = [0; WORD];
+    let mut stored = [0; WORD];
     (*word == [0xff; WORD] || memory.program(address, word))
-        && memory.read(address, &mut held)
-        && held == *word
+        && memory.read(address, &mut stored)
+        && stored == *word
 }
 
-/// Whether a signature is that of `sum` by the owner of `key`.
+/// Whether `signature` is the key owner's signature of `sum`.
 #[inline(never)]
 pub fn is_signed(key: &[u8; 32], sum: &[u8; 64], signature: &[u8; 64]) -> bool {
     let key = PublicKey::try_from(key);

@@ -1,6 +1,6 @@
-//! Registers that both chips have alike: the independent watchdog, and an operation of the flash.
+//! Registers that are the same on both chips: the independent watchdog and the flash controller.
 //!
-//! Each loader includes this file: a safe function of any address must not be public.
+//! Each loader includes this file, because a safe function for any address must not be public.
 
 use core::ptr::{read_volatile, write_volatile};
 
@@ -19,7 +19,7 @@ const WATCHDOG_FEED: u32 = 0xaaaa;
 /// Reads a register, or a word of the flash.
 #[inline]
 pub fn read(address: u32) -> u32 {
-    // SAFETY: a register of the chip or a word of its flash, which the loader has to itself.
+    // SAFETY: a register of the chip or a word of its flash, used by the loader alone.
     unsafe { read_volatile(address as *const u32) }
 }
 
@@ -76,7 +76,7 @@ pub struct FlashController {
 }
 
 impl FlashController {
-    /// Does one operation; false on an error of the controller.
+    /// Runs one operation; returns false on an error of the controller.
     #[inline]
     pub fn operate(&self, control: u32, begin: impl FnOnce()) -> bool {
         feed_watchdog();
@@ -104,7 +104,7 @@ impl FlashController {
 /// Starts the program whose vector table is at this address.
 ///
 /// # Safety
-/// There is a vector table, and nothing of the loader is used afterwards.
+/// A vector table is there, and nothing of the loader is used afterwards.
 #[inline]
 pub unsafe fn start_program(vectors: u32) -> ! {
     // SAFETY: as required above.

@@ -1,4 +1,4 @@
-//! Power cuts at every word of an update, with the loader's swap and its return.
+//! Power cuts at every word of an update, of the loader's swap and of its reversal.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -10,18 +10,18 @@ use super::*;
 
 /// Size of a modelled sector, bytes.
 const SECTOR: usize = 64;
-/// Offsets of the parts: slots of three and four sectors, and pages of the state.
+/// Offsets of the areas: slots of three and four sectors, and pages of the state.
 const ACTIVE: u32 = 0;
 const UPDATE: u32 = 3 * SECTOR as u32;
 const STATE: u32 = 7 * SECTOR as u32;
 const SIZE: usize = 7 * SECTOR + 16 * PAGE as usize;
 
-/// A flash whose power fails after a number of words. The word at the cut gets half of its bits;
-/// the rest of a sector at the cut reads as noise.
+/// A flash whose power fails after a number of words. The word at the cut gets half of its bits.
+/// The rest of an erased sector reads as noise.
 #[derive(Clone, Debug, PartialEq)]
 struct Cells {
     bytes: Vec<u8>,
-    left: usize,
+    power: usize,
     used: usize,
     noise: u32,
 }
@@ -37,7 +37,7 @@ impl Cells {
 #[derive(Clone)]
 struct Part(Rc<RefCell<Cells>>, u32, u32);
 
-/// The power failed.
+/// Error: the power failed.
 const CUT: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl ErrorType for Part {
@@ -65,14 +65,14 @@ impl NorFlash for Part {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         let cells = &mut *self.0.borrow_mut();
         for at in (self.1 + from..self.1 + to).step_by(4) {
-            if cells.left == 0 {
+            if cells.power == 0 {
                 for at in at..self.1 + to {
                     let noise = cells.noise();
                     cells.bytes[at as usize] |= noise;
                 }
                 return Err(CUT);
             }
-            cells.left -= 1;
+            cells.power -= 1;
             cells.used += 1;
             cells.bytes[at as usize..at as usize + 4].fill(0xff);
         }
@@ -82,15 +82,15 @@ impl NorFlash for Part {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let cells = &mut *self.0.borrow_mut();
         for (at, word) in (self.1 + offset..).step_by(4).zip(bytes.chunks(4)) {
-            let cut = cells.left == 0;
+            let cut = cells.power == 0;
             for (n, new) in word.iter().enumerate() {
-                let kept = if cut { cells.noise() } else { 0 };
-                cells.bytes[at as usize + n] &= new | kept;
+                let unerased = if cut { cells.noise() } else { 0 };
+                cells.bytes[at as usize + n] &= new | unerased;
             }
             if cut {
                 return Err(CUT);
             }
-            cells.left -= 1;
+            cells.power -= 1;
             cells.used += 1;
         }
         Ok(())
@@ -114,16 +114,16 @@ impl Chip {
         }
         Self(Cells {
             bytes,
-            left: usize::MAX,
+            power: usize::MAX,
             used: 0,
             noise: 1,
         })
     }
 
-    /// Does `work` with a power that fails after `words` words; whether it ended.
+    /// Runs `work` with a power that fails after `words` words; returns whether it finished.
     fn with(&mut self, words: usize, work: fn(&Rc<RefCell<Cells>>) -> bool) -> bool {
         let mut cells = self.0.clone();
-        (cells.left, cells.used) = (words, 0);
+        (cells.power, cells.used) = (words, 0);
         cells.noise = (cells.noise).wrapping_add((words as u32).wrapping_mul(2_654_435_761));
         let shared = Rc::new(RefCell::new(cells));
         let ended = work(&shared);
@@ -163,9 +163,9 @@ fn is_on_trial(chip: &Chip) -> bool {
     chip.clone().with(usize::MAX, on_trial)
 }
 
-/// Starts the chip, its power cut once more where `again` says so.
-fn start(chip: &mut Chip, again: usize) {
-    chip.with(again, load);
+/// Starts the chip, after a first start whose power fails after `second` words.
+fn start(chip: &mut Chip, second: usize) {
+    chip.with(second, load);
     assert!(chip.with(usize::MAX, load));
 }
 
@@ -192,25 +192,25 @@ fn a_swap_cut_at_every_word_ends_in_the_new_image_and_a_return_in_the_old_one() 
     for swaps in [true, false] {
         let mut chip = Chip::new(0);
         assert!(chip.with(usize::MAX, MARK) && (swaps || chip.with(usize::MAX, load)));
-        let mut whole = chip.clone();
-        assert!(whole.with(usize::MAX, load));
-        assert_eq!(whole.image(), Some(swaps));
-        let cuts = (0..whole.0.used).flat_map(|cut| [0, 1, 17, cut].map(|again| (cut, again)));
-        for (cut, again) in cuts {
+        let mut uncut = chip.clone();
+        assert!(uncut.with(usize::MAX, load));
+        assert_eq!(uncut.image(), Some(swaps));
+        let cuts = (0..uncut.0.used).flat_map(|cut| [0, 1, 17, cut].map(|second| (cut, second)));
+        for (cut, second) in cuts {
             let mut chip = chip.clone();
             assert!(!chip.with(cut, load), "{cut}");
-            start(&mut chip, again);
-            // A start cut after the last step is a start of the new image, which was not confirmed.
+            start(&mut chip, second);
+            // A power cut after the last step starts the new image, which was not confirmed.
             let image = chip.image();
-            assert!(image.is_some(), "{cut}, {again}: a mixed image");
-            assert!(swaps || image == Some(false), "{cut}, {again}");
+            assert!(image.is_some(), "{cut}, {second}: a mixed image");
+            assert!(swaps || image == Some(false), "{cut}, {second}");
             if image == Some(true) {
                 assert!(is_on_trial(&chip));
                 assert!(chip.with(usize::MAX, CONFIRM));
                 assert!(chip.with(usize::MAX, load));
                 assert_eq!(chip.image(), Some(true));
             }
-            assert!(!is_on_trial(&chip), "{cut}, {again}");
+            assert!(!is_on_trial(&chip), "{cut}, {second}");
         }
     }
 }

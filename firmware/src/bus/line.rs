@@ -27,7 +27,7 @@ pub struct BusLine {
     last: AtomicU32,
     /// Silence that ends a frame, us.
     silence: AtomicU32,
-    /// Whether a byte was damaged or too many, or came while the task answers.
+    /// Whether a byte was damaged, in excess, or received while the task answers.
     damaged: AtomicBool,
     bytes: [AtomicU8; MAX_FRAME_BYTES],
     waker: AtomicWaker,
@@ -68,7 +68,7 @@ impl BusLine {
             RECEIVING => {}
             // The answer would collide with this byte.
             ANSWERING => return self.damaged.store(true, Ordering::Relaxed),
-            // The echo of an own byte.
+            // The echo of a sent byte.
             _ => return,
         }
         let mut at = self.length.load(Ordering::Relaxed);
@@ -85,8 +85,8 @@ impl BusLine {
         self.length.store(length, Ordering::Relaxed);
     }
 
-    /// Hands a frame to the task once it is followed by silence; for the millisecond clock. `now` in
-    /// us, wrapping.
+    /// Hands a frame to the task once it is followed by silence; for the millisecond clock. `now`
+    /// in us, wrapping.
     pub fn poll(&self, now: u32) {
         let complete = self.owner.load(Ordering::Acquire) == RECEIVING
             && self.length.load(Ordering::Relaxed) > 0
@@ -112,23 +112,23 @@ impl BusLine {
         self.owner.load(Ordering::Acquire) == ANSWERING
     }
 
-    /// Waits for a frame, copies it and returns its length. Its bytes stay the task's until
+    /// Waits for a frame, copies it and returns its length. Its bytes belong to the task until
     /// [`BusLine::send`] or [`BusLine::listen`].
-    pub fn frame(&self, room: &mut [u8; MAX_FRAME_BYTES]) -> impl Future<Output = usize> {
+    pub fn frame(&self, buffer: &mut [u8; MAX_FRAME_BYTES]) -> impl Future<Output = usize> {
         poll_fn(|context| {
             self.waker.register(context.waker());
             if !self.is_waiting() {
                 return Poll::Pending;
             }
             let length = self.length.load(Ordering::Relaxed) as usize;
-            for (byte, own) in room.iter_mut().zip(&self.bytes).take(length) {
-                *byte = own.load(Ordering::Relaxed);
+            for (byte, cell) in buffer.iter_mut().zip(&self.bytes).take(length) {
+                *byte = cell.load(Ordering::Relaxed);
             }
             Poll::Ready(length)
         })
     }
 
-    /// Hands an answer to the sending interrupt. Returns false, and listens, where a byte came
+    /// Hands an answer to the sending interrupt. Returns false, and listens, if a byte arrived
     /// meanwhile or the answer is empty or too long.
     pub fn send(&self, answer: &[u8]) -> bool {
         let disturbed = self.damaged.load(Ordering::Relaxed);
@@ -136,8 +136,8 @@ impl BusLine {
             self.listen();
             return false;
         }
-        for (own, byte) in self.bytes.iter().zip(answer) {
-            own.store(*byte, Ordering::Relaxed);
+        for (cell, byte) in self.bytes.iter().zip(answer) {
+            cell.store(*byte, Ordering::Relaxed);
         }
         self.length.store(answer.len() as u32, Ordering::Relaxed);
         self.sent.store(0, Ordering::Relaxed);
@@ -186,9 +186,9 @@ mod tests {
     }
 
     fn frame(line: &BusLine) -> Vec<u8> {
-        let mut room = [0; MAX_FRAME_BYTES];
-        let length = block_on(line.frame(&mut room));
-        room[..length].to_vec()
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let length = block_on(line.frame(&mut buffer));
+        buffer[..length].to_vec()
     }
 
     fn line() -> BusLine {

@@ -1,23 +1,23 @@
 //! The board behind the registers.
 
-use kband_bus::{Authority, Exception, Machine, Seen};
+use kband_bus::{Authority, Exception, Machine, Snapshot};
 use kband_control::wire::{Access, Record, Refusal, Telemetry};
 use kband_control::{Settings, Target};
 
 use crate::station::Station;
 
-/// A station as the server of the bus sees it.
+/// A station, as the bus server accesses it.
 pub struct Registers<'a> {
     pub station: &'a Station,
     pub image: &'static str,
-    /// Whether nothing may be written, whatever the settings say.
+    /// Whether nothing may be written, regardless of the settings.
     pub read_only: bool,
 }
 
 impl Machine for Registers<'_> {
-    fn seen(&self) -> Seen<'_> {
+    fn snapshot(&self) -> Snapshot<'_> {
         let station = self.station;
-        Seen {
+        Snapshot {
             telemetry: Telemetry::from(&station.report()),
             status: station.status(Access::Full),
             authority: if self.read_only {
@@ -27,10 +27,10 @@ impl Machine for Registers<'_> {
             },
             target: station.target(),
             recipe: station.recipe().into(),
-            save: station.save_progress(),
+            save: station.bus.save.get(),
             events: station.events(),
             missed: station.missed(),
-            writable: station.is_writable(),
+            writable: station.bus.writable.get(),
             image: self.image,
         }
     }

@@ -38,7 +38,7 @@ pub struct LineConfig {
 }
 
 impl LineConfig {
-    /// The configuration of these settings; `None` where the bus is off.
+    /// The configuration of these settings; `None` if the bus is off.
     pub fn of(settings: &Settings) -> Option<Self> {
         let unit = settings.bus_address as u8;
         (unit > 0).then_some(Self {
@@ -55,17 +55,17 @@ impl LineConfig {
 
 /// The serial port of the bus. Its interrupt exchanges bytes with the [`BusLine`].
 pub trait BusPort {
-    /// Drops what is under way, disables the driver, and listens with another configuration; off
-    /// with `None`.
+    /// Drops transfers in progress, disables the driver, and listens with another configuration;
+    /// `None` switches the port off.
     fn configure(&mut self, config: Option<LineConfig>);
 
-    /// Enables the driver and sends the bytes of the line. The interrupt at the end of the last stop
-    /// bit disables the driver.
+    /// Enables the driver and sends the bytes of the line. The interrupt at the end of the last
+    /// stop bit disables the driver.
     fn start_sending(&mut self);
 }
 
-/// The task of the bus. It has no deadline of the control, and no watchdog: where it hangs, the
-/// drive behaves as for a lost link (limit 7).
+/// The task of the bus. It has no control deadline and no watchdog. If it hangs, the drive behaves
+/// as for a lost link (limit 7).
 pub async fn bus(
     line: &BusLine,
     mut port: impl BusPort,
@@ -81,7 +81,8 @@ pub async fn bus(
             port.configure(config);
             in_use = config;
         }
-        let length = match select(line.frame(&mut frame), station.settings_changed()).await {
+        let changed = station.bus.settings_changed.wait();
+        let length = match select(line.frame(&mut frame), changed).await {
             Either::First(length) => length,
             Either::Second(()) => continue,
         };
@@ -92,11 +93,9 @@ pub async fn bus(
             read_only: false,
         };
         let request = frame.get(..length).unwrap_or_default();
-        let answered = station.with_bus_server(|server| {
-            rtu::answer(server, unit, request, &mut registers, &mut answer)
-        });
-        if answered {
-            station.record_bus_request();
+        let mut server = station.bus.server.borrow_mut();
+        if rtu::answer(&mut server, unit, request, &mut registers, &mut answer) {
+            station.bus.request_received.set(true);
             if line.send(&answer) {
                 port.start_sending();
             }
@@ -106,7 +105,7 @@ pub async fn bus(
     }
 }
 
-/// Answers a request that came over the link, of any unit, in the session of the bus; empty without
+/// Answers a request received over the link, for any unit, in the session of the bus; empty without
 /// an answer.
 pub fn answer_over_link(
     station: &Station,
@@ -120,8 +119,9 @@ pub fn answer_over_link(
         read_only,
     };
     let mut answer = Answer::new();
-    if station.with_bus_server(|server| server.answer(adu, &mut registers, &mut answer)) {
-        station.record_bus_request();
+    let mut server = station.bus.server.borrow_mut();
+    if server.answer(adu, &mut registers, &mut answer) {
+        station.bus.request_received.set(true);
     }
     answer
 }

@@ -1,8 +1,8 @@
 //! UART4 as the port of the bus: sends on PC10, receives on PC11, enables the driver on PC12.
 //!
-//! The chip of the default board drives no enable pin by itself. A task would lower it late: a slice
-//! of planning takes up to 14 ms, a character at 19200 baud 0.57 ms. So the interrupt at the end of
-//! the last stop bit lowers it.
+//! The chip of the default board drives no enable pin by itself. A task would lower the pin too
+//! late: a slice of planning takes up to 14 ms, a character at 19200 baud 0.57 ms. So the interrupt
+//! at the end of the last stop bit lowers it.
 
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::pac::usart::vals::{M0, Ps, Stop};
@@ -32,18 +32,14 @@ impl Uart {
         receive: Peri<'static, PC11>,
         enable: Peri<'static, PC12>,
     ) -> Self {
-        // `forget` keeps the pins set up while the program runs.
+        // `forget` keeps the pin configured while the program runs.
         core::mem::forget(Output::new(enable, Level::Low, Speed::Low));
-        let functions = (
-            TxPin::<UART4>::af_num(&*send),
-            RxPin::<UART4>::af_num(&*receive),
-        );
+        let send_function = TxPin::<UART4>::af_num(&*send);
+        let receive_function = RxPin::<UART4>::af_num(&*receive);
         let (mut send, mut receive) = (Flex::new(send), Flex::new(receive));
-        send.set_as_af_unchecked(
-            functions.0,
-            AfType::output(OutputType::PushPull, Speed::Low),
-        );
-        receive.set_as_af_unchecked(functions.1, AfType::input(Pull::Up));
+        let output = AfType::output(OutputType::PushPull, Speed::Low);
+        send.set_as_af_unchecked(send_function, output);
+        receive.set_as_af_unchecked(receive_function, AfType::input(Pull::Up));
         core::mem::forget((send, receive));
         rcc::enable_and_reset::<UART4>();
         Self::with_clock(line, rcc::frequency::<UART4>().0)
@@ -77,11 +73,8 @@ impl BusPort for Uart {
                 // Nine bits, parity included.
                 control.set_m0(M0::BIT9);
                 control.set_pce(true);
-                control.set_ps(if parity == Parity::Odd {
-                    Ps::ODD
-                } else {
-                    Ps::EVEN
-                });
+                let is_odd = parity == Parity::Odd;
+                control.set_ps(if is_odd { Ps::ODD } else { Ps::EVEN });
             }
             control.set_te(true);
             control.set_re(true);

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Other programs on the launches of `kband bench`, one after the other on one core: CSV of kernel,
-# workload, ns an impact. What is not installed is left out, and said: numba and heyoka of PYTHON
-# (python3), a C++ compiler with Boost.
+# Other programs on the launches of `kband bench`, in sequence on one core: CSV of kernel, workload,
+# ns an impact. Missing ones are reported and left out: numba and heyoka of PYTHON (default
+# python3), a C++ compiler with Boost.
 #   host/benches/peers/compare.sh
 #   PYTHON=venv/bin/python host/benches/peers/compare.sh
 set -eu

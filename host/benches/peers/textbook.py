@@ -1,4 +1,4 @@
-"""The textbook's impact map in numba, on the launches of `kband bench` and along orbits: ns an
+"""The textbook impact map in numba, on the launches of `kband bench` and along orbits: ns an
 impact as CSV.
 
 Run by compare.sh beside it.
@@ -27,7 +27,7 @@ def gap(k, sine, cosine, v, velocity, d):
 
 @numba.njit(fastmath=False)
 def impact(k, phase, velocity):
-    """Flight and arrival speed by Newton, on segments of one sign of curvature."""
+    """Flight and arrival speed by Newton's method, on segments of constant sign of curvature."""
     sine, cosine = math.sin(phase), math.cos(phase)
     if velocity == 0.0 and sine < k:
         return 0.0, 0.0

@@ -1,37 +1,35 @@
-//! The emulated CPU as a board.
+//! The emulated CPU in place of a board.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use kband_scene::refusal::Refusal;
 
-use crate::tether::tether;
-
-/// Where the emulated image lies in a clone of the project.
+/// Path of the emulated image in a clone of the project.
 const IMAGE: &str = "target/thumbv7em-none-eabihf/firmware/virtual_feeder";
 
-/// What the drive of an emulated board does.
+/// Drive of an emulated board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Emulated {
-    /// It stays off: settings may be changed and saved.
+    /// Off: settings may be changed and saved.
     AtRest,
-    /// It runs the default scene at the board's own speed.
+    /// Runs the default scene at the board's own speed.
     Running,
 }
 
-/// How the image that belongs to this desk is made.
+/// How to build the image of this version.
 pub(crate) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
-/// Oldest QEMU whose emulated board runs the image.
+/// Oldest QEMU version that runs the image.
 const MIN_QEMU: [u32; 2] = [9, 2];
 
-/// Refuses a QEMU that is too old, by what `--version` prints.
+/// Refuses a QEMU version that is too old, from the output of `--version`.
 fn check_version(printed: &str) -> Result<(), Refusal> {
     let version = printed.split_whitespace().nth(3).unwrap_or_default();
     let mut numbers = version.split('.').map_while(|number| number.parse().ok());
-    let found = [numbers.next(), numbers.next()].map(|number| number.unwrap_or(0));
-    if found >= MIN_QEMU {
+    let numbers = [numbers.next(), numbers.next()].map(|number| number.unwrap_or(0));
+    if numbers >= MIN_QEMU {
         return Ok(());
     }
     let [major, minor] = MIN_QEMU;
@@ -43,7 +41,7 @@ fn check_version(printed: &str) -> Result<(), Refusal> {
     ))
 }
 
-/// Starts the emulator with its serial port on pipes, its settings kept in the file `flash`.
+/// Starts the emulator with its serial port on pipes and its settings in the file `flash`.
 pub fn start(
     image: Option<&Path>,
     emulated: Emulated,
@@ -59,28 +57,29 @@ pub fn start(
             format!("{BUILD}, or name it with --image"),
         ));
     }
-    let found = |path: &Path| {
+    let resolve = |path: &Path| {
         path.canonicalize()
             .map_err(|error| Refusal::file(path, &error, "give the path of a readable file"))
     };
-    let image = found(&image)?;
-    let mut words = String::from(match emulated {
+    let image = resolve(&image)?;
+    let mut option = String::from(match emulated {
         Emulated::AtRest => "enable=on,target=native,arg=image,arg=link",
         Emulated::Running => "enable=on,target=native,arg=image,arg=run",
     });
-    // One that does not start is refused below.
+    // A QEMU that does not start is refused below.
     if let Ok(printed) = Command::new("qemu-system-arm").arg("--version").output() {
         check_version(&String::from_utf8_lossy(&printed.stdout))?;
     }
     let mut command = Command::new("qemu-system-arm");
     tether(&mut command);
     if let Some(flash) = flash {
-        let flash = found(flash)?;
+        let flash = resolve(flash)?;
         let (folder, name) = (flash.parent(), flash.file_name());
         if let (Some(folder), Some(name)) = (folder, name) {
-            // The emulated board's command line is short: it gets the name alone.
+            // The emulated board accepts only a short command line, so it receives the name without
+            // the folder.
             command.current_dir(folder);
-            words += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
+            option += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
         }
     }
     command
@@ -94,7 +93,7 @@ pub fn start(
         ])
         .args(["-serial", "null", "-serial", "stdio"])
         .arg("-semihosting-config")
-        .arg(words)
+        .arg(option)
         .arg("-kernel")
         .arg(&image)
         .stdin(Stdio::piped())
@@ -109,12 +108,29 @@ pub fn start(
         })
 }
 
+/// Makes the system kill the process of `command` when the thread that starts it ends, even if that
+/// is killed.
+#[cfg(target_os = "linux")]
+fn tether(command: &mut Command) {
+    use rustix::process::{Signal, set_parent_process_death_signal};
+    use std::os::unix::process::CommandExt;
+
+    let tie = || set_parent_process_death_signal(Some(Signal::KILL)).map_err(Into::into);
+    // SAFETY: between fork and exec the closure makes one system call, and uses no lock and no
+    // memory.
+    unsafe { command.pre_exec(tie) };
+}
+
+/// On other systems the process ends only when its line closes.
+#[cfg(not(target_os = "linux"))]
+fn tether(_command: &mut Command) {}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_qemu_older_than_9_2_is_refused_with_what_to_do() {
+    fn qemu_older_than_9_2_is_refused_with_a_next_step() {
         let printed =
             |version| format!("QEMU emulator version {version} (Debian 1:1)\nCopyright\n");
         for good in ["9.2.0", "9.10.1", "10.0.2"] {

@@ -1,8 +1,7 @@
-//! The link to a board: on a serial port, or the emulated CPU.
+//! The link to a board: a serial port, or the emulated CPU.
 //!
 //! | module | holds |
 //! |---|---|
-//! | `tether` | a process that must not outlive this one |
 //! | [`emulator`] | the emulated CPU as a process |
 //! | [`serial`] | serial ports |
 //! | `link` | requests to a board and its answers, each with a time limit |
@@ -13,9 +12,8 @@ pub mod emulator;
 mod link;
 pub mod serial;
 mod settings;
-mod tether;
 mod update;
 
 pub use emulator::Emulated;
-pub use link::{Ask, Link, Unsolicited};
-pub use settings::{BoardSetting, BoardSettings, tell};
+pub use link::{CheckStop, Link, Unsolicited};
+pub use settings::{BoardSetting, BoardSettings, set_all};

@@ -15,16 +15,15 @@ use kband_control::Target;
 use kband_control::wire::{
     Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
     SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
-    write_question, write_request, write_update_request,
+    write_identity_request, write_request, write_update_request,
 };
 
 use kband_scene::refusal::Refusal;
 
 use crate::{Emulated, emulator, serial};
 
-/// Longest wait for a response; an emulated board on a busy machine is far below its speed.
+/// Longest wait for a response; an emulated board on a busy machine is far slower than real time.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
-/// Time between a request and its repetition.
 const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 /// Largest number of queued messages without a request: over a minute at 50 Hz.
 const MAX_UNSOLICITED: usize = 4096;
@@ -34,16 +33,16 @@ const MAX_UNSOLICITED: usize = 4096;
 pub enum Unsolicited {
     /// A drive cycle.
     Telemetry(Telemetry),
-    /// It started anew, running this image.
+    /// The board restarted, with this image.
     Started(String),
 }
 
 /// Called during a wait; a refusal ends the wait.
-pub type Ask = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
+pub type CheckStop = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
 /// Time between two such calls.
-const ASK_INTERVAL: Duration = Duration::from_millis(50);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// The link to one board. An emulated board ends with it.
+/// Link to one board. Dropping it ends an emulated board.
 pub struct Link {
     name: String,
     emulator: Option<Child>,
@@ -52,24 +51,24 @@ pub struct Link {
     waiting: VecDeque<u8>,
     receiver: Receiver,
     sequence: u8,
-    patience: Duration,
-    speaks: (u8, u32),
+    answer_timeout: Duration,
+    protocol: (u8, u32),
     image: String,
     bytes_received: usize,
     unreadable: u32,
     unsolicited: VecDeque<Unsolicited>,
     record: Option<Box<dyn Write + Send>>,
-    go_on: Ask,
+    check_stop: CheckStop,
     over: bool,
 }
 
 impl Link {
-    /// The link to the emulated CPU, which runs `image`. It keeps its settings in the file
-    /// `flash`; `go_on` is called during a wait.
+    /// Link to the emulated CPU, which runs `image`. It keeps its settings in the file `flash`;
+    /// `check_stop` is called during a wait.
     pub fn emulate(
         [image, flash]: [Option<&Path>; 2],
         emulated: Emulated,
-        go_on: Ask,
+        check_stop: CheckStop,
     ) -> Result<Self, Refusal> {
         let mut child = emulator::start(image, emulated, flash)?;
         let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
@@ -78,28 +77,28 @@ impl Link {
                 "close other programs and try again",
             ));
         };
-        Self::over("qemu".to_string(), output, input, Some(child), go_on)
+        Self::over("qemu".to_string(), output, input, Some(child), check_stop)
     }
 
-    /// The link to the board on a serial port; `go_on` is called during a wait.
-    pub fn open(path: &Path, go_on: Ask) -> Result<Self, Refusal> {
+    /// Link to the board on a serial port; `check_stop` is called during a wait.
+    pub fn open(path: &Path, check_stop: CheckStop) -> Result<Self, Refusal> {
         let output = serial::open(path)?;
         let input = output
             .try_clone()
             .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
-        Self::over(path.display().to_string(), output, input, None, go_on)
+        Self::over(path.display().to_string(), output, input, None, check_stop)
     }
 
-    /// The link over a writer to a board and a reader from it; an emulator ends with it.
+    /// Link over a writer to a board and a reader from it; an emulator ends with the link.
     fn over(
         name: String,
         output: impl Write + Send + 'static,
         mut input: impl Read + Send + 'static,
         emulator: Option<Child>,
-        go_on: Ask,
+        check_stop: CheckStop,
     ) -> Result<Self, Refusal> {
         let (send, bytes) = channel();
-        // The thread ends with the other end of the link, or with the program.
+        // The thread ends when the other end closes, or with the program.
         std::thread::spawn(move || {
             let mut buffer = [0; 1024];
             while let Ok(count @ 1..) = input.read(&mut buffer) {
@@ -116,21 +115,21 @@ impl Link {
             waiting: VecDeque::new(),
             receiver: Receiver::new(),
             sequence: 0,
-            patience: ANSWER_TIMEOUT,
-            speaks: (0, 0),
+            answer_timeout: ANSWER_TIMEOUT,
+            protocol: (0, 0),
             image: String::new(),
             bytes_received: 0,
             unreadable: 0,
             unsolicited: VecDeque::new(),
             record: None,
-            go_on,
+            check_stop,
             over: false,
         };
         link.identify()?;
         Ok(link)
     }
 
-    /// Where the board is: qemu or its port.
+    /// Name of the connection: qemu or the port.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -140,14 +139,14 @@ impl Link {
         &self.image
     }
 
-    /// Whether the other end is gone: the port or the emulator.
+    /// Whether the other end is closed: the port or the emulator.
     pub fn is_over(&self) -> bool {
         self.over
     }
 
-    /// Version and schema of the link that the board speaks.
-    pub fn speaks(&self) -> (u8, u32) {
-        self.speaks
+    /// Version and schema of the link protocol on the board.
+    pub fn protocol(&self) -> (u8, u32) {
+        self.protocol
     }
 
     /// Number of unreadable frames so far.
@@ -155,7 +154,7 @@ impl Link {
         self.unreadable
     }
 
-    /// Instruction for the user: how the board gets the firmware that belongs to this desk.
+    /// Instruction for the user on how to write the firmware of this version to the board.
     pub fn fitting_firmware(&self) -> String {
         match self.emulator {
             Some(_) => format!(
@@ -168,12 +167,12 @@ impl Link {
         }
     }
 
-    /// Refused where the board speaks another version or schema than this desk.
-    pub fn speaks_the_same(&self) -> Result<(), Refusal> {
-        if self.speaks == (VERSION, SCHEMA) {
+    /// Refuses a board with another version or schema of the link protocol.
+    pub fn check_protocol(&self) -> Result<(), Refusal> {
+        if self.protocol == (VERSION, SCHEMA) {
             return Ok(());
         }
-        let ((version, schema), image) = (self.speaks, &self.image);
+        let ((version, schema), image) = (self.protocol, &self.image);
         Err(Refusal::new(
             format!(
                 "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
@@ -184,9 +183,10 @@ impl Link {
         ))
     }
 
-    /// From now on writes every byte of the board to `record`, after a frame with its identity.
+    /// From now on writes every byte from the board to `record`, after a frame with the board's
+    /// identity.
     pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
-        let (version, schema) = self.speaks;
+        let (version, schema) = self.protocol;
         let identity = Identity {
             version,
             schema,
@@ -201,88 +201,88 @@ impl Link {
     }
 
     /// Sets the longest wait for a response.
-    pub fn wait_at_most(&mut self, patience: Duration) {
-        self.patience = patience;
+    pub fn set_answer_timeout(&mut self, answer_timeout: Duration) {
+        self.answer_timeout = answer_timeout;
     }
 
-    /// Waits; returns the messages without a request, oldest first.
+    /// Waits for `time`; returns the messages without a request, oldest first.
     pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
         Ok(self.unsolicited.drain(..).collect())
     }
 
-    /// Sends a request and passes its response to `look`.
-    pub fn ask<T>(
+    /// Sends a request and passes its response to `handle`.
+    pub fn request<T>(
         &mut self,
         request: &Request<'_>,
-        look: impl FnOnce(Response<'_>) -> T,
+        handle: impl FnOnce(Response<'_>) -> T,
     ) -> Result<T, Refusal> {
         let sequence = self.next_sequence();
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
-        let again = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
-        let mut look = Some(look);
-        self.exchange(frame, again, |answer| match answer {
+        let is_idempotent = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
+        let mut handle = Some(handle);
+        self.exchange(frame, is_idempotent, |answer| match answer {
             Outgoing::Response {
                 sequence: same,
                 response,
-            } if same == sequence => look.take().map(|look| look(response)),
+            } if same == sequence => handle.take().map(|handle| handle(response)),
             _ => None,
         })
     }
 
-    /// Sends a request of an update and passes its answer to `look`.
-    pub(crate) fn ask_update<T>(
+    /// Sends a request of an update and passes its answer to `handle`.
+    pub(crate) fn request_update<T>(
         &mut self,
         request: &UpdateRequest<'_>,
-        look: impl FnOnce(UpdateAnswer<'_>) -> T,
+        handle: impl FnOnce(UpdateAnswer<'_>) -> T,
     ) -> Result<T, Refusal> {
         let sequence = self.next_sequence();
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_update_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
-        let mut look = Some(look);
+        let mut handle = Some(handle);
         self.exchange(frame, true, |answer| match answer {
             Outgoing::Update {
                 sequence: same,
                 answer,
-            } if same == sequence => look.take().map(|look| look(answer)),
+            } if same == sequence => handle.take().map(|handle| handle(answer)),
             _ => None,
         })
     }
 
-    /// Sequence of the next request; 0 is that of messages without a request.
+    /// Sequence number of the next request; 0 is reserved for messages without a request.
     fn next_sequence(&mut self) -> u8 {
         self.sequence = self.sequence % 255 + 1;
         self.sequence
     }
 
-    /// Sends a frame until `look` finds its answer. A board drops requests beyond its allowance
-    /// for a drive cycle, and a link may lose a frame: `again` repeats an idempotent request.
+    /// Sends a frame until `handle` finds its response. A board drops requests beyond its limit per
+    /// drive cycle, and a link may lose a frame. `is_idempotent` repeats an idempotent request.
     fn exchange<T>(
         &mut self,
         frame: &[u8],
-        again: bool,
-        mut look: impl FnMut(Outgoing<'_>) -> Option<T>,
+        is_idempotent: bool,
+        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
     ) -> Result<T, Refusal> {
-        let end = Instant::now() + self.patience;
+        let end = Instant::now() + self.answer_timeout;
         while Instant::now() < end {
             self.send(frame)?;
-            let until = if again {
+            let until = if is_idempotent {
                 Instant::now() + RETRY_INTERVAL
             } else {
                 end
             };
-            if let Some(found) = self.receive(until, &mut look)? {
-                return Ok(found);
+            if let Some(value) = self.receive(until, &mut handle)? {
+                return Ok(value);
             }
         }
-        Err(self.silent())
+        Err(self.no_answer())
     }
 
     /// Sends a command; an error says why the board refused it.
-    pub fn tell(&mut self, request: &Request<'_>) -> Result<(), Refusal> {
+    pub fn command(&mut self, request: &Request<'_>) -> Result<(), Refusal> {
         let name = self.name.clone();
-        self.ask(request, |response| match response {
+        self.request(request, |response| match response {
             Response::Done => Ok(()),
             Response::Refused(refused) => Err(refusal(&name, refused)),
             other => Err(Refusal::new(
@@ -292,26 +292,26 @@ impl Link {
         })?
     }
 
-    /// Begins telemetry with a period in drive cycles, or as often as the line carries it.
+    /// Begins telemetry at a period in drive cycles, or at the highest rate of the line.
     pub fn begin_telemetry(&mut self, every: u16) -> Result<(), Refusal> {
-        let fewest = self.ask(&Request::Telemetry(every), |response| match response {
-            Response::Refused(Refused::Faster(fewest)) => Some(fewest),
+        let min_period = self.request(&Request::Telemetry(every), |response| match response {
+            Response::Refused(Refused::Faster(min_period)) => Some(min_period),
             _ => None,
         })?;
-        self.tell(&Request::Telemetry(fewest.unwrap_or(every)))
+        self.command(&Request::Telemetry(min_period.unwrap_or(every)))
     }
 
-    /// The board's status; `None` from a firmware that sends none.
+    /// The board's status; `None` from a firmware that does not send it.
     pub fn status(&mut self) -> Result<Option<Status>, Refusal> {
-        self.ask(&Request::Status, |response| match response {
+        self.request(&Request::Status, |response| match response {
             Response::Status(status) => Some(status),
             _ => None,
         })
     }
 
-    /// The target that the board holds, whoever set it.
-    pub fn held(&mut self) -> Result<Target, Refusal> {
-        self.ask(&Request::Held, |response| match response {
+    /// Target that the board holds, from any source.
+    pub fn target(&mut self) -> Result<Target, Refusal> {
+        self.request(&Request::Held, |response| match response {
             Response::Held(target) => Ok(target),
             other => Err(Refusal::new(
                 format!("the board answered the request for its target with {other:?}"),
@@ -324,7 +324,7 @@ impl Link {
     pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A starting board sends its identity with sequence 0.
-        let question = write_question(&mut buffer, 1)
+        let question = write_identity_request(&mut buffer, 1)
             .map(<[u8]>::to_vec)
             .unwrap_or_default();
         let end = Instant::now() + ANSWER_TIMEOUT;
@@ -338,13 +338,13 @@ impl Link {
                     )),
                     Outgoing::Response { .. } | Outgoing::Update { .. } => None,
                 })?;
-            if let Some((speaks, image)) = identity {
-                (self.speaks, self.image) = (speaks, image);
+            if let Some((protocol, image)) = identity {
+                (self.protocol, self.image) = (protocol, image);
                 self.unsolicited.clear();
                 return Ok(());
             }
         }
-        Err(self.silent())
+        Err(self.no_answer())
     }
 
     fn send(&mut self, frame: &[u8]) -> Result<(), Refusal> {
@@ -359,11 +359,11 @@ impl Link {
             })
     }
 
-    /// The first result of `look` over the received frames; `None` without one until `end`.
+    /// First result of `handle` over the received frames; `None` if there is none until `end`.
     fn receive<T>(
         &mut self,
         end: Instant,
-        mut look: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
@@ -394,12 +394,12 @@ impl Link {
                 if self.unsolicited.len() > MAX_UNSOLICITED {
                     self.unsolicited.pop_front();
                 }
-                if let Some(found) = look(answer) {
-                    return Ok(Some(found));
+                if let Some(value) = handle(answer) {
+                    return Ok(Some(value));
                 }
             }
             let left = end.saturating_duration_since(Instant::now());
-            match self.input.recv_timeout(left.min(ASK_INTERVAL)) {
+            match self.input.recv_timeout(left.min(STOP_POLL_INTERVAL)) {
                 Ok(bytes) => {
                     self.bytes_received = self.bytes_received.saturating_add(bytes.len());
                     if let Some(record) = &mut self.record {
@@ -408,8 +408,8 @@ impl Link {
                     self.waiting.extend(bytes);
                 }
                 Err(RecvTimeoutError::Timeout) => {
-                    (self.go_on)()?;
-                    if left <= ASK_INTERVAL {
+                    (self.check_stop)()?;
+                    if left <= STOP_POLL_INTERVAL {
                         return Ok(None);
                     }
                 }
@@ -424,7 +424,7 @@ impl Link {
         }
     }
 
-    fn silent(&self) -> Refusal {
+    fn no_answer(&self) -> Refusal {
         let Self {
             name,
             bytes_received,
@@ -507,9 +507,9 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
             format!("{name} was given five wrong PINs"),
             format!("wait for {seconds} s, then give the right PIN"),
         ),
-        Refused::Faster(fewest) => Refusal::new(
-            format!("the line of {name} carries telemetry every {fewest} drive cycles at most"),
-            format!("kband monitor --every {fewest}, or more"),
+        Refused::Faster(min_period) => Refusal::new(
+            format!("the line of {name} carries telemetry every {min_period} drive cycles at most"),
+            format!("kband monitor --every {min_period}, or more"),
         ),
         Refused::SupplyLow => Refusal::new(
             format!(

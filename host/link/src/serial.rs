@@ -1,14 +1,14 @@
-//! Serial ports: which there are, and one of them opened for this program alone.
+//! Serial ports: search for them, and exclusive opening.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use kband_scene::refusal::Refusal;
 
-/// How names of ports begin that a board may be on: USB on Linux, USB on macOS.
+/// Prefixes of names of serial ports: USB on Linux, USB on macOS.
 const NAMES: [&str; 4] = ["ttyACM", "ttyUSB", "cu.usbmodem", "cu.usbserial"];
 
-/// The only serial port there is.
+/// The only serial port of this computer.
 pub fn only_port() -> Result<PathBuf, Refusal> {
     only(ports(Path::new("/dev")))
 }
@@ -47,7 +47,7 @@ fn ports(folder: &Path) -> Vec<PathBuf> {
     ports
 }
 
-/// Opens a port at 115200 baud, 8 bits, no parity, for this program alone.
+/// Opens a port exclusively, at 115200 baud, 8 bits, no parity.
 #[cfg(unix)]
 pub fn open(path: &Path) -> Result<File, Refusal> {
     use std::os::unix::fs::OpenOptionsExt;
@@ -63,7 +63,7 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
             "close the other kband or terminal program, and try again",
         )
     };
-    // Not to wait for a carrier, and not to become the program's own terminal.
+    // Does not wait for a carrier, and does not become the controlling terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
     let port = File::options()
         .read(true)
@@ -95,7 +95,7 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
         )
     };
     let mut modes = tcgetattr(&port).map_err(&is_none)?;
-    // The lock stops another kband, exclusive use every program but one of root's.
+    // The lock excludes another kband, the exclusive mode all programs except those of root.
     port.try_lock().map_err(|_| busy())?;
     ioctl_tiocexcl(&port).map_err(&is_none)?;
     modes.make_raw();
@@ -114,7 +114,7 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
     Ok(port)
 }
 
-/// Says that ports cannot be opened here.
+/// Refuses, because ports are not supported on this system.
 #[cfg(not(unix))]
 pub fn open(path: &Path) -> Result<File, Refusal> {
     Err(Refusal::new(
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_only_port_is_taken_and_several_are_named() {
+    fn a_single_port_is_used_and_several_are_listed() {
         let folder = tempfile::tempdir().unwrap();
         for other in ["tty0", "null", "ttyS0"] {
             std::fs::write(folder.path().join(other), "").unwrap();
@@ -164,7 +164,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_port_is_opened_once_and_what_is_no_port_is_refused() {
+    fn a_port_opens_once_and_other_files_are_refused() {
         use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();

@@ -1,4 +1,4 @@
-//! The settings of a board: read, checked and changed together or not at all.
+//! The settings of a board: read, checked, and changed completely or not at all.
 
 use kband::feeder::OutOfRange;
 use kband_control::Settings;
@@ -8,40 +8,40 @@ use kband_scene::refusal::Refusal;
 
 use crate::link::Link;
 
-/// A setting as the board has it.
+/// A setting on the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSetting {
-    /// Its key.
+    /// Key of the setting.
     pub key: String,
-    /// Its unit; empty for a pure number.
+    /// Unit; empty for a pure number.
     pub unit: String,
-    /// Its value.
+    /// Present value.
     pub value: f32,
     /// Smallest accepted value.
     pub low: f32,
     /// Largest accepted value.
     pub high: f32,
-    /// Value on first start.
+    /// Default value.
     pub default: f32,
 }
 
 impl BoardSetting {
-    /// What is accepted, with the unit.
+    /// The accepted range with its unit, in words.
     pub fn accepted(&self) -> String {
         format!("{}..{} {}", self.low, self.high, self.unit)
             .trim_end()
             .to_string()
     }
 
-    /// What it is; empty for a key that this desk does not know.
+    /// Meaning; empty for a key unknown to this version.
     pub fn meaning(&self) -> &'static str {
-        let known = Settings::KEYS.iter().find(|known| known.name == self.key);
-        known.map_or("", |known| known.meaning.trim())
+        let key = Settings::KEYS.iter().find(|key| key.name == self.key);
+        key.map_or("", |key| key.meaning.trim())
     }
 
-    /// A value for it, refused outside its range.
+    /// Rounds a value to f32; refuses one outside the range.
     pub fn accept(&self, value: f64) -> Result<f32, Refusal> {
-        // What rounds to a bound is the bound.
+        // A value that rounds to a bound is within the range.
         let single = value as f32;
         if (self.low..=self.high).contains(&single) {
             return Ok(single);
@@ -55,16 +55,16 @@ impl BoardSetting {
     }
 }
 
-/// Every setting of a board, in the board's order.
+/// All settings of a board, in the board's order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSettings(Vec<BoardSetting>);
 
 impl BoardSettings {
-    /// Reads them all.
+    /// Reads all settings.
     pub fn read(link: &mut Link) -> Result<Self, Refusal> {
         let mut all = Vec::new();
         for number in 0..=u8::MAX {
-            let setting = link.ask(&Request::Setting(number), |response| match response {
+            let setting = link.request(&Request::Setting(number), |response| match response {
                 Response::Setting(setting) => Some(BoardSetting {
                     key: setting.key.into(),
                     unit: setting.unit.into(),
@@ -83,19 +83,19 @@ impl BoardSettings {
         Ok(Self(all))
     }
 
-    /// One after the other.
+    /// All settings, in the board's order.
     pub fn iter(&self) -> std::slice::Iter<'_, BoardSetting> {
         self.0.iter()
     }
 
-    /// The setting of a key; an unknown one is refused with the key that comes closest.
+    /// The setting of a key; the refusal of an unknown key suggests the most similar one.
     pub fn get(&self, key: &str) -> Result<&BoardSetting, Refusal> {
         if let Some(setting) = self.iter().find(|setting| setting.key == key) {
             return Ok(setting);
         }
         let nearest = self.iter().max_by(|a, b| {
-            let near = |setting: &BoardSetting| strsim::jaro_winkler(&setting.key, key);
-            near(a).total_cmp(&near(b))
+            let similarity = |setting: &BoardSetting| strsim::jaro_winkler(&setting.key, key);
+            similarity(a).total_cmp(&similarity(b))
         });
         let next = match nearest {
             Some(setting) => format!(
@@ -108,36 +108,36 @@ impl BoardSettings {
         Err(Refusal::value("key", key, keys.join(", "), next))
     }
 
-    /// The controller's settings with these values, as far as this desk knows them.
-    pub fn known(&self) -> Settings {
+    /// The controller's settings with these values, for the keys that this version knows.
+    pub fn configured(&self) -> Settings {
         let mut settings = Settings::default();
         for setting in self.iter() {
-            // A key that this desk does not know has no part in what is checked here.
+            // Keys unknown to this version do not affect the checks here.
             let _ = settings.set(&setting.key, setting.value);
         }
         settings
     }
 
-    /// Changes the board's settings to these values, all of them or, where one is refused, none.
-    pub fn change(&mut self, link: &mut Link, wanted: &[(String, f32)]) -> Result<(), Refusal> {
+    /// Changes the board's settings to these values: all, or none if one is refused.
+    pub fn change(&mut self, link: &mut Link, requested: &[(String, f32)]) -> Result<(), Refusal> {
         let mut after = self.clone();
         let mut changes = Vec::new();
-        let mut back = Vec::new();
-        for (key, value) in wanted {
+        let mut previous = Vec::new();
+        for (key, value) in requested {
             self.get(key)?.accept(f64::from(*value))?;
             for setting in after.0.iter_mut().filter(|setting| setting.key == *key) {
                 if setting.value.to_bits() != value.to_bits() {
                     changes.push((&key[..], *value));
-                    back.push((&key[..], setting.value));
+                    previous.push((&key[..], setting.value));
                 }
                 setting.value = *value;
             }
         }
-        let settings = after.known();
-        (settings.check()).map_err(|refused| not_together(&refused, &settings))?;
-        if let Err(refusal) = tell(link, changes) {
-            // What was taken already is given back; a refusal of that would say the same again.
-            let _ = tell(link, back);
+        let settings = after.configured();
+        (settings.check()).map_err(|refused| inconsistent(&refused, &settings))?;
+        if let Err(refusal) = set_all(link, changes) {
+            // Restores the settings changed so far; a further refusal would repeat the first.
+            let _ = set_all(link, previous);
             return Err(refusal);
         }
         *self = after;
@@ -145,8 +145,8 @@ impl BoardSettings {
     }
 }
 
-/// The refusal of settings that do not go together.
-fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
+/// The refusal of a combination of settings.
+fn inconsistent(refused: &OutOfRange, settings: &Settings) -> Refusal {
     let refusal = Refusal::value(
         refused.parameter,
         refused.value as f32,
@@ -156,7 +156,7 @@ fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
     if refused.parameter != "safe_amplitude" {
         return refusal;
     }
-    // Rounded down: what is shown is accepted.
+    // Rounded down, so that the shown value is accepted.
     let largest = (settings.largest_safe_amplitude() * 1e4).floor() / 1e4;
     let frequency = settings.frequency + settings.tracking;
     refusal
@@ -168,21 +168,21 @@ fn not_together(refused: &OutOfRange, settings: &Settings) -> Refusal {
         ))
 }
 
-/// Sets each of them; those that need another one first get their turn again.
-pub fn tell(link: &mut Link, mut left: Vec<(&str, f32)>) -> Result<(), Refusal> {
-    while !left.is_empty() {
+/// Sets all values. Refused ones are tried again after the others, on which they may depend.
+pub fn set_all(link: &mut Link, mut pending: Vec<(&str, f32)>) -> Result<(), Refusal> {
+    while !pending.is_empty() {
         let mut refused = Vec::new();
         let mut why = None;
-        for (key, value) in &left {
-            if let Err(refusal) = link.tell(&Request::Set { key, value: *value }) {
+        for (key, value) in &pending {
+            if let Err(refusal) = link.command(&Request::Set { key, value: *value }) {
                 refused.push((*key, *value));
                 why = Some(refusal);
             }
         }
-        if refused.len() == left.len() {
+        if refused.len() == pending.len() {
             return why.map_or(Ok(()), Err);
         }
-        left = refused;
+        pending = refused;
     }
     Ok(())
 }
@@ -198,9 +198,9 @@ mod tests {
             ..Settings::default()
         };
         let refused = settings.check().unwrap_err();
-        let message = not_together(&refused, &settings).to_string();
-        for said in ["0..0.0337 mm", "300 Hz", "set safe_amplitude 0.0337"] {
-            assert!(message.contains(said), "{message}");
+        let message = inconsistent(&refused, &settings).to_string();
+        for expected in ["0..0.0337 mm", "300 Hz", "set safe_amplitude 0.0337"] {
+            assert!(message.contains(expected), "{message}");
         }
         settings.safe_amplitude = 0.0337;
         settings.check().unwrap();
@@ -216,7 +216,7 @@ mod tests {
             high: 0.99,
             default: 0.3,
         };
-        // 0.99 is a bound in single precision and larger than it in double precision.
+        // 0.99 is a bound in single precision, which is above 0.99 in double precision.
         assert_eq!(setting.accept(0.99), Ok(0.99));
         for bad in [-0.1, 1.0, f64::NAN, 1e300] {
             assert!(setting.accept(bad).is_err(), "{bad}");

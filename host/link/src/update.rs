@@ -1,4 +1,4 @@
-//! Requests of an update, and what a board's refusal of one means.
+//! Requests for an update, and the meaning of a board's refusals.
 
 use kband_control::wire::{MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest};
 use kband_scene::refusal::Refusal;
@@ -6,15 +6,15 @@ use kband_scene::refusal::Refusal;
 use crate::Link;
 
 impl Link {
-    /// Sends a request of an update; an error says why the board refused it.
-    pub fn tell_update(&mut self, request: &UpdateRequest<'_>) -> Result<(), Refusal> {
+    /// Sends a request for an update; an error states why the board refused it.
+    pub fn command_update(&mut self, request: &UpdateRequest<'_>) -> Result<(), Refusal> {
         self.updated(request, |answer| match answer {
             UpdateAnswer::Done => Ok(()),
             other => Err(other),
         })
     }
 
-    /// Begins an update; returns whether the board's loader takes the image.
+    /// Begins an update; returns whether the board's loader receives the image.
     pub fn begin_update(&mut self, request: &UpdateRequest<'_>) -> Result<bool, Refusal> {
         self.updated(request, |answer| match answer {
             UpdateAnswer::Done => Ok(false),
@@ -23,8 +23,8 @@ impl Link {
         })
     }
 
-    /// Sends bytes of an image, `offset` bytes after its start. Returns the number of bytes that
-    /// the board has.
+    /// Sends bytes of an image from `offset` on. Returns the number of bytes that the board has
+    /// received.
     pub fn send_image(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Refusal> {
         let request = UpdateRequest::Bytes { offset, bytes };
         self.updated(&request, |answer| match answer {
@@ -34,7 +34,7 @@ impl Link {
         })
     }
 
-    /// Name of the board, and whether its image is on trial; refused for a board without a slot.
+    /// Name of the board, and whether its image is on trial; refuses a board without a slot.
     pub fn update_state(&mut self) -> Result<(String, bool), Refusal> {
         self.updated(&UpdateRequest::State, |answer| match answer {
             UpdateAnswer::State { size: 0, .. } => {
@@ -53,7 +53,7 @@ impl Link {
         look: impl FnOnce(UpdateAnswer<'_>) -> Result<T, UpdateAnswer<'_>>,
     ) -> Result<T, Refusal> {
         let name = self.name().to_owned();
-        self.ask_update(request, |answer| {
+        self.request_update(request, |answer| {
             look(answer).map_err(|other| match other {
                 UpdateAnswer::Refused(why) => refusal(&name, why),
                 UpdateAnswer::Loader => Refusal::new(

@@ -18,18 +18,17 @@ use kband::regime::classify::Regime;
 use kband::regime::exponent;
 
 pub use gears::{Gears, InGear};
-use memory::MEMORY;
+use memory::JUDGED_IMPACTS;
 use to_rest::ToRest;
 pub use together::of_each;
 
 use crate::refusal::Refusal;
 
-/// Number of impacts after which every verb gives up an orbit that neither closed nor rested; the
-/// default.
-pub const FOLLOWED: usize = 20_000;
+/// Default number of impacts after which an orbit that neither closed nor rested is undecided.
+pub const MAX_ORBIT_IMPACTS: usize = 20_000;
 
-/// Number of orbits per thread: most end soon, and the rest fly fastest side by side.
-pub const TOGETHER: usize = 4096;
+/// Number of orbits per thread: most end soon, and the rest are fastest in blocks.
+pub const ORBITS_PER_BLOCK: usize = 4096;
 
 /// Number of starts on one track from which the table of certain rests saves time.
 const MIN_STARTS_FOR_TABLE: usize = 64;
@@ -40,7 +39,9 @@ const ORDERS: usize = 8;
 /// Name of a regime of an orbit that was followed for `followed` impacts.
 pub fn describe_regime(regime: Regime, followed: usize) -> String {
     match regime {
-        Regime::Undecided if followed < MEMORY => format!("undecided after {followed} impacts"),
+        Regime::Undecided if followed < JUDGED_IMPACTS => {
+            format!("undecided after {followed} impacts")
+        }
         Regime::Undecided => chaotic_so_far(followed),
         other => name(other),
     }
@@ -80,8 +81,8 @@ pub struct Endings {
     contact: ContactTime,
     /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
-    /// Final regime of a part from rest, computed where one rests. Every part that rests once shares
-    /// it, because rest erases the history.
+    /// Final regime of a part from rest, computed at the first rest. It applies to every part that
+    /// rests, because rest erases the history.
     after_rest: OnceLock<Regime>,
     impacts: usize,
     /// Whether irregular flights in gear stay there, by order from 1.
@@ -91,15 +92,15 @@ pub struct Endings {
 }
 
 impl Endings {
-    /// The classifier at `k` and a restitution below 1, of impacts in no time; it gives up an orbit
-    /// after `impacts` impacts.
+    /// The classifier at `k` and a restitution below 1, for instantaneous impacts. An orbit is
+    /// undecided after `impacts` impacts.
     ///
     /// Errors: a `Refusal` for parameters out of range.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         Self::with_contact(k, restitution, impacts, ContactTime::INSTANT)
     }
 
-    /// The same of impacts that take time.
+    /// The same for impacts with a contact time.
     pub fn with_contact(
         k: f64,
         restitution: f64,
@@ -127,9 +128,9 @@ impl Endings {
         })
     }
 
-    /// The endings on many tracks, each of a k and a restitution; the regimes of parts from rest are
-    /// computed side by side.
-    pub fn of_tracks(
+    /// The classifiers of many tracks, each of a k and a restitution. The regimes from rest are
+    /// computed in blocks.
+    pub fn from_tracks(
         tracks: &[(f64, f64)],
         impacts: usize,
         contact: ContactTime,
@@ -158,9 +159,9 @@ impl Endings {
         orbit.with_contact(self.contact)
     }
 
-    /// An impact that ends at the touch, with its contact.
+    /// Extends an impact, which ends at the touch, by its contact.
     #[inline]
-    fn hold(&self, touch: Impact<PartState>) -> Impact<PartState> {
+    fn extend(&self, touch: Impact<PartState>) -> Impact<PartState> {
         if self.contact == ContactTime::INSTANT {
             return touch;
         }
@@ -193,18 +194,17 @@ impl Endings {
 
     /// Final regime of a part that starts from rest.
     pub fn from_rest(&self) -> Regime {
-        *self
-            .after_rest
-            .get_or_init(|| together::after_rest(slice::from_ref(self))[0])
+        let compute = || together::after_rest(slice::from_ref(self))[0];
+        *self.after_rest.get_or_init(compute)
     }
 
     /// Final regime of a part that starts just after an impact.
-    pub fn of(&self, start: PartState) -> Regime {
-        self.of_all([start].into_iter())[0]
+    pub fn classify(&self, start: PartState) -> Regime {
+        self.classify_all([start].into_iter())[0]
     }
 
     /// Final regimes of parts that start just after an impact, in the order of their starts.
-    pub fn of_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
+    pub fn classify_all(&self, starts: impl ExactSizeIterator<Item = PartState>) -> Vec<Regime> {
         // The bound behind the table is one of impacts in no time.
         if starts.len() >= MIN_STARTS_FOR_TABLE && self.contact.is_instant() {
             self.to_rest
@@ -216,29 +216,28 @@ impl Endings {
     /// Whether the table proves that a part launched in `state` rests before it is thrown again.
     #[inline]
     fn comes_to_rest(&self, state: PartState) -> bool {
-        self.to_rest
-            .get()
-            .is_some_and(|to_rest| to_rest.is_certain(state))
+        let to_rest = self.to_rest.get();
+        to_rest.is_some_and(|to_rest| to_rest.is_certain(state))
     }
 
     /// Whether irregular flights in gear of an order stay there; computed on the first call.
-    pub fn holds(&self, order: u32) -> bool {
-        if self.held(order).is_none() {
+    pub fn stays_in_gear(&self, order: u32) -> bool {
+        if self.known_to_stay(order).is_none() {
             together::hold(slice::from_ref(self), &BTreeSet::from([(0, order)]));
         }
-        self.held(order) == Some(true)
+        self.known_to_stay(order) == Some(true)
     }
 
-    /// Whether irregular flights in gear of an order stay there, if computed; false for orders without
-    /// chaos detection.
-    fn held(&self, order: u32) -> Option<bool> {
+    /// Whether irregular flights in gear of an order stay there, if computed; false for orders
+    /// without chaos detection.
+    fn known_to_stay(&self, order: u32) -> Option<bool> {
         match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
             Some(held) => held.get().copied(),
             None => Some(false),
         }
     }
 
-    fn set_held(&self, order: u32, stays: bool) {
+    fn set_stays(&self, order: u32, stays: bool) {
         let held = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
         if let Some(held) = held {
             // An earlier value is equal, because it was computed alike.
@@ -271,7 +270,8 @@ mod tests {
                     phase: TAU * (f64::from(column) + 0.5) / 40.0,
                     velocity: 3.0 * (f64::from(row) + 0.5) / 40.0,
                 };
-                *shares.entry(discriminant(&endings.of(start))).or_default() += 1.0 / 1600.0;
+                let regime = discriminant(&endings.classify(start));
+                *shares.entry(regime).or_default() += 1.0 / 1600.0;
             }
         }
         shares
@@ -282,29 +282,25 @@ mod tests {
         // docs/theory-capture.md#t7.1: 33 % lock, 64 % rest and relaunch, 3 % otherwise. Another
         // grid of 40 x 40 starts changes the shares by the cells on the basin's edge, about 2 %.
         let shares = shares(0.43, 0.2);
-        assert!((share(&shares, LOCKED) - 0.33).abs() < 0.02, "{shares:?}");
-        assert!(
-            (share(&shares, HOP_AND_REST) - 0.64).abs() < 0.02,
-            "{shares:?}"
-        );
+        for (regime, expected) in [(LOCKED, 0.33), (HOP_AND_REST, 0.64)] {
+            let share = share(&shares, regime);
+            assert!((share - expected).abs() < 0.02, "{shares:?}");
+        }
     }
 
     #[test]
-    fn many_side_by_side_end_where_each_ends_alone() {
+    fn batched_orbits_end_as_single_orbits() {
         for (k, restitution) in [(0.43, 0.2), (0.5, 0.6), (0.3, 0.4), (1.2, 0.8), (0.4, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
-            let starts: Vec<PartState> = (0..700)
-                .map(|n| PartState {
-                    phase: TAU * (f64::from(n) * 0.618_034).fract(),
-                    velocity: 3.0 * (f64::from(n) * 0.414_214).fract(),
-                })
+            let starts = (0..700).map(|n| PartState {
+                phase: TAU * (f64::from(n) * 0.618_034).fract(),
+                velocity: 3.0 * (f64::from(n) * 0.414_214).fract(),
+            });
+            let alone: Vec<Regime> = starts
+                .clone()
+                .map(|start| endings.classify(start))
                 .collect();
-            let alone: Vec<Regime> = starts.iter().map(|start| endings.of(*start)).collect();
-            assert_eq!(
-                endings.of_all(starts.iter().copied()),
-                alone,
-                "{k} {restitution}"
-            );
+            assert_eq!(endings.classify_all(starts), alone, "{k} {restitution}");
         }
     }
 
@@ -318,51 +314,29 @@ mod tests {
     fn above_1_a_part_rests_for_ever_or_locks() {
         // docs/theory-reference.md#t11.4: k = 1.2, R = 0.8 locks.
         let shares = shares(1.2, 0.8);
-        assert!(
-            share(&shares, Regime::Rest) > 0.1 && share(&shares, LOCKED) > 0.05,
-            "{shares:?}"
-        );
+        assert!(share(&shares, Regime::Rest) > 0.1, "{shares:?}");
+        assert!(share(&shares, LOCKED) > 0.05, "{shares:?}");
         assert!(share(&shares, HOP_AND_REST) == 0.0);
     }
 
     #[test]
     fn the_cascade_is_named() {
+        let doubled = |doublings| Regime::Doubled {
+            order: 1,
+            doublings,
+        };
         // Between the flips of docs/theory-bands.md#t6.1
         for (k, regime) in [
-            (0.43, Regime::Locked { order: 1 }),
-            (
-                0.38,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 1,
-                },
-            ),
-            (
-                0.363,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 2,
-                },
-            ),
-            (
-                0.3596,
-                Regime::Doubled {
-                    order: 1,
-                    doublings: 3,
-                },
-            ),
+            (0.43, LOCKED),
+            (0.38, doubled(1)),
+            (0.363, doubled(2)),
+            (0.3596, doubled(3)),
             (0.35, Regime::Chaotic),
         ] {
             let start = Lock::build(k, 0.2, 1).unwrap().unwrap().state();
-            let beside = PartState {
-                phase: start.phase + 1e-3,
-                ..start
-            };
-            assert_eq!(
-                Endings::new(k, 0.2, 3000).unwrap().of(beside),
-                regime,
-                "{k}"
-            );
+            let displaced = PartState::new(start.phase + 1e-3, start.velocity);
+            let endings = Endings::new(k, 0.2, 3000).unwrap();
+            assert_eq!(endings.classify(displaced), regime, "{k}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a scene runs on: samples, the envelope, or what a caller gives.
+//! Closed loop of a scene: waveform, envelope, or cycles from a caller.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -9,7 +9,7 @@ use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Sample, Scene, Strik
 
 use crate::refusal::Refusal;
 
-/// How finely a scene is simulated.
+/// Fidelity of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Fidelity {
@@ -21,10 +21,10 @@ pub enum Fidelity {
 }
 
 impl Fidelity {
-    /// Both, in the order of their cost.
+    /// All fidelities, by ascending cost.
     pub const ALL: [Self; 2] = [Self::Envelope, Self::Waveform];
 
-    /// Its name in scenes and on the command line.
+    /// Name in scenes and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Envelope => "envelope",
@@ -33,32 +33,31 @@ impl Fidelity {
     }
 }
 
-/// What every run takes of a cycle; the whole [`Moment`] is put together where it is asked for.
+/// Quantities of a cycle that every run records; a complete [`Moment`] is computed on request.
 #[derive(Clone, Copy, Debug)]
 pub struct Glance {
     /// Time at the end of the cycle in s.
     pub time: f64,
-    /// What the controller is doing.
+    /// State of the controller.
     pub state: State,
-    /// What happened.
+    /// Events of the cycle.
     pub events: Events,
     /// Measured amplitude b in m.
     pub amplitude: f32,
-    /// Amplitude that the loop follows at the end of the next cycle but one, in m.
+    /// Reference of the amplitude at the end of the cycle after the next, in m.
     pub reference: f32,
     /// Measured k.
     pub k: f32,
-    /// Estimated share of time in gear, 0..=1; a lower bound where its error is infinite.
+    /// Estimated share of time in gear, 0..=1; a lower bound if its error is infinite.
     pub in_gear: f32,
     /// Standard error of that share.
     pub error: f32,
-    /// The parts on the track as weighed.
+    /// Estimated load of parts on the track.
     pub load: Option<Load>,
 }
 
 impl Glance {
-    /// Refused where a number is not finite: it came of an error of this program, and nothing after
-    /// it is worth anything.
+    /// Refuses a number that is not finite: it shows an error in this program.
     fn checked(self) -> Result<Self, Refusal> {
         let numbers = [self.amplitude, self.reference, self.in_gear];
         if numbers.iter().all(|number| number.is_finite()) && !self.k.is_nan() {
@@ -86,20 +85,20 @@ impl Glance {
     }
 }
 
-/// Gives the next cycle of a closed loop, and the impacts in it.
+/// Computes the next cycle of a closed loop, and its impacts.
 pub(crate) type Next<'a> = &'a mut (dyn FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send);
 
 /// A closed loop of a scene.
 pub struct Engine<'a> {
     kind: Kind<'a>,
-    /// The last cycle, of a loop whose every cycle is a whole moment.
+    /// The last cycle, for loops that compute complete moments.
     last: Option<Moment>,
 }
 
 enum Kind<'a> {
     Envelope(Box<EnvelopeLoop>),
     Waveform(Box<ClosedLoop>),
-    /// What another simulator, or a board, makes of the scene, and the impacts of the last cycle.
+    /// Cycles from another simulator or a board, and the impacts of the last one.
     Given(Next<'a>, Vec<Strike>),
 }
 
@@ -109,7 +108,7 @@ impl<'a> Engine<'a> {
     /// # Errors
     /// A `Refusal` for a scene out of range.
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
-        // A run has no READY output.
+        // A run does not use the READY output.
         let kind = match fidelity {
             Fidelity::Envelope => {
                 let mut closed = Box::new(EnvelopeLoop::build(scene)?);
@@ -125,7 +124,7 @@ impl<'a> Engine<'a> {
         Ok(Self { kind, last: None })
     }
 
-    /// A loop whose cycles `next` gives.
+    /// A loop with the cycles of `next`.
     pub(crate) fn given(next: Next<'a>) -> Self {
         Self {
             kind: Kind::Given(next, Vec::new()),
@@ -133,7 +132,7 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// Its controller; a loop that is given has none here.
+    /// The controller; `None` for a loop with given cycles.
     fn controller(&self) -> Option<&Controller> {
         match &self.kind {
             Kind::Envelope(closed) => Some(closed.controller()),
@@ -142,7 +141,7 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// Changes something about the scene from the next cycle on; no effect on a loop that is given.
+    /// Changes the scene from the next cycle on; no effect on a loop with given cycles.
     pub fn apply(&mut self, change: Change) {
         match &mut self.kind {
             Kind::Envelope(closed) => closed.apply(change),
@@ -157,7 +156,7 @@ impl<'a> Engine<'a> {
         let Kind::Envelope(closed) = &mut self.kind else {
             return self.whole_cycle(None);
         };
-        closed.advance_spared(Plans::share);
+        closed.advance_supplied(Plans::share);
         let controller = closed.controller();
         let amplitude = controller.amplitude();
         Glance {
@@ -174,8 +173,8 @@ impl<'a> Engine<'a> {
         .checked()
     }
 
-    /// Runs to the end of the next drive cycle and shows every sample, where there are any.
-    pub fn cycle_shown(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Glance, Refusal> {
+    /// Runs to the end of the next drive cycle; `show` receives every sample at waveform fidelity.
+    pub fn trace_cycle(&mut self, show: &mut dyn FnMut(Sample)) -> Result<Glance, Refusal> {
         self.whole_cycle(Some(show))
     }
 
@@ -185,7 +184,7 @@ impl<'a> Engine<'a> {
             Kind::Waveform(closed) => {
                 Plans::share(closed.controller_mut());
                 match show {
-                    Some(show) => closed.cycle_shown(show),
+                    Some(show) => closed.trace_cycle(show),
                     None => closed.cycle(),
                 }
             }
@@ -216,31 +215,30 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// Whether quantities that need whole moments are recorded from now on.
+    /// Records all quantities of a moment from now on, or stops that.
     pub fn watch(&mut self, watched: bool) {
         if let Kind::Envelope(closed) = &mut self.kind {
             closed.watch(watched);
         }
     }
 
-    /// Whether the parts' displacement along the track is watched from now on, and nothing else of
-    /// the moments.
+    /// Records the displacement of the parts along the track from now on.
     pub fn watch_displacement(&mut self) {
         if let Kind::Envelope(closed) = &mut self.kind {
             closed.watch_displacement(true);
         }
     }
 
-    /// Keeps the plan that the controller has made for the runs to come.
-    pub fn keep_plan(&self) {
+    /// Caches the controller's plan for later runs.
+    pub fn cache_plan(&self) {
         if let Some(controller) = self.controller() {
-            Plans::keep(controller);
+            Plans::cache(controller);
         }
     }
 
-    /// The lot that gear is planned for; `None` while it is not, for another target, and where that
-    /// is not known here.
-    pub fn planned_for(&self) -> Option<Lot> {
+    /// The lot of the present plan for gear; `None` without a plan, for other targets, and for
+    /// given cycles.
+    pub fn gear_lot(&self) -> Option<Lot> {
         let settings = &self.controller()?.gear_planned()?.settings;
         let lot = settings.restitution;
         Some(Lot {
@@ -250,21 +248,20 @@ impl<'a> Engine<'a> {
     }
 }
 
-/// A lot of parts as a controller takes it to be.
+/// A lot of parts as the controller assumes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lot {
     /// Lowest and highest restitution.
     pub restitution: [f32; 2],
-    /// Its standard deviation from impact to impact.
+    /// Standard deviation of the restitution from impact to impact.
     pub scatter: f32,
 }
 
-/// Most plans of a kind that are kept.
+/// Largest number of cached plans of a kind.
 const MAX_CACHED_PLANS: usize = 256;
 
-/// What the controllers of this process have searched for: one search for each distinct question.
-/// What comes of it depends on the question alone, so that who asked, and when, changes no bit of a
-/// run.
+/// Cache of search results, shared by the controllers of this process. A result depends on its
+/// settings alone, so the cache changes no bit of a run.
 pub(crate) struct Plans {
     kicks: Vec<KickResult>,
     gear: Vec<GearPlanned>,
@@ -282,7 +279,7 @@ impl Plans {
         PLANS.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Spares a controller the searches that another one has done.
+    /// Supplies a controller with cached results of the searches that it has begun.
     #[inline]
     pub(crate) fn share(controller: &mut Controller) {
         if controller.kicks_search().is_some() || controller.gear_search().is_some() {
@@ -293,24 +290,24 @@ impl Plans {
         }
     }
 
-    /// Tells a controller of the strikes that it is counting. They are counted here once for each
-    /// question, whoever asks.
+    /// Supplies a controller with the strike count that it has begun, computed once for each
+    /// settings.
     #[cold]
     fn count(controller: &mut Controller) {
         let Some(requested) = controller.strikes_search().copied() else {
             return;
         };
-        let known = |plans: &Self| {
+        let cached = |plans: &Self| {
             let mut counts = plans.strikes.iter().rev();
             counts.find(|count| count.settings == requested).copied()
         };
-        let count = known(&Self::all());
+        let count = cached(&Self::all());
         let Some(count) = count.or_else(|| StrikeCount::compute(requested).ok()) else {
             return;
         };
         controller.supply_strikes(&count);
         let mut plans = Self::all();
-        if known(&plans).is_none() {
+        if cached(&plans).is_none() {
             if plans.strikes.len() == MAX_CACHED_PLANS {
                 plans.strikes.pop_front();
             }
@@ -322,18 +319,18 @@ impl Plans {
     fn spare(controller: &mut Controller) {
         let plans = Self::all();
         if let Some(requested) = controller.kicks_search()
-            && let Some(known) = plans.kicks.iter().find(|plan| plan.settings == *requested)
+            && let Some(cached) = plans.kicks.iter().find(|plan| plan.settings == *requested)
         {
-            controller.supply_kicks(known.clone());
+            controller.supply_kicks(cached.clone());
         }
         if let Some(requested) = controller.gear_search()
-            && let Some(known) = plans.gear.iter().find(|plan| plan.settings == *requested)
+            && let Some(cached) = plans.gear.iter().find(|plan| plan.settings == *requested)
         {
-            controller.supply_gear(known.clone());
+            controller.supply_gear(cached.clone());
         }
     }
 
-    fn keep(controller: &Controller) {
+    fn cache(controller: &Controller) {
         let (planned, geared) = (controller.planned(), controller.gear_planned());
         if planned.is_none() && geared.is_none() {
             return;
@@ -348,12 +345,12 @@ impl Plans {
     }
 }
 
-/// Keeps a plan, unless one for the same question is known.
-fn remember<T>(known: &mut Vec<T>, plan: Option<T>, same: impl Fn(&T, &T) -> bool) {
+/// Caches a plan, unless one for the same settings is cached.
+fn remember<T>(cached: &mut Vec<T>, plan: Option<T>, same: impl Fn(&T, &T) -> bool) {
     if let Some(plan) = plan
-        && known.len() < MAX_CACHED_PLANS
-        && !known.iter().any(|other| same(other, &plan))
+        && cached.len() < MAX_CACHED_PLANS
+        && !cached.iter().any(|other| same(other, &plan))
     {
-        known.push(plan);
+        cached.push(plan);
     }
 }

@@ -1,4 +1,4 @@
-//! What a scene must come to, written in the scene file before it is run.
+//! Expected result of a scene, from its file.
 
 use kband_control::{Event, Fault, Limits, State};
 use toml::Value;
@@ -6,15 +6,15 @@ use toml::Value;
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
-/// The expected outcome of a scene.
+/// Expected result of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Expectation {
     pub(crate) state: Option<State>,
-    /// The fault, which may be none.
+    /// Expected fault; `Some(None)` requires that there is none.
     pub(crate) fault: Option<Option<Fault>>,
     pub(crate) events: Option<Vec<Event>>,
     pub(crate) regime: Option<String>,
-    /// Low and high of k, speed (mm/s), share in gear and restitution.
+    /// Lower and upper bounds of k, speed (mm/s), share in gear and restitution.
     pub(crate) ranges: [Option<(f64, f64)>; 4],
     pub(crate) limits: Option<Vec<String>>,
     pub(crate) within: Option<f64>,
@@ -24,26 +24,26 @@ impl Expectation {
     pub(crate) fn read(mut section: Section) -> Result<Self, Refusal> {
         let mut expected = Self::default();
         if let Some(value) = section.take("state") {
-            expected.state = Some(named(&section, "state", &value, State::ALL, State::name)?);
+            expected.state = Some(section.choice("state", &value, State::ALL, State::name)?);
         }
         if let Some(value) = section.take("fault") {
             expected.fault = Some(match value.as_str() {
                 Some("none") => None,
-                _ => Some(named(&section, "fault", &value, Fault::ALL, Fault::name)?),
+                _ => Some(section.choice("fault", &value, Fault::ALL, Fault::name)?),
             });
         }
         if let Some(value) = section.take("events") {
             let Value::Array(list) = &value else {
                 return Err(section.refuse("events", &value, "a list of names of events"));
             };
-            let event = |item| named(&section, "events", item, Event::ALL, Event::name);
+            let event = |item| section.choice("events", item, Event::ALL, Event::name);
             expected.events = Some(list.iter().map(event).collect::<Result<_, _>>()?);
         }
         if let Some(value) = section.take("regime") {
-            let Value::String(words) = &value else {
+            let Value::String(text) = &value else {
                 return Err(section.refuse("regime", &value, "a regime in words"));
             };
-            expected.regime = Some(words.clone());
+            expected.regime = Some(text.clone());
         }
         if let Some(value) = section.take("limits") {
             let names = &Limits::ALL.map(Limits::name)[..];
@@ -66,39 +66,19 @@ impl Expectation {
             }
         }
         if let Some(value) = section.take("within") {
-            expected.within = Some(
-                number(&value)
-                    .filter(|time| *time > 0.0)
-                    .ok_or_else(|| section.refuse("within", &value, "a time in s above 0"))?,
-            );
+            let refused = || section.refuse("within", &value, "a time in s above 0");
+            let time = number(&value).filter(|time| *time > 0.0);
+            expected.within = Some(time.ok_or_else(refused)?);
         }
         section.finish()?;
         Ok(expected)
     }
 }
 
-fn named<T: Copy>(
-    section: &Section,
-    key: &str,
-    value: &Value,
-    all: &[T],
-    name: impl Fn(T) -> &'static str,
-) -> Result<T, Refusal> {
-    let found = all.iter().find(|item| value.as_str() == Some(name(**item)));
-    found.copied().ok_or_else(|| {
-        let names: Vec<&str> = all.iter().map(|item| name(*item)).collect();
-        section.refuse(key, value, &names.join(", "))
-    })
-}
-
 fn pair(value: &Value) -> Option<(f64, f64)> {
-    let Value::Array(pair) = value else {
+    let [low, high] = &value.as_array()?[..] else {
         return None;
     };
-    match &pair[..] {
-        [low, high] => number(low)
-            .zip(number(high))
-            .filter(|(low, high)| low <= high),
-        _ => None,
-    }
+    let pair = number(low).zip(number(high));
+    pair.filter(|(low, high)| low <= high)
 }

@@ -1,18 +1,17 @@
-//! The numbers and flags of a scene that are not settings of the controller: one table for the
-//! parser and for the schema.
+//! Numbers and flags of a scene besides the controller's settings: one table for parser and schema.
 
 use kband_plant::{Change, Scene};
 
 /// A number of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
-    /// Its key.
+    /// Key in the scene.
     pub key: &'static str,
     /// Smallest and largest accepted value.
     pub range: [f32; 2],
     /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// What it is.
+    /// Meaning.
     pub meaning: &'static str,
 }
 
@@ -52,7 +51,7 @@ macro_rules! models {
 }
 
 models! {
-    /// What `[sensor]` says of the accelerometer as it is, beside the settings.
+    /// Keys of `[sensor]`: true properties of the accelerometer, besides its settings.
     SENSOR
 
     "noise" 0.0..100.0 "m/s^2" "RMS of the accelerometer's noise." sensor.noise;
@@ -63,7 +62,7 @@ models! {
 }
 
 models! {
-    /// What `[plant]` says of the drive and the accelerometer as they are.
+    /// Keys of `[plant]`: true properties of drive and accelerometer.
     PLANT
 
     "resonance" 5.0..500.0 "Hz" "Resonance frequency of the drive as it is." drive.resonance;
@@ -92,7 +91,7 @@ pub const MASS: Field = field(
 /// Range of the mean restitution of a part in the plant; below 0 most impacts do not bounce.
 pub const ACTUAL_RESTITUTION: [f32; 2] = [-0.5, 1.0];
 
-/// How far restitution scatters, in `[part]` and in a disturbance.
+/// Scatter of restitution, in `[part]` and in a disturbance.
 pub const SCATTER: Field = field(
     "scatter",
     [0.0, 0.5],
@@ -100,12 +99,12 @@ pub const SCATTER: Field = field(
     "Standard deviation of a part's restitution from impact to impact (s); bodies that tumble have 0.27 to 0.52.",
 );
 
-/// A number that a disturbance may set, and the change that it makes.
+/// A number that a disturbance may set, and the resulting change.
 pub type Number = (Field, fn(f32) -> Change);
 
 macro_rules! changes {
     ($($field:expr => $change:ident;)*) => {
-        /// The numbers that a disturbance may set.
+        /// All numbers that a disturbance may set.
         pub const CHANGES: &[Number] = &[$(($field, Change::$change)),*];
     };
 }
@@ -121,12 +120,12 @@ changes! {
     field("dump", [0.0, 1e4], "s", "The parts that wait in the hopper fall onto the track, evenly within so many seconds.") => Dump;
 }
 
-/// A flag that a disturbance may set: its key, what it is, the change that it makes.
+/// A flag that a disturbance may set: key, meaning, resulting change.
 pub type Flag = (&'static str, &'static str, fn(bool) -> Change);
 
 macro_rules! flags {
     ($($key:literal $meaning:literal $change:ident;)*) => {
-        /// The flags that a disturbance may set.
+        /// All flags that a disturbance may set.
         pub const FLAGS: &[Flag] = &[$(($key, $meaning, Change::$change)),*];
     };
 }
@@ -145,15 +144,7 @@ flags! {
     "brown_out" "Whether the board's supply sags: it starts anew, its drive off until enabled anew." BrownOut;
 }
 
-/// A key of `[drive]` that older scenes have. It set a lower bound of the output, and has no effect.
-pub const OUTPUT_MINIMUM: Field = field(
-    "output_minimum",
-    [0.0, 0.5],
-    "",
-    "Of older scenes; no effect: the output has no lower bound.",
-);
-
-/// Settings that a section of a scene file carries, the first `required` of them required.
+/// Sections of a scene file: name, keys of settings, and how many of the first keys are required.
 pub const SECTIONS: [(&str, &[&str], usize); 2] = [
     (
         "track",
@@ -215,11 +206,11 @@ pub const CONTROLLER: [&str; 9] = [
     "contact",
 ];
 
-/// The table of a scene in which a key belongs.
-pub(crate) fn belongs(key: &str) -> Option<&'static str> {
+/// Section of a scene that contains a key.
+pub(crate) fn section_with(key: &str) -> Option<&'static str> {
     let sections = SECTIONS.into_iter().map(|(name, keys, _)| (name, keys));
     let others: [(&str, &[&str]); 2] = [("sensor", &SENSOR_SETTINGS), ("controller", &CONTROLLER)];
     let mut tables = sections.chain(others);
-    let found = tables.find(|(_, keys)| keys.contains(&key));
-    found.map(|(name, _)| name)
+    let table = tables.find(|(_, keys)| keys.contains(&key));
+    table.map(|(name, _)| name)
 }

@@ -1,16 +1,16 @@
-//! Scenes: read from TOML, simulated and judged. Endings of orbits on the exact map.
+//! Scenes, read from TOML, simulated and evaluated; final regimes of orbits on the exact map.
 //!
 //! | module | holds |
 //! |---|---|
 //! | [`refusal`] | the one message of a refused value or run |
-//! | [`fields`] | numbers and flags of a scene that are no settings of the controller |
-//! | `section`, `timeline`, `parts`, `expect`, `scene` | the parts of a scene file, and the whole |
+//! | [`fields`] | numbers and flags of a scene besides the controller's settings |
+//! | `section`, `timeline`, `parts`, `expect`, `scene` | sections of a scene file, and the whole file |
 //! | `engine` | the closed loop of a scene, cycle by cycle |
-//! | `record`, `outcome`, `unmet` | what is kept of a run, what came of it, what was expected |
-//! | [`ending`] | where an orbit of the exact map ends |
+//! | `record`, `outcome`, `unmet` | record of a run, its result, unmet expectations |
+//! | [`ending`] | final regime of an orbit on the exact map |
 //! | [`design`] | feeders with the drive of a scene, on a Pareto front |
 //!
-//! A file of the middle rows uses those before it only, and [`ending`].
+//! A module in the middle rows uses only those above it, and [`ending`].
 
 pub mod design;
 pub mod ending;
@@ -28,9 +28,9 @@ mod unmet;
 
 pub use engine::{Engine, Fidelity, Glance, Lot};
 pub use expect::Expectation;
-pub use outcome::{GoOn, Outcome, cycles, words};
-pub use parts::{Distribution, Kin, kin};
-pub use record::{Curve, Happened, Record, SETTLED, Sketch, Struck, Take, Watch};
+pub use outcome::{Outcome, ProgressCheck, cycles, regime_text};
+pub use parts::{Distribution, PartGroup, part_group, restitutions};
+pub use record::{Curve, Record, STATISTICS_START, Sketch, SketchImpact, Take, TimedEvent, Watch};
 pub use scene::{
     DEFAULT, DEFAULT_DURATION, DEFAULT_PART_LENGTH, SceneFile, at_line, table, toml_table,
     within_reach,

@@ -1,9 +1,8 @@
-//! Running a scene, and what came of it.
+//! Runs a scene and evaluates its result.
 
 use std::time::Instant;
 
 use kband::arithmetic::Phase;
-use kband::feeder::Restitution;
 use kband::regime::Lock;
 use kband::regime::band::Band;
 use kband::regime::band::BandError;
@@ -16,86 +15,87 @@ use kband_control::{
 use kband_plant::{Change, Disturbance, Moment, Scene, Strike};
 
 use super::engine::{Engine, Fidelity, Plans};
-use super::record::{END, HEARD, Happened, Record, Watch};
-use super::scene::{SceneFile, beside_resonance};
-use crate::ending::{Endings, FOLLOWED, chaotic_so_far};
+use super::record::{END_PERIOD, IMPACT_WINDOWS, Record, TimedEvent, Watch};
+use super::scene::{SceneFile, describe_detuning};
+use crate::ending::{Endings, MAX_ORBIT_IMPACTS, chaotic_so_far};
 use crate::refusal::Refusal;
 
-/// How exactly an impact repeats on a drive whose amplitude is controlled through a noisy sensor.
+/// Timing noise and resolution of impacts under amplitude control with a noisy sensor.
 const JITTER: TimingAccuracy = TimingAccuracy {
     noise: 0.02,
     resolution: 1e-3,
 };
 
-/// Drive cycles at the end that a scope shows.
+/// Number of drive cycles at the end that the scope shows.
 const SCOPE_CYCLES: usize = 10;
 
-/// Hears of cycles that are done, and refuses to go on where the run is to end.
-pub type GoOn<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
+/// Receives the number of completed cycles; a refusal ends the run.
+pub type ProgressCheck<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
 
-/// What came of a scene.
+/// Result of a scene.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     file: SceneFile,
     record: Record,
-    /// Seconds that the simulation took.
-    took: f64,
-    /// A controller with the target of the end, for what it would choose.
+    /// Wall-clock time of the simulation, s.
+    wall_time: f64,
+    /// Controller with the final target; it gives the predicted setpoint.
     controller: Controller,
 }
 
 impl Outcome {
-    /// Runs a scene to its end in a fidelity, watched.
+    /// Runs a scene to its end at the given fidelity.
     ///
-    /// `go_on` is called every 256 cycles with that number; where it refuses, the run ends with
-    /// its refusal.
+    /// `check_stop` is called every 256 cycles with that number. Its refusal ends the run.
     ///
     /// # Errors
-    /// A `Refusal` for a scene out of range, and those of `watch` and `go_on`.
+    /// A `Refusal` for a scene out of range, and those of `watch` and `check_stop`.
     pub fn run(
         file: &SceneFile,
         fidelity: Fidelity,
         watch: Watch<'_>,
-        go_on: GoOn<'_>,
+        check_stop: ProgressCheck<'_>,
     ) -> Result<Self, Refusal> {
-        Self::gather(file, Engine::build(&file.scene, fidelity)?, watch, go_on)
+        let engine = Engine::build(&file.scene, fidelity)?;
+        Self::gather(file, engine, watch, check_stop)
     }
 
-    /// What comes of a scene where `cycle` gives each of its cycles with the impacts in it.
+    /// Evaluates a scene whose cycles and impacts are given by `cycle`.
     ///
     /// # Errors
-    /// Those of `cycle`, `watch` and `go_on`.
-    pub fn of(
+    /// Those of `cycle`, `watch` and `check_stop`.
+    pub fn from_cycles(
         file: &SceneFile,
         mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send,
         watch: Watch<'_>,
-        go_on: GoOn<'_>,
+        check_stop: ProgressCheck<'_>,
     ) -> Result<Self, Refusal> {
-        Self::gather(file, Engine::given(&mut cycle), watch, go_on)
+        Self::gather(file, Engine::given(&mut cycle), watch, check_stop)
     }
 
     fn gather(
         file: &SceneFile,
         mut engine: Engine<'_>,
         mut watch: Watch<'_>,
-        go_on: GoOn<'_>,
+        check_stop: ProgressCheck<'_>,
     ) -> Result<Self, Refusal> {
         let cycles = cycles(file);
         let parts = file.scene.parts.len();
         let order = order(last_target(file));
         let mut record = Record::new(file.duration, cycles, parts, order, &watch);
-        // Who takes every cycle takes all of it; else only what it comes to at the end is told.
-        let mut watched = watch.cycle.is_some() || watch.kept;
+        // An observer of every cycle receives complete cycles. Without one, only the end is
+        // computed completely.
+        let mut watched = watch.cycle.is_some() || watch.all_cycles;
         let mut moving = watched;
         engine.watch(watched);
         let began = Instant::now();
         let mut time = 0.0;
         for n in 0..cycles {
             if n % 256 == 255 {
-                go_on(256)?;
+                check_stop(256)?;
             }
             let ends = record.ends(time);
-            if !moving && (ends || record.settles(time)) {
+            if !moving && (ends || record.needs_motion(time)) {
                 moving = true;
                 engine.watch_displacement();
             }
@@ -105,13 +105,13 @@ impl Outcome {
             }
             let glance = match &mut watch.sample {
                 Some(take) if n + SCOPE_CYCLES >= cycles => {
-                    let mut taken = Ok(());
-                    let glance = engine.cycle_shown(&mut |sample| {
-                        if taken.is_ok() {
-                            taken = take(&sample);
+                    let mut sample_result = Ok(());
+                    let glance = engine.trace_cycle(&mut |sample| {
+                        if sample_result.is_ok() {
+                            sample_result = take(&sample);
                         }
                     })?;
-                    taken?;
+                    sample_result?;
                     glance
                 }
                 _ => engine.cycle()?,
@@ -124,13 +124,13 @@ impl Outcome {
                 take(&moment)?;
             }
             if glance.events.iter().any(is_planned) {
-                engine.keep_plan();
-                record.plan_for(engine.planned_for());
+                engine.cache_plan();
+                record.set_gear_lot(engine.gear_lot());
             }
         }
-        let took = began.elapsed().as_secs_f64();
-        engine.keep_plan();
-        record.plan_for(engine.planned_for());
+        let wall_time = began.elapsed().as_secs_f64();
+        engine.cache_plan();
+        record.set_gear_lot(engine.gear_lot());
         let settings = &file.scene.settings;
         let mut controller = Controller::build(settings, last_target(file), StartCause::Ordinary)?;
         Plans::share(&mut controller);
@@ -139,23 +139,23 @@ impl Outcome {
             controller,
             file: file.clone(),
             record,
-            took,
+            wall_time,
         })
     }
 
-    /// What was kept of the run.
+    /// Record of the run.
     pub fn record(&self) -> &Record {
         &self.record
     }
 
-    /// Every cycle, where they were to be kept.
+    /// Every cycle; empty unless [`Watch::all_cycles`] was set.
     pub fn moments(&self) -> &[Moment] {
-        self.record.moments()
+        self.record.all_cycles.as_deref().unwrap_or_default()
     }
 
-    /// Simulated time over the time that the simulation took, with all that was watched.
+    /// Simulated time over wall-clock time, including the observers.
     pub fn times_real_time(&self) -> f64 {
-        self.record.last().map_or(0.0, |moment| moment.time) / self.took.max(1e-9)
+        self.record.last.map_or(0.0, |moment| moment.time) / self.wall_time.max(1e-9)
     }
 
     /// The scene.
@@ -165,29 +165,27 @@ impl Outcome {
 
     /// The report of the last cycle.
     pub fn last(&self) -> Report {
-        let last = self.record.last();
-        last.map_or_else(Report::default, |moment| moment.report)
+        self.record.last.map(|last| last.report).unwrap_or_default()
     }
 
-    /// Every event in the order of time.
-    pub fn events(&self) -> impl Iterator<Item = Happened> + '_ {
-        self.record.happened().iter().copied()
+    /// All events in the order of time.
+    pub fn events(&self) -> impl Iterator<Item = TimedEvent> + '_ {
+        self.record.events.iter().copied()
     }
 
-    /// When a state was first reached for good, i.e. held to the end, in s.
+    /// Time in s at which a state was entered and then held to the end.
     pub fn reached(&self, state: State) -> Option<f64> {
-        let (held, since) = self.record.held()?;
-        (held == state).then_some(since)
+        let (last, since) = self.record.held?;
+        (last == state).then_some(since)
     }
 
-    fn end(&self) -> impl Iterator<Item = &Moment> {
-        self.record.end().iter()
-    }
-
-    /// Sum of a quantity over the cycles at the end, and their number, at least 1.
-    fn sum_at_end(&self, of: impl Fn(&Report) -> f64) -> (f64, f64) {
-        let sum = self.end().fold(0.0, |sum, moment| sum + of(&moment.report));
-        (sum, f64::max(self.end().count() as f64, 1.0))
+    /// Sum of a quantity over the last cycles, and their number, at least 1.
+    fn sum_at_end(&self, value: impl Fn(&Report) -> f64) -> (f64, f64) {
+        let end = &self.record.end;
+        let sum = end
+            .iter()
+            .fold(0.0, |sum, moment| sum + value(&moment.report));
+        (sum, f64::max(end.len() as f64, 1.0))
     }
 
     /// Mean amplitude b at the end in m.
@@ -196,14 +194,15 @@ impl Outcome {
         sum / count
     }
 
-    /// k at the end: of the mean acceleration, so that it stands where the frequency moves, and
-    /// infinite at rest.
+    /// k at the end, from the mean acceleration, so it is valid at a varying frequency; infinite at
+    /// rest.
     pub fn k(&self) -> f64 {
         let (sum, count) = self.sum_at_end(|report| f64::from(report.k).recip());
         count / sum
     }
 
-    /// Mass of the parts on the track in g, from each time in s on, in the order of time.
+    /// Mass of the parts on the track: pairs of start time in s and mass in g, in the order of
+    /// time.
     pub fn masses(&self) -> Vec<(f64, f64)> {
         let (file, scene) = (self.file(), &self.file().scene);
         let parts = || 0..scene.parts.len();
@@ -227,7 +226,7 @@ impl Outcome {
         masses
     }
 
-    /// The parts that are on the track at the end, by their numbers from 0.
+    /// Numbers, from 0, of the parts on the track at the end.
     fn on_track(&self) -> Vec<u8> {
         let file = self.file();
         let parts = 0..file.scene.parts.len() as u8;
@@ -236,15 +235,14 @@ impl Outcome {
         parts.filter(on).collect()
     }
 
-    /// Mass of the parts that are on the track at the end, in g.
+    /// Mass of the parts on the track at the end, in g.
     pub fn mass(&self) -> f64 {
         self.masses().last().map_or(0.0, |(_, mass)| *mass)
     }
 
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).
     pub fn speed(&self) -> f64 {
-        let mut end = self.end();
-        let (Some(first), Some(last)) = (end.next(), self.record.last()) else {
+        let (Some(first), Some(last)) = (self.record.end.first(), self.record.last) else {
             return 0.0;
         };
         let time = last.time - first.time;
@@ -255,19 +253,15 @@ impl Outcome {
         }
     }
 
-    /// The share of time that the parts were in gear from [`SETTLED`](super::SETTLED) on, mean over
-    /// the parts, 0..=1; `None` without parts or where the run was shorter.
+    /// Simulated share of time in gear from [`STATISTICS_START`](super::STATISTICS_START) on,
+    /// 0..=1, mean over the parts. `None` without parts or after a shorter run.
     pub fn in_gear(&self) -> Option<f64> {
-        let (sum, count) = self
-            .record
-            .shares()
-            .fold((0.0, 0_u32), |(sum, count), share| {
-                (sum + share.share(), count + 1)
-            });
-        (count > 0).then(|| sum / f64::from(count))
+        let shares: Vec<f64> = self.record.shares().map(|share| share.share()).collect();
+        let sum = shares.iter().fold(0.0, |sum, share| sum + share);
+        (!shares.is_empty()).then(|| sum / shares.len() as f64)
     }
 
-    /// Mean time in drive periods after which gear was lost; `None` where it was not.
+    /// Mean time in gear before a loss, in drive periods; `None` without a loss.
     pub fn time_to_loss(&self) -> Option<f64> {
         let all = self.record.shares();
         all.fold(Share::default(), |sum, share| sum.plus(&share))
@@ -276,14 +270,10 @@ impl Outcome {
 
     fn band_of_target(&self) -> Result<Band, BandError> {
         let settings = &self.file.scene.settings;
-        let lot = Restitution::interval(
-            f64::from(settings.restitution_low),
-            f64::from(settings.restitution_high),
-        );
-        Band::common_with_contact(lot?, self.order(), settings.contact_time())
+        Band::common_with_contact(settings.lot()?, self.order(), settings.contact_time())
     }
 
-    /// The band that the target's order (else order 1) has for the whole lot.
+    /// Lock band of the whole lot for the target's order (default 1).
     pub fn band(&self) -> Option<Band> {
         self.band_of_target().ok()
     }
@@ -293,58 +283,58 @@ impl Outcome {
         self.controller.target()
     }
 
-    /// The impacts of one part in the last `time` s.
+    /// Impacts of one part in the last `time` s.
     fn late(&self, part: u8, time: f64) -> impl Iterator<Item = &Strike> {
         let mut from = self.file.duration - time;
         if self.last().state == State::Locked {
-            // What the parts did before the lock is no part of it.
+            // Impacts before the lock are excluded.
             let locked = self.reached(State::Locked).unwrap_or(from);
-            from = from.max(locked.min(self.file.duration - END));
+            from = from.max(locked.min(self.file.duration - END_PERIOD));
         }
-        let late = self.record.late().iter();
+        let late = self.record.late.iter();
         late.filter(move |(time, strike)| *time > from && strike.part == part)
             .map(|(_, strike)| strike)
     }
 
-    /// What the parts really do at the end, in words.
+    /// Simulated regime of the parts at the end, in words.
     pub fn regime(&self) -> String {
         let parts = self.on_track();
         if parts.is_empty() {
             return "no parts".into();
         }
-        // Parts that scatter repeat nothing that a regime could name.
+        // Restitution that scatters has no repeating orbit, so no regime to name.
         if self.file.scatters()
             && let Some(share) = self.in_gear()
         {
             return format!("in gear {share:.2}, order {}", self.gear_order());
         }
         let parts = parts.into_iter();
-        let mut words: Vec<String> = parts.map(|part| self.regime_in_words(part)).collect();
-        words.sort();
-        words.dedup();
-        words.join(" / ")
+        let mut regimes: Vec<String> = parts.map(|part| self.regime_in_words(part)).collect();
+        regimes.sort();
+        regimes.dedup();
+        regimes.join(" / ")
     }
 
-    /// The same of one part, and where nothing is decided after how many impacts that is.
+    /// Regime of one part in words; an undecided one has its number of impacts.
     fn regime_in_words(&self, part: u8) -> String {
         match self.regime_of(part) {
             Regime::Chaotic if !self.stays_chaotic(part) => {
-                chaotic_so_far(self.late(part, HEARD[0]).count())
+                chaotic_so_far(self.late(part, IMPACT_WINDOWS[0]).count())
             }
             Regime::Undecided => {
-                let impacts = self.late(part, HEARD[0]).count();
+                let impacts = self.late(part, IMPACT_WINDOWS[0]).count();
                 format!("undecided after {impacts} impacts")
             }
-            regime => words(regime),
+            regime => regime_text(regime),
         }
     }
 
-    /// Whether the irregular flights that a part makes at the end stay what they are, by the rule
-    /// of every verb ([`Endings::holds`]); a long transient does not, and on two tones it is not
-    /// known.
+    /// Whether the irregular flights of a part at the end persist, by
+    /// [`Endings::stays_in_gear`]. False for a long transient, and on two tones, where it is
+    /// unknown.
     fn stays_chaotic(&self, part: u8) -> bool {
         let (mut time, mut flights) = (0.0, 0.0);
-        for strike in self.late(part, HEARD[0]) {
+        for strike in self.late(part, IMPACT_WINDOWS[0]) {
             time += f64::from(strike.flight);
             flights += 1.0;
         }
@@ -360,14 +350,14 @@ impl Outcome {
         };
         let order = (time / f64::max(flights, 1.0)).round() as u32;
         let contact = scene.settings.contact_time();
-        Endings::with_contact(self.k(), f64::from(restitution), FOLLOWED, contact)
-            .is_ok_and(|endings| endings.holds(order))
+        Endings::with_contact(self.k(), f64::from(restitution), MAX_ORBIT_IMPACTS, contact)
+            .is_ok_and(|endings| endings.stays_in_gear(order))
     }
 
-    /// What one part really does at the end, told from its impacts alone: over the longest of some
-    /// windows that tells it, as a part may have come to it only just now.
+    /// Simulated regime of one part at the end, from its impacts alone. The longest window that
+    /// decides is used: a part may have entered its regime recently.
     fn regime_of(&self, part: u8) -> Regime {
-        for window in HEARD {
+        for window in IMPACT_WINDOWS {
             let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
                 break;
             };
@@ -377,10 +367,10 @@ impl Outcome {
                 classifier.impact(cycle, Phase::from_bits(strike.time as u32));
                 impacts += 1;
             }
-            classifier.cycle(self.record.cycles());
+            classifier.cycle(self.record.cycles);
             let regime = classifier.verdict().regime;
-            // A window without an impact is too short to call that rest if a longer one had some.
-            let silent = impacts == 0 && window < HEARD[0];
+            // A silent window counts as rest only if the longest window is silent, too.
+            let silent = impacts == 0 && window < IMPACT_WINDOWS[0];
             if regime != Regime::Undecided && !silent {
                 return regime;
             }
@@ -388,52 +378,50 @@ impl Outcome {
         Regime::Undecided
     }
 
-    /// Whether every part is locked at the end, decided from its impacts alone.
+    /// Whether every part is locked at the end, from its impacts alone.
     pub fn is_locked(&self) -> bool {
         let parts = self.on_track();
         let locked = |part: &u8| matches!(self.regime_of(*part), Regime::Locked { .. });
         !parts.is_empty() && parts.iter().all(locked)
     }
 
-    /// How many of the parts on the track lie at rest at the end.
+    /// Number of parts on the track that are at rest at the end.
     pub fn resting(&self) -> usize {
         let parts = self.on_track().into_iter();
-        parts
-            .filter(|part| self.regime_of(*part) == Regime::Rest)
-            .count()
+        let resting = parts.filter(|part| self.regime_of(*part) == Regime::Rest);
+        resting.count()
     }
 
-    /// Share of the time at the end that the parts on the track are in the air, mean over the parts.
+    /// Share of time in the air at the end, mean over the parts on the track.
     pub fn in_air(&self) -> f64 {
         let parts = self.on_track();
-        let strikes = parts.iter().flat_map(|part| self.late(*part, END));
+        let strikes = parts.iter().flat_map(|part| self.late(*part, END_PERIOD));
         let in_air: f64 = strikes.map(|strike| f64::from(strike.flight)).sum();
-        let watched = END.min(self.file.duration) * f64::from(self.file.scene.settings.frequency);
+        let watched =
+            END_PERIOD.min(self.file.duration) * f64::from(self.file.scene.settings.frequency);
         in_air / (watched * parts.len().max(1) as f64)
     }
 
-    /// Mean phase at which the first part strikes where all are locked, in rad.
+    /// Mean impact phase of the first part if all are locked, in rad.
     pub fn lock_phase(&self) -> Option<f64> {
         if !self.is_locked() {
             return None;
         }
-        let (sine, cosine) = self.late(0, END).fold((0.0, 0.0), |(s, c), strike| {
+        let (sine, cosine) = self.late(0, END_PERIOD).fold((0.0, 0.0), |(s, c), strike| {
             (s + strike.phase.sin(), c + strike.phase.cos())
         });
         Some(f64::atan2(sine, cosine))
     }
 
-    /// Phase at which the target's lock would strike for the middle of the lot, in rad.
+    /// Predicted impact phase of the target's lock for the mean restitution of the lot, in rad.
     pub fn expected_phase(&self) -> Option<f64> {
         let settings = &self.file.scene.settings;
-        let middle =
-            0.5 * (f64::from(settings.restitution_low) + f64::from(settings.restitution_high));
-        let contact = settings.contact_time();
+        let (middle, contact) = (settings.lot().ok()?.middle(), settings.contact_time());
         let lock = Lock::with_contact(self.k(), middle, self.order(), contact).ok()??;
         Some(lock.strike_phase())
     }
 
-    /// Kicks that the controller may try.
+    /// Largest number of kicks of the controller.
     pub fn attempts_allowed(&self) -> u32 {
         self.file.scene.settings.capture_attempts as u32
     }
@@ -450,57 +438,56 @@ impl Outcome {
         strays
     }
 
-    /// Why the lot has no band of the target's order, and which bounds would have one.
+    /// Reason why the lot has no band of the target's order, and bounds that would have one.
     pub fn no_band(&self) -> Option<String> {
         self.band_of_target().err().map(|none| none.to_string())
     }
 
-    /// Order of the lock that was wanted at the end; 1 where none was.
+    /// Order of the requested lock at the end; 1 without one.
     fn order(&self) -> u32 {
-        self.controller
-            .order()
-            .map_or_else(|| order(self.target()), u32::from)
+        let order_of_lock = self.controller.order().map(u32::from);
+        order_of_lock.unwrap_or_else(|| order(self.target()))
     }
 
-    /// Order of the gear that is watched.
+    /// Order of gear for the statistics of gear.
     pub fn gear_order(&self) -> u32 {
         order(self.target())
     }
 
-    /// Why the target has no setpoint, if it has none, in the controller's words.
+    /// Reason for a missing setpoint in the controller's words, if the target has none.
     pub fn no_setpoint(&self) -> Option<String> {
-        let held = self.last().limits.contains(Limits::NO_SETPOINT);
-        // Only a search shows that a lot has no chaos of its own.
+        let no_setpoint = self.last().limits.contains(Limits::NO_SETPOINT);
+        // Without a stated reason it is chaos: only a search shows that a lot has none.
         let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
-        let far = match why {
+        let distance = match why {
             NoSetpoint::Gear { .. } | NoSetpoint::Output { .. } => {
-                beside_resonance(&self.file.scene.settings)
+                describe_detuning(&self.file.scene.settings)
             }
             _ => None,
         };
-        held.then(|| far.map_or_else(|| why.to_string(), |far| format!("{why}; {far}")))
+        no_setpoint.then(|| {
+            distance.map_or_else(|| why.to_string(), |distance| format!("{why}; {distance}"))
+        })
     }
 
-    /// The restitution that was identified, if one was.
+    /// Estimated restitution, if identification succeeded.
     pub fn identified(&self) -> Option<Identified> {
         match self.last().identification {
-            Identification::Found(found) => Some(found),
+            Identification::Found(result) => Some(result),
             _ => None,
         }
     }
 
-    /// Names of the limits that hold the drive back at the end.
+    /// Names of the active limits at the end.
     pub fn limits(&self) -> Vec<&'static str> {
-        let held = self.last().limits;
-        Limits::ALL
-            .into_iter()
-            .filter(|limit| held.contains(*limit))
-            .map(Limits::name)
-            .collect()
+        let active = self.last().limits;
+        let limits = Limits::ALL.into_iter();
+        let limits = limits.filter(|limit| active.contains(*limit));
+        limits.map(Limits::name).collect()
     }
 }
 
-/// Time in s at which a part comes onto the track, by the disturbances up to `time`; infinite for a
+/// Time in s at which a part enters the track, by the disturbances up to `time`. Infinite for a
 /// part in the hopper or off the track.
 fn arrival(scene: &Scene, part: usize, time: f64) -> f64 {
     let mut first_waiting = scene.parts.len() - usize::from(scene.waiting);
@@ -539,7 +526,7 @@ fn last_target(file: &SceneFile) -> Target {
     file.scene.targets().last().unwrap_or(file.scene.target)
 }
 
-/// Order of the gear that a target asks for; 1 where it asks for none.
+/// Order of gear that a target requests; 1 if it requests none.
 fn order(target: Target) -> u32 {
     match target {
         Target::Locked { order } | Target::Gear { order } => u32::from(order),
@@ -551,13 +538,13 @@ fn is_planned(event: Event) -> bool {
     matches!(event, Event::KickPlanned | Event::KickUncertain)
 }
 
-/// Drive cycles of a scene.
+/// Number of drive cycles of a scene.
 pub fn cycles(file: &SceneFile) -> usize {
     (file.duration * f64::from(file.scene.settings.frequency)).ceil() as usize
 }
 
 /// A regime in words.
-pub fn words(regime: Regime) -> String {
+pub fn regime_text(regime: Regime) -> String {
     match regime {
         Regime::Rest => "rest".into(),
         Regime::HopAndRest { cycles: 1 } => "hops and rests every cycle".into(),

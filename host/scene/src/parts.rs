@@ -1,24 +1,25 @@
 //! The parts of a scene: a list, or drawn from a distribution.
 
 use kband::arithmetic::Noise;
+use kband::feeder::Restitution;
 use kband_plant::{PARTS, Scene};
 use toml::Value;
 
-use super::fields::{ACTUAL_RESTITUTION, Field, MASS, SCATTER};
+use super::fields::{ACTUAL_RESTITUTION, Field, SCATTER};
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
 /// A distribution of restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Distribution {
-    /// The same everywhere between two bounds.
+    /// Uniform between two bounds.
     Uniform {
         /// Low bound.
         low: f32,
         /// High bound.
         high: f32,
     },
-    /// Normal, what falls outside 0..1 drawn again.
+    /// Normal; values outside 0..1 are drawn again.
     Normal {
         /// Mean.
         mean: f32,
@@ -54,41 +55,51 @@ impl Distribution {
     }
 }
 
-/// Parts that a picture shows alike.
+/// Restitutions spread evenly over a lot, its ends included; one if they are equal.
+pub fn restitutions(lot: Restitution, count: usize) -> Vec<f64> {
+    let (low, high) = (lot.low(), lot.high());
+    if low == high {
+        return vec![low];
+    }
+    let last = count.saturating_sub(1) as f64;
+    let part = |n: usize| low + (high - low) * n as f64 / last;
+    (0..count).map(part).collect()
+}
+
+/// Parts with the same colour in a picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Kin {
-    /// What they are called.
+pub struct PartGroup {
+    /// Name in the legend.
     pub name: String,
-    /// Their numbers, from 0.
+    /// Numbers of the parts, from 0.
     pub parts: Vec<u8>,
 }
 
-/// Most kinds of parts with a colour of their own in a picture.
+/// Largest number of groups of parts with different colours.
 const MAX_COLOURED_KINDS: usize = 4;
 
-/// Groups of parts in a picture: each by itself where they are few, else by their restitution,
-/// from the deadest to the liveliest.
-pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
+/// Groups of parts for a picture, by ascending restitution. A few parts have a group each.
+pub fn part_group(restitutions: &[f32]) -> Vec<PartGroup> {
     let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
-    let of = |part: u8| restitutions[usize::from(part)];
+    let value = |part: u8| restitutions[usize::from(part)];
     if restitutions.len() < 2 {
-        return vec![Kin {
+        return vec![PartGroup {
             name: "impacts of the part".into(),
             parts: numbers,
         }];
     }
-    numbers.sort_by(|&a, &b| of(a).total_cmp(&of(b)));
+    numbers.sort_by(|&a, &b| value(a).total_cmp(&value(b)));
     let size = numbers.len().div_ceil(MAX_COLOURED_KINDS);
     numbers
         .chunks(size)
         .map(|parts| {
-            let (low, high) = (of(parts[0]), of(parts[parts.len() - 1]));
+            let (low, high) = (value(parts[0]), value(parts[parts.len() - 1]));
             let name = match parts {
                 [part] => format!("part {}, R {low}", part + 1),
                 _ if low == high => format!("{} parts, R {low}", parts.len()),
                 _ => format!("{} parts, R {low}..{high}", parts.len()),
             };
-            Kin {
+            PartGroup {
                 name,
                 parts: parts.into(),
             }
@@ -96,10 +107,10 @@ pub fn kin(restitutions: &[f32]) -> Vec<Kin> {
         .collect()
 }
 
-/// Stream of the parts' draw beside the scene's own noise.
+/// Random stream for drawing the parts, separate from the scene's noise.
 const PARTS_RANDOM_STREAM: u64 = 0x7061_7274;
 
-/// Reads `part.actual` into the scene; the distribution, if it is one.
+/// Reads `part.actual` into the scene; returns the distribution, if it is one.
 pub(crate) fn read(
     part: &Section,
     value: &Value,
@@ -126,17 +137,17 @@ pub(crate) fn read(
     Ok(None)
 }
 
-/// Reads `part.friction`: one coefficient, or that of sliding and that of sticking.
+/// Reads `part.friction`: one coefficient, or those of sliding and static friction.
 pub(crate) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
     let number = |value: &Value| number(value).map(|friction| friction as f32);
-    let found = match value {
+    let pair = match value {
         Value::Array(pair) => match pair.as_slice() {
             [sliding, sticking] => number(sliding).zip(number(sticking)),
             _ => None,
         },
         one => number(one).map(|friction| (friction, friction)),
     };
-    found
+    pair
         .filter(|(sliding, sticking)| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
         .map(|(sliding, sticking)| [sliding, sticking])
         .ok_or_else(|| {
@@ -156,26 +167,20 @@ pub(crate) fn read_scatter(
 ) -> Result<(), Refusal> {
     let what = ", the standard deviation of restitution from impact to impact,";
     let examples = "; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52";
-    scene.scatter = one_or_each(part, &SCATTER, value, scene.parts.len(), [what, examples])?;
+    scene.scatter = one_or_each(part, &SCATTER, value, scene, [what, examples])?;
     Ok(())
 }
 
-/// Reads `part.mass` into the scene: one number for all parts, or one for each.
-pub(crate) fn read_masses(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
-    scene.masses = one_or_each(part, &MASS, value, scene.parts.len(), [" g,", ""])?;
-    Ok(())
-}
-
-/// One number for all parts, or a list of one for each; `words` come behind the accepted range and
-/// at the end of a refusal.
-fn one_or_each<T: FromIterator<f32>>(
+/// One number for all parts, or a list with one for each. `words` follow the accepted range and the
+/// end of a refusal.
+pub(crate) fn one_or_each<T: FromIterator<f32>>(
     part: &Section,
     field: &Field,
     value: &Value,
-    parts: usize,
+    scene: &Scene,
     [behind, end]: [&str; 2],
 ) -> Result<T, Refusal> {
-    let [low, high] = field.range;
+    let ([low, high], parts) = (field.range, scene.parts.len());
     let accepted =
         format!("{low}..{high}{behind} or a list of one for each of the {parts} parts{end}");
     let read = |item| part.within(field.key, item, low..=high, &accepted);
@@ -189,24 +194,19 @@ fn one_or_each<T: FromIterator<f32>>(
     }
 }
 
-/// Reads `part.hopper` into the scene: how many of the parts wait in the hopper.
+/// Reads `part.hopper` into the scene: the number of parts that wait in the hopper.
 pub(crate) fn read_hopper(part: &Section, value: &Value, scene: &mut Scene) -> Result<(), Refusal> {
     let all = scene.parts.len();
-    scene.waiting = value
-        .as_integer()
-        .and_then(|count| u8::try_from(count).ok())
-        .filter(|count| usize::from(*count) <= all)
-        .ok_or_else(|| {
-            let accepted =
-                format!("0..{all}, how many of the {all} parts wait for a disturbance \"dump\"");
-            part.refuse("hopper", value, &accepted)
-        })?;
+    let accepted = format!("0..{all}, how many of the {all} parts wait for a disturbance \"dump\"");
+    let count = value.as_integer().and_then(|n| u8::try_from(n).ok());
+    let count = count.filter(|count| usize::from(*count) <= all);
+    scene.waiting = count.ok_or_else(|| part.refuse("hopper", value, &accepted))?;
     Ok(())
 }
 
 fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution, Refusal> {
-    let most = PARTS as f32;
-    let count = section.number("count", 1.0..=most, &format!("1..{PARTS} parts"))?;
+    let max_count = PARTS as f32;
+    let count = section.number("count", 1.0..=max_count, &format!("1..{PARTS} parts"))?;
     scene.parts = core::iter::repeat_n(0.0, count as usize).collect();
     let kinds = "\"uniform\" with low and high, or \"normal\" with mean and deviation";
     let kind = section
@@ -234,8 +234,10 @@ mod tests {
 
     #[test]
     fn a_few_parts_have_own_colours_many_share_by_restitution() {
-        let names =
-            |parts: &[f32]| -> Vec<String> { kin(parts).into_iter().map(|kin| kin.name).collect() };
+        let names = |parts: &[f32]| -> Vec<String> {
+            let groups = part_group(parts).into_iter();
+            groups.map(|part_group| part_group.name).collect()
+        };
         assert_eq!(names(&[0.2]), ["impacts of the part"]);
         assert_eq!(names(&[0.22, 0.18]), ["part 2, R 0.18", "part 1, R 0.22"]);
         assert_eq!(
@@ -248,8 +250,9 @@ mod tests {
             ]
         );
         assert_eq!(names(&[0.3; 24])[3], "6 parts, R 0.3");
-        let all: usize = kin(&[0.1; 23]).iter().map(|kin| kin.parts.len()).sum();
-        assert_eq!(all, 23);
+        let all = part_group(&[0.1; 23]).into_iter();
+        let all = all.map(|part_group| part_group.parts.len());
+        assert_eq!(all.sum::<usize>(), 23);
     }
 
     #[test]
@@ -259,12 +262,12 @@ mod tests {
             deviation: 0.02,
         };
         let mut noise = Noise::new(3);
-        let drawn: Vec<f64> = (0..20_000)
-            .map(|_| normal.draw(&mut noise).into())
-            .collect();
+        let drawn = (0..20_000).map(|_| normal.draw(&mut noise).into());
+        let drawn: Vec<f64> = drawn.collect();
         let mean = drawn.iter().sum::<f64>() / 2e4;
         let square = drawn.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / 2e4;
-        // Standard errors: 1.4e-4 of the mean, 0.5 % of the deviation; five of each.
+        // Standard errors are 1.4e-4 for the mean and 0.5 % for the deviation; the tolerance is
+        // five of each.
         assert!((mean - 0.2).abs() < 7e-4, "{mean}");
         assert!((square.sqrt() - 0.02).abs() < 5e-4);
         let edge = Distribution::Normal {

@@ -1,4 +1,4 @@
-//! What is kept of a run while it goes on: enough to judge and draw it, however long it lasts.
+//! Record of a run, sufficient to evaluate and draw a run of any duration.
 
 use std::f64::consts::TAU;
 
@@ -12,49 +12,49 @@ use crate::refusal::Refusal;
 
 /// Start of the statistics of gear and speed, in s. By then the drive has reached its setpoint and
 /// the first kicks are over.
-pub const SETTLED: f64 = 5.0;
+pub const STATISTICS_START: f64 = 5.0;
 
-/// Time over which the end of a scene is judged, in s.
-pub(crate) const END: f64 = 1.0;
-/// Times over which the parts' impacts are listened to, in s: the last three seconds tell rest from
-/// silence at the slowest hopping, six hold enough impacts to tell chaos, and in one and a half a
-/// lock of order 8 repeats often enough.
-pub(crate) const HEARD: [f64; 3] = [6.0, 3.0, 1.5];
+/// Duration of the evaluated end of a scene, s.
+pub(crate) const END_PERIOD: f64 = 1.0;
+/// Windows before the end for the regime of a part, s. In 6 s there are enough impacts to detect
+/// chaos. In 3 s rest differs from the slowest hopping. In 1.5 s a lock of order 8 repeats often
+/// enough.
+pub(crate) const IMPACT_WINDOWS: [f64; 3] = [6.0, 3.0, 1.5];
 
-/// Takes what it is shown, or refuses to go on.
+/// Receives an item; a refusal ends the run.
 pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 
-/// What of a run is wanted besides what it comes to; nothing else is computed.
+/// Optional results of a run; only selected ones are computed.
 #[derive(Default)]
 pub struct Watch<'a> {
-    /// Whether it is to be drawn.
+    /// Whether a picture is drawn.
     pub drawn: bool,
     /// Whether the regime estimated at the end is reported, even if the controller does not act on
     /// it.
     pub regime: bool,
     /// Whether every cycle is kept.
-    pub kept: bool,
-    /// Takes every cycle.
+    pub all_cycles: bool,
+    /// Receives every cycle.
     pub cycle: Option<Take<'a, Moment>>,
-    /// Takes every sample of the last cycles, in the waveform.
+    /// Receives every sample of the last cycles, at waveform fidelity.
     pub sample: Option<Take<'a, Sample>>,
 }
 
 impl Watch<'_> {
-    /// It is drawn and reported.
-    pub const DRAWN: Self = Self {
+    /// Drawn, with the estimated regime.
+    pub const FOR_PICTURE: Self = Self {
         drawn: true,
         regime: true,
-        kept: false,
+        all_cycles: false,
         cycle: None,
         sample: None,
     };
 
-    /// Every cycle is kept.
-    pub const KEPT: Self = Self {
+    /// With every cycle and the estimated regime.
+    pub const ALL_CYCLES: Self = Self {
         drawn: false,
         regime: true,
-        kept: true,
+        all_cycles: true,
         cycle: None,
         sample: None,
     };
@@ -62,18 +62,18 @@ impl Watch<'_> {
 
 /// An event with its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Happened {
+pub struct TimedEvent {
     /// Time in s.
     pub time: f64,
     /// What happened.
     pub event: Event,
-    /// The cycle in which it did.
+    /// Report of the cycle of the event.
     pub report: Report,
 }
 
-impl Happened {
-    /// Its name; of a fault its number and name.
-    pub fn words(&self) -> String {
+impl TimedEvent {
+    /// Name of the event; a fault has its number and name.
+    pub fn name(&self) -> String {
         match (self.event, self.report.fault) {
             (Event::Faulted, Some(fault)) => format!("fault {}: {}", fault.number(), fault.name()),
             (event, _) => event.name().into(),
@@ -85,30 +85,35 @@ impl Happened {
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     duration: f64,
-    cycles: u32,
-    last: Option<Moment>,
-    happened: Vec<Happened>,
-    /// State now, and the time at which it was reached.
-    held: Option<(State, f64)>,
-    end: Vec<Moment>,
-    /// Time in gear of each part, and the cycle that ended as that began to count.
+    pub(crate) cycles: u32,
+    pub(crate) last: Option<Moment>,
+    /// All events in the order of time.
+    pub(crate) events: Vec<TimedEvent>,
+    /// Present state, and the time in s since which it is held.
+    pub(crate) held: Option<(State, f64)>,
+    /// Cycles of the last second.
+    pub(crate) end: Vec<Moment>,
+    /// Time in gear of each part, and the start of the statistics.
     gear: Vec<GearWatch>,
-    settled: Option<Settled>,
-    /// Sums of the estimated shares of time in gear since then, and of their errors, and the
-    /// number of cycles with an estimate.
+    settled: Option<StatisticsStart>,
+    /// Sums of the estimated shares of time in gear since that start, and of their errors; number
+    /// of cycles with an estimate.
     shares: f64,
     errors: f64,
     estimated_cycles: u32,
-    /// The lot that gear was planned for at the end.
-    planned_for: Option<Lot>,
-    late: Vec<(f64, Strike)>,
-    kept: Option<Vec<Moment>>,
-    sketch: Option<Sketch>,
+    /// Lot of the last plan for gear; the estimated lot if the parts changed.
+    pub gear_lot: Option<Lot>,
+    /// Impacts of the last 6 s, with the time at the end of their cycle in s.
+    pub(crate) late: Vec<(f64, Strike)>,
+    /// Every cycle, if [`Watch::all_cycles`] was set.
+    pub(crate) all_cycles: Option<Vec<Moment>>,
+    /// The run, reduced for a picture.
+    pub sketch: Option<Sketch>,
 }
 
-/// Where a run stood as its parts' time in gear began to count.
+/// State of a run at the start of the gear statistics.
 #[derive(Clone, Copy, Debug)]
-struct Settled {
+struct StatisticsStart {
     time: f64,
     cycles: u32,
     displacement: f64,
@@ -122,26 +127,24 @@ impl Record {
         order: u32,
         watch: &Watch<'_>,
     ) -> Self {
-        // An order out of range has no gear.
-        let gear = GearWatch::build(order).into_iter();
+        // Gear is undefined for an order out of range.
+        let gear = GearWatch::build(order);
         Self {
-            gear: gear
-                .flat_map(|gear| std::iter::repeat_n(gear, parts))
-                .collect(),
+            gear: gear.map_or_else(|_| Vec::new(), |gear| vec![gear; parts]),
             duration,
-            kept: watch.kept.then(|| Vec::with_capacity(cycles)),
+            all_cycles: watch.all_cycles.then(|| Vec::with_capacity(cycles)),
             sketch: watch.drawn.then(|| Sketch::new(cycles)),
             ..Self::default()
         }
     }
 
-    /// Whether the end is near enough that the way of the parts is wanted: two windows of the end,
-    /// in the first of which the speed along the track settles.
+    /// Whether the displacement is needed for the speed at the end. That is twice the evaluated
+    /// time: in the first half the speed along the track settles.
     pub(crate) fn ends(&self, time: f64) -> bool {
-        time > self.duration - 2.0 * END
+        time > self.duration - 2.0 * END_PERIOD
     }
 
-    /// Takes a cycle; `moment` gives the whole of it where more than a glance is kept.
+    /// Adds a cycle; `moment` computes the complete cycle if it is kept.
     #[inline]
     pub(crate) fn take(
         &mut self,
@@ -171,149 +174,102 @@ impl Record {
                 self.errors += f64::from(glance.error);
                 self.estimated_cycles += 1;
             }
-        } else if time >= SETTLED && time < self.duration {
-            let displacement = moment().map_or(0.0, |moment| moment.displacement);
-            let cycles = self.cycles;
-            self.settled = Some(Settled {
+        } else if time >= STATISTICS_START && time < self.duration {
+            self.settled = Some(StatisticsStart {
                 time,
-                cycles,
-                displacement,
+                cycles: self.cycles,
+                displacement: moment().map_or(0.0, |moment| moment.displacement),
             });
-            let now = f64::from(cycles) * TAU;
+            let now = f64::from(self.cycles) * TAU;
             self.gear.iter_mut().for_each(|gear| gear.begin(now));
         }
-        let late = time > self.duration - HEARD[0];
-        if late {
+        if time > self.duration - IMPACT_WINDOWS[0] {
             let stamped = strikes.iter().map(|strike| (time, *strike));
             self.late.extend(stamped);
         }
         if let Some(sketch) = &mut self.sketch {
             sketch.take(glance, strikes);
         }
-        let ends = time > self.duration - END;
-        if (ends || self.kept.is_some() || glance.events.iter().next().is_some())
+        let ends = time > self.duration - END_PERIOD;
+        if (ends || self.all_cycles.is_some() || glance.events.iter().next().is_some())
             && let Some(moment) = moment()
         {
-            self.keep(&moment);
+            self.retain(&moment);
         }
     }
 
-    fn keep(&mut self, moment: &Moment) {
+    fn retain(&mut self, moment: &Moment) {
         for event in moment.report.events.iter() {
-            self.happened.push(Happened {
+            self.events.push(TimedEvent {
                 time: moment.time,
                 event,
                 report: moment.report,
             });
         }
-        if moment.time > self.duration - END {
+        if moment.time > self.duration - END_PERIOD {
             self.end.push(*moment);
         }
-        if let Some(kept) = &mut self.kept {
-            kept.push(*moment);
+        if let Some(all_cycles) = &mut self.all_cycles {
+            all_cycles.push(*moment);
         }
         self.last = Some(*moment);
     }
 
-    /// Cycles so far.
-    pub fn cycles(&self) -> u32 {
-        self.cycles
+    /// Whether the displacement is needed for the speed from [`STATISTICS_START`] on. That begins 1
+    /// s earlier, in which the speed along the track settles.
+    pub(crate) fn needs_motion(&self, time: f64) -> bool {
+        self.duration > STATISTICS_START && time >= STATISTICS_START - END_PERIOD
     }
 
-    /// Every cycle, where they were to be kept.
-    pub fn moments(&self) -> &[Moment] {
-        self.kept.as_deref().unwrap_or_default()
-    }
-
-    /// The last cycle.
-    pub fn last(&self) -> Option<&Moment> {
-        self.last.as_ref()
-    }
-
-    /// Every event in the order of time.
-    pub fn happened(&self) -> &[Happened] {
-        &self.happened
-    }
-
-    /// The state at the end, and since when.
-    pub fn held(&self) -> Option<(State, f64)> {
-        self.held
-    }
-
-    /// Whether the displacement has to be known from this time on for the speed from [`SETTLED`]
-    /// on: a second before, in which the speed along the track settles.
-    pub(crate) fn settles(&self, time: f64) -> bool {
-        self.duration > SETTLED && time >= SETTLED - END
-    }
-
-    /// How much of the time from [`SETTLED`] on each part was in gear; empty where the run was
-    /// shorter.
+    /// Share of time in gear of each part from [`STATISTICS_START`] on; empty after a shorter run.
     pub fn shares(&self) -> impl Iterator<Item = Share> + '_ {
         let now = f64::from(self.cycles) * TAU;
         let counted = self.settled.map_or(0, |_| self.gear.len());
         self.gear[..counted].iter().map(move |gear| gear.share(now))
     }
 
-    /// Estimated share of time in gear, mean over the cycles with an estimate from [`SETTLED`] on;
+    /// Estimated share of time in gear, mean over the cycles with an estimate from
+    /// [`STATISTICS_START`] on;
     /// `None` without one.
     pub fn in_gear_estimated(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
 
-    /// Mean of its reported standard errors.
+    /// Mean of the reported standard errors of that share.
     pub fn in_gear_error(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.errors / f64::from(self.estimated_cycles))
     }
 
-    /// Lot of the last plan for gear: of parts that changed, the estimated one.
-    pub fn planned_for(&self) -> Option<Lot> {
-        self.planned_for
+    pub(crate) fn set_gear_lot(&mut self, lot: Option<Lot>) {
+        self.gear_lot = lot.or(self.gear_lot);
     }
 
-    pub(crate) fn plan_for(&mut self, lot: Option<Lot>) {
-        self.planned_for = lot.or(self.planned_for);
-    }
-
-    /// Share of the cycles from [`SETTLED`] on with an estimate; `None` where the run was shorter.
+    /// Share of the cycles from [`STATISTICS_START`] on with an estimate; `None` after a shorter
+    /// run.
     pub fn in_gear_coverage(&self) -> Option<f64> {
         let cycles = self.cycles - self.settled?.cycles;
         (cycles > 0).then(|| f64::from(self.estimated_cycles) / f64::from(cycles))
     }
 
-    /// Mean conveying speed from [`SETTLED`] on in m/s, positive upwards; `None` where the run was
-    /// shorter.
+    /// Mean conveying speed from [`STATISTICS_START`] on in m/s, positive upwards; `None` after a
+    /// shorter run.
     pub fn speed(&self) -> Option<f64> {
-        let (from, to) = (self.settled?, self.last()?);
+        let (from, to) = (self.settled?, self.last?);
         let time = to.time - from.time;
         (time > 0.0).then(|| (to.displacement - from.displacement) / time)
     }
-
-    /// The cycles of the last second.
-    pub fn end(&self) -> &[Moment] {
-        &self.end
-    }
-
-    /// The impacts of the last seconds, with the time at the end of their cycle in s.
-    pub fn late(&self) -> &[(f64, Strike)] {
-        &self.late
-    }
-
-    /// The run in few enough points for a picture.
-    pub fn sketch(&self) -> Option<&Sketch> {
-        self.sketch.as_ref()
-    }
 }
 
-/// Most stretches of a sketched curve: about one a pixel and a half, low and high of each.
+/// Largest number of stretches of a sketched curve, about one for 1.5 pixels; each has a low and a
+/// high point.
 const MAX_SKETCH_STRETCHES: usize = 450;
-/// Most impacts that a sketch keeps; a choice of them is drawn.
 const MAX_SKETCH_IMPACTS: usize = 4096;
 
-/// A curve as the lowest and highest point of each stretch.
+/// A curve reduced to the lowest and highest point of each stretch.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
     points: Vec<(f64, f64)>,
-    /// Points of this stretch, and the lowest and highest of them.
+    /// Number of points in the present stretch, its lowest and its highest point.
     count: usize,
     low: (f64, f64),
     high: (f64, f64),
@@ -345,7 +301,7 @@ impl Curve {
         self.count = 0;
     }
 
-    /// The points, those of the stretch that has begun included.
+    /// Points of the curve, including the present stretch.
     pub fn drawn(&self) -> Vec<(f64, f64)> {
         let mut whole = self.clone();
         whole.end_stretch();
@@ -353,9 +309,9 @@ impl Curve {
     }
 }
 
-/// An impact of a run that is drawn.
+/// An impact in the sketch.
 #[derive(Clone, Copy, Debug)]
-pub struct Struck {
+pub struct SketchImpact {
     /// End of its cycle in s.
     pub time: f64,
     /// Phase of the track in rad.
@@ -366,32 +322,34 @@ pub struct Struck {
     pub part: u8,
 }
 
-/// A run in few enough points for a picture.
+/// A run, reduced for a picture.
 #[derive(Clone, Debug, Default)]
 pub struct Sketch {
     stretch: usize,
     within: usize,
     /// Amplitude b over time, in m.
     pub amplitude: Curve,
-    /// Its reference over time, in m.
+    /// Reference of the amplitude over time, in m.
     pub reference: Curve,
     /// k over time.
     pub k: Curve,
     /// Estimated share of time in gear, over time.
     pub in_gear: Curve,
-    /// Mass on the track as weighed over time, in g; not a number where it is not.
+    /// Estimated mass on the track over time, in g; NaN without an estimate.
     pub mass: Curve,
-    /// Flow as weighed over time, in g/s; not a number where it is not.
+    /// Estimated flow over time, in g/s; NaN without an estimate.
     pub flow: Curve,
-    /// References of the last two cycles: each is for the cycle after next.
+    /// References of the last two cycles; a reference applies to the cycle after the next.
     ahead: [f32; 2],
-    states: Vec<(f64, State)>,
-    time: f64,
-    /// An even choice of the impacts, every `stride`-th of them.
-    impacts: Vec<Struck>,
+    /// States in order, each with its start time in s.
+    pub states: Vec<(f64, State)>,
+    /// Time at the end in s.
+    pub time: f64,
+    /// Every `stride`-th impact of each part.
+    pub impacts: Vec<SketchImpact>,
     stride: usize,
-    /// Impacts left out since the last that was kept, part by part: parts that strike in turn are
-    /// drawn alike.
+    /// Impacts of each part left out since its last one in the sketch. Counting by part keeps parts
+    /// that strike in turn.
     skipped: [usize; PARTS],
 }
 
@@ -415,7 +373,8 @@ impl Sketch {
         self.ahead = [glance.reference, self.ahead[0]];
         self.k.take(time, f64::from(glance.k));
         self.in_gear.take(time, f64::from(glance.in_gear));
-        let weighed = |of: fn(Load) -> f32| glance.load.map_or(f64::NAN, |load| of(load).into());
+        let weighed =
+            |value: fn(Load) -> f32| glance.load.map_or(f64::NAN, |load| value(load).into());
         self.mass.take(time, weighed(|load| load.mass));
         self.flow.take(time, weighed(|load| load.flow));
         self.within += 1;
@@ -432,11 +391,8 @@ impl Sketch {
                 curve.end_stretch();
             }
         }
-        if self
-            .states
-            .last()
-            .is_none_or(|(_, state)| *state != glance.state)
-        {
+        let last = self.states.last();
+        if last.is_none_or(|(_, state)| *state != glance.state) {
             self.states.push((self.time, glance.state));
         }
         self.time = time;
@@ -449,37 +405,22 @@ impl Sketch {
                 continue;
             }
             *skipped = 0;
-            self.impacts.push(Struck {
+            self.impacts.push(SketchImpact {
                 time,
                 phase: strike.phase,
                 speed: strike.speed,
                 part: strike.part,
             });
             if self.impacts.len() == MAX_SKETCH_IMPACTS {
-                let mut keep = [false; PARTS];
+                let mut retain = [false; PARTS];
                 self.impacts.retain(|impact| {
-                    let keep = &mut keep[usize::from(impact.part)];
-                    *keep = !*keep;
-                    *keep
+                    let retain = &mut retain[usize::from(impact.part)];
+                    *retain = !*retain;
+                    *retain
                 });
                 self.stride *= 2;
             }
         }
-    }
-
-    /// Time at the end in s.
-    pub fn time(&self) -> f64 {
-        self.time
-    }
-
-    /// The states one after the other, each with the time from which it was held.
-    pub fn states(&self) -> &[(f64, State)] {
-        &self.states
-    }
-
-    /// An even choice of the impacts.
-    pub fn impacts(&self) -> &[Struck] {
-        &self.impacts
     }
 }
 

@@ -1,4 +1,4 @@
-//! The one message of a run that was refused or failed, and its exit status.
+//! The message of a refused or failed run, and its exit status.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -6,15 +6,15 @@ use std::path::Path;
 
 use kband::feeder::OutOfRange;
 
-/// Why a verb did not do what was asked: cause, what is accepted, next step. Status 2, or 130 after
-/// an interruption.
+/// Refusal of a request: cause, accepted range, next step. The exit status is 2, or 130 after an
+/// interruption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
     cause: String,
     accepted: Option<String>,
     next: String,
     interrupted: bool,
-    /// The key of a scene that it is about, as `track.frequency`.
+    /// The key of a scene concerned, such as `track.frequency`.
     key: Option<String>,
 }
 
@@ -30,7 +30,7 @@ impl Refusal {
         }
     }
 
-    /// `key = value` is not within `accepted`; `next` says what to do.
+    /// `key = value` is not within `accepted`; `next` is the next step.
     pub fn value(
         key: impl fmt::Display,
         value: impl fmt::Display,
@@ -43,7 +43,7 @@ impl Refusal {
         }
     }
 
-    /// The same refusal, with what is accepted.
+    /// The same refusal, with the accepted range.
     pub fn accepting(mut self, accepted: impl Into<String>) -> Self {
         self.accepted = Some(accepted.into());
         self
@@ -54,7 +54,7 @@ impl Refusal {
         Self::new(format!("{}: {error}", path.display()), next)
     }
 
-    /// The run was stopped by Ctrl-C before its result was complete.
+    /// Interrupted by Ctrl-C before the result was complete.
     pub fn interrupted() -> Self {
         Self::cut(
             "interrupted before the result was complete; nothing was written",
@@ -62,7 +62,7 @@ impl Refusal {
         )
     }
 
-    /// The run was stopped by Ctrl-C in the middle of what `cause` tells.
+    /// Interrupted by Ctrl-C; `cause` describes the unfinished work.
     pub fn cut(cause: impl Into<String>, next: impl Into<String>) -> Self {
         Self {
             interrupted: true,
@@ -70,23 +70,23 @@ impl Refusal {
         }
     }
 
-    /// Whether it is of a value out of range.
+    /// Whether it is the refusal of a value out of range.
     pub fn is_of_value(&self) -> bool {
         self.accepted.is_some()
     }
 
-    /// The same refusal, of a key of a scene.
+    /// The same refusal, for a key of a scene.
     pub fn of_key(mut self, key: impl Into<String>) -> Self {
         self.key = Some(key.into());
         self
     }
 
-    /// The key of a scene that it is about.
+    /// The key of a scene concerned.
     pub fn key(&self) -> Option<&str> {
         self.key.as_deref()
     }
 
-    /// The same refusal, preceded by where it was met (a line of a file, a key of a scene).
+    /// The same refusal, preceded by its place (a line of a file, a key of a scene).
     pub fn at(mut self, place: impl fmt::Display) -> Self {
         self.cause = format!("{place}: {}", self.cause);
         self
@@ -98,7 +98,7 @@ impl Refusal {
         self
     }
 
-    /// The exit status that goes with it.
+    /// Exit status.
     pub fn status(&self) -> u8 {
         if self.interrupted { 130 } else { 2 }
     }
@@ -114,10 +114,10 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// Characters of a message's part that a person may still read.
+/// Largest number of characters in one part of a message.
 const MAX_MESSAGE_CHARACTERS: usize = 2000;
 
-/// The text with its middle left out where nobody would read it: what is refused may be a file of 3 MB.
+/// Long text with its middle left out: a refused value may be a file of 3 MB.
 fn readable(text: &str) -> Cow<'_, str> {
     let count = text.chars().count();
     if count <= MAX_MESSAGE_CHARACTERS {
@@ -139,11 +139,7 @@ impl From<OutOfRange> for Refusal {
         } else {
             format!("{:e}", refused.value)
         };
-        Self::value(
-            refused.parameter,
-            value,
-            refused.accepted,
-            format!("change {} and run again", refused.parameter),
-        )
+        let next = format!("change {} and run again", refused.parameter);
+        Self::value(refused.parameter, value, refused.accepted, next)
     }
 }

@@ -1,4 +1,4 @@
-//! Scene files: strict TOML to a checked scene.
+//! Scene files: strict TOML, checked.
 
 use kband::feeder::OutOfRange;
 use kband_control::{Controller, NoSetpoint, Settings, StartCause, Target, affordable_tones};
@@ -8,7 +8,7 @@ use toml::{Table, Value};
 use super::engine::Fidelity;
 use super::expect::Expectation;
 use super::fields::{
-    CONTROLLER, MASS, OUTPUT_MINIMUM, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, belongs,
+    CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, section_with,
 };
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
@@ -18,40 +18,49 @@ use crate::refusal::Refusal;
 /// The default scene, commented.
 pub const DEFAULT: &str = include_str!("default.toml");
 
-/// Largest safe amplitude of a scene that gives none, over what its hard limits allow.
-const SAFE_SHARE: f32 = 0.5;
+/// Default safe amplitude as a share of the amplitude that the hard limits allow.
+const MAX_SAFE_SHARE: f32 = 0.5;
 
-/// A scene as a file describes it.
+/// A scene file.
 #[derive(Clone, Debug)]
 pub struct SceneFile {
-    /// The scene itself.
+    /// The scene.
     pub scene: Scene,
     /// Duration in s.
     pub duration: f64,
     /// Length of a part along the track in mm, for parts a minute.
     pub part_length: f64,
-    /// Fidelity, if the file says.
+    /// Fidelity, if configured.
     pub fidelity: Option<Fidelity>,
-    /// What its parts are drawn from; `None` where they are given one by one.
+    /// Distribution of the parts; `None` if they are given one by one.
     pub distribution: Option<Distribution>,
-    /// What must come of it, if the file says.
+    /// Expected result, if configured.
     pub expectation: Option<Expectation>,
 }
 
-/// Duration in s of a scene that gives none.
+/// Causes of a start, with their names.
+const STARTS: [(&str, StartCause); 6] = [
+    ("ordinary", StartCause::Ordinary),
+    ("power-on", StartCause::PowerOn),
+    ("reset", StartCause::Reset),
+    ("refused", StartCause::Refused),
+    ("repeated", StartCause::Repeated),
+    ("image-damaged", StartCause::ImageDamaged),
+];
+
+/// Default duration, s.
 pub const DEFAULT_DURATION: f32 = 10.0;
 
-/// Length in mm of parts of which none is given.
+/// Default length of a part, mm.
 pub const DEFAULT_PART_LENGTH: f32 = 15.0;
 
 impl SceneFile {
-    /// The scene of a text; one refusal that names the key, the value, what is accepted and what to
-    /// do.
+    /// Parses a scene. A refusal names the key, its value, the accepted range and the next step.
     pub fn parse(text: &str) -> Result<Self, Refusal> {
         Self::from_table(table(text)?).map_err(|refusal| at_line(refusal, text))
     }
 
-    /// The scene of a table, as [`table`] gives it.
+    /// The scene of a table from [`table`].
     pub fn from_table(table: Table) -> Result<Self, Refusal> {
         let drive = table.get("drive");
         let safe_given = drive.is_some_and(|drive| drive.get("safe_amplitude").is_some());
@@ -65,14 +74,7 @@ impl SceneFile {
         };
         let fidelity = match root.take("fidelity") {
             None => None,
-            Some(value) => {
-                let known = Fidelity::ALL.into_iter();
-                let named = known
-                    .clone()
-                    .find(|known| value.as_str() == Some(known.name()));
-                let names = known.map(Fidelity::name).collect::<Vec<_>>().join(", ");
-                Some(named.ok_or_else(|| root.refuse("fidelity", &value, &names))?)
-            }
+            Some(value) => Some(root.choice("fidelity", &value, &Fidelity::ALL, Fidelity::name)?),
         };
         if let Some(seed) = root.take("seed") {
             scene.seed = match seed {
@@ -81,38 +83,21 @@ impl SceneFile {
             };
         }
         if let Some(start) = root.take("start") {
-            scene.start = match start.as_str() {
-                Some("ordinary") => StartCause::Ordinary,
-                Some("power-on") => StartCause::PowerOn,
-                Some("reset") => StartCause::Reset,
-                Some("refused") => StartCause::Refused,
-                Some("repeated") => StartCause::Repeated,
-                Some("image-damaged") => StartCause::ImageDamaged,
-                _ => {
-                    return Err(root.refuse(
-                        "start",
-                        &start,
-                        "ordinary, power-on, reset, refused, repeated, image-damaged",
-                    ));
-                }
-            };
+            (_, scene.start) = root.choice("start", &start, &STARTS, |(name, _)| name)?;
         }
         for (name, keys, required) in SECTIONS {
             let mut section = root.section(name)?;
             for (n, key) in keys.iter().enumerate() {
                 section.setting(&mut settings, key, n < required)?;
             }
-            if name == "drive" {
-                section.field(&OUTPUT_MINIMUM, &mut 0.0)?;
-            }
             section.finish()?;
         }
         let mut part = root.section("part")?;
         if let Some(value) = part.take("friction") {
             scene.friction = Some(parts::read_friction(&part, &value)?);
-            if let Some(kept) = part.take("tangential_restitution") {
+            if let Some(tangential) = part.take("tangential_restitution") {
                 let accepted = "not together with part.friction: both are models of the motion along the track";
-                return Err(part.refuse("tangential_restitution", &kept, accepted));
+                return Err(part.refuse("tangential_restitution", &tangential, accepted));
             }
             // Friction stops a locked part at every impact.
             settings.tangential_restitution = 0.0;
@@ -132,7 +117,7 @@ impl SceneFile {
             settings.scatter = configured_scatter(&scene.scatter).min(MAX_CONFIGURED_SCATTER);
         }
         if let Some(value) = part.take(MASS.key) {
-            parts::read_masses(&part, &value, &mut scene)?;
+            scene.masses = parts::one_or_each(&part, &MASS, &value, &scene, [" g,", ""])?;
         }
         if let Some(value) = part.take("hopper") {
             parts::read_hopper(&part, &value, &mut scene)?;
@@ -159,8 +144,8 @@ impl SceneFile {
             controller.finish()?;
         }
         if !safe_given {
-            let most = SAFE_SHARE * settings.largest_safe_amplitude();
-            settings.safe_amplitude = settings.safe_amplitude.min(most);
+            let max_amplitude = MAX_SAFE_SHARE * settings.largest_safe_amplitude();
+            settings.safe_amplitude = settings.safe_amplitude.min(max_amplitude);
         }
         scene.drive = DriveModel {
             resonance: settings.resonance,
@@ -194,10 +179,8 @@ impl SceneFile {
         target.finish()?;
         scene.settings = settings;
         scene.disturbances = read_disturbances(&mut root, duration)?;
-        let expectation = match root.optional("expect")? {
-            Some(section) => Some(Expectation::read(section)?),
-            None => None,
-        };
+        let expectation = root.optional("expect")?.map(Expectation::read);
+        let expectation = expectation.transpose()?;
         root.finish()?;
         let file = Self {
             scene,
@@ -214,24 +197,21 @@ impl SceneFile {
     /// Whether the restitution of any part scatters at any time.
     pub fn scatters(&self) -> bool {
         let scene = &self.scene;
-        let mut changes = scene
-            .disturbances
-            .iter()
-            .map(|disturbance| disturbance.change);
+        let mut changes = scene.disturbances.iter();
         scene.scatter.iter().any(|s| *s > 0.0)
-            || changes.any(|change| matches!(change, Change::Scatter(s) if s > 0.0))
+            || changes.any(|changed| matches!(changed.change, Change::Scatter(s) if s > 0.0))
     }
 
-    /// Refuses what only shows once controller and drive are put together: a target that no
-    /// amplitude of this drive can reach.
+    /// Refuses a target that no amplitude of this drive reaches; that needs both controller and
+    /// drive.
     pub fn check(&self) -> Result<(), Refusal> {
         let named = |refused: OutOfRange| {
             Refusal::value(
                 refused.parameter,
-                // The controller computes in f32: its digits are those that were written.
+                // The controller computes in f32: the message then has the digits of the file.
                 refused.value as f32,
                 refused.accepted,
-                match belongs(refused.parameter) {
+                match section_with(refused.parameter) {
                     Some(table) => format!("set {table}.{} in the scene", refused.parameter),
                     None => format!("change {} in the scene", refused.parameter),
                 },
@@ -246,26 +226,18 @@ impl SceneFile {
                 "set drive.second_tone too, for example to 0.25, or leave drive.third_tone out",
             ));
         }
-        let configured = [
-            (
-                "drive.second_tone",
-                settings.second_tone,
-                "drive.second_gain",
-            ),
-            ("drive.third_tone", settings.third_tone, "drive.third_gain"),
-        ];
-        for ((key, tone, gain), affords) in
-            configured.into_iter().zip(affordable_tones(settings, 1.0))
-        {
+        let tones = [settings.second_tone, settings.third_tone];
+        let configured = ["second", "third"].into_iter().zip(tones);
+        for ((name, tone), affords) in configured.zip(affordable_tones(settings, 1.0)) {
             if tone > affords {
                 return Err(Refusal::value(
-                    key,
+                    format!("drive.{name}_tone"),
                     tone,
                     format!(
                         "0..{affords:.3}, which is what this drive's output makes where the track only just throws \
                          parts (k = 1)"
                     ),
-                    format!("lower it, or raise {gain}, gain or output_maximum"),
+                    format!("lower it, or raise drive.{name}_gain, gain or output_maximum"),
                 ));
             }
         }
@@ -273,7 +245,7 @@ impl SceneFile {
         for target in self.scene.targets() {
             let mut controller =
                 Controller::build(settings, target, self.scene.start).map_err(named)?;
-            // A search for gear keeps within reach.
+            // A search for gear considers only reachable amplitudes.
             let searches_gear = matches!(target, Target::Gear { .. } | Target::Flow(_));
             while !searches_gear && !controller.is_setpoint_found() && controller.plan_step() {}
             within_reach(&controller)?;
@@ -282,7 +254,7 @@ impl SceneFile {
     }
 }
 
-/// Refused where the controller's drive does not reach what the target needs.
+/// Refuses a target beyond the reach of the controller's drive.
 pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     let needed = match controller.no_setpoint() {
         Some(NoSetpoint::Output { needed, .. }) => needed,
@@ -293,7 +265,7 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
         return Ok(());
     }
     let next = "choose another target, or raise gain, output_maximum, amplitude_limit or acceleration_limit";
-    let far = beside_resonance(controller.settings());
+    let detuning_hint = describe_detuning(controller.settings());
     Err(Refusal::value(
         format!("target {}", describe(controller.target())),
         format!("b = {needed:.4} mm"),
@@ -302,13 +274,13 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
             reach * 1e3,
             controller.k(reach)
         ),
-        far.map_or_else(|| next.to_string(), |far| format!("{far}; {next}")),
+        detuning_hint.map_or(next.into(), |hint| format!("{hint}; {next}")),
     ))
 }
 
-/// What to do about a drive that runs so far beside its resonance that a tenth of its amplitude
-/// there is left.
-pub(crate) fn beside_resonance(settings: &Settings) -> Option<String> {
+/// Advice for a drive so far from its resonance that its response is below a tenth; `None` for
+/// others.
+pub(crate) fn describe_detuning(settings: &Settings) -> Option<String> {
     let x = f64::from(settings.frequency / settings.resonance);
     let q = f64::from(settings.quality);
     let answer = 1.0 / (q * (1.0 - x * x).hypot(x / q));
@@ -323,7 +295,7 @@ pub(crate) fn beside_resonance(settings: &Settings) -> Option<String> {
     })
 }
 
-/// The refusal of a scene, preceded by the line of its text.
+/// The refusal of a scene, with the number of the line in its text.
 pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
     match refusal.key().and_then(|key| line_of(text, key)) {
         Some(line) => refusal.at(format!("line {line}")),
@@ -334,7 +306,7 @@ pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
 /// Largest scatter that the settings accept.
 const MAX_CONFIGURED_SCATTER: f32 = 0.3;
 
-/// Configured scatter of the parts: their common one, else the root mean square.
+/// Configured scatter of the parts: their common value, else the root mean square.
 fn configured_scatter(parts: &[f32]) -> f32 {
     match parts {
         [first, rest @ ..] if rest.iter().all(|s| s == first) => *first,
@@ -345,7 +317,7 @@ fn configured_scatter(parts: &[f32]) -> f32 {
     }
 }
 
-/// The table that a text holds; refused with the line that is not TOML, and what to do about it.
+/// Parses TOML; a refusal names the line and the next step.
 pub fn toml_table(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
     text.parse().map_err(|error: toml::de::Error| {
         let line = error.span().map_or(1, |span| {
@@ -356,40 +328,34 @@ pub fn toml_table(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
     })
 }
 
-/// The table of a scene's text; refused with the line that is not TOML.
+/// Parses the TOML of a scene; a refusal names the line.
 pub fn table(text: &str) -> Result<Table, Refusal> {
-    toml_table(
-        text,
-        "correct this line; kband simulate --print-scene shows a whole scene",
-    )
+    let next = "correct this line; kband simulate --print-scene shows a whole scene";
+    toml_table(text, next)
 }
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
 
     fn refusal(text: &str) -> String {
-        match SceneFile::parse(text) {
-            Ok(_) => panic!("accepted:\n{text}"),
-            Err(refusal) => refusal.to_string(),
-        }
+        SceneFile::parse(text).unwrap_err().to_string()
     }
 
     #[test]
     fn the_default_scene_is_the_default() {
         let file = SceneFile::parse(DEFAULT).unwrap();
-        // The paper's application, with parts that scatter.
+        // The application in the paper, with restitution that scatters.
         let mut expected = Scene {
             target: Target::Gear { order: 1 },
             ..Scene::default()
         };
         expected.settings.scatter = 0.04;
-        // They slide; a locked one is stopped at every impact.
+        // Parts slide; friction stops a locked one at every impact.
         expected.settings.tangential_restitution = 0.0;
         expected.friction = Some([0.3; 2]);
         expected.scatter = file.scene.parts.iter().map(|_| 0.04).collect();
-        // Light enough to leave the track alone.
+        // Masses too small to affect the track.
         expected.masses = file.scene.parts.iter().map(|_| 0.0).collect();
         assert_eq!(file.scene, expected);
         assert_eq!(file.duration, 10.0);
@@ -411,28 +377,41 @@ mod tests {
         assert_eq!(safe("gain = 1.0 ", "gain = 0.9 "), Ok(0.05));
         let limit = "amplitude_limit = 1.0 ";
         assert_eq!(safe(limit, "amplitude_limit = 0.3 "), Ok(0.05));
-        // A value that is given is taken as it is.
+        // A configured value is used unchanged.
         let given = "safe_amplitude = 0.07\namplitude_limit = 1.0 ";
         assert_eq!(safe(limit, given), Ok(0.07));
         let given = tuned.replacen(limit, given, 1);
         let message = refusal(&given);
-        assert!(
-            message.contains("set drive.safe_amplitude in the scene"),
-            "{message}"
-        );
+        let next = "set drive.safe_amplitude in the scene";
+        assert!(message.contains(next), "{message}");
     }
 
     #[test]
-    fn a_scene_without_duration_or_part_length_takes_the_default() {
+    fn missing_duration_and_part_length_use_the_defaults() {
         let file = SceneFile::parse(DEFAULT).unwrap();
-        let left_out: Vec<&str> = DEFAULT
-            .lines()
-            .filter(|line| !line.starts_with("duration") && !line.starts_with("length"))
-            .collect();
+        let is_left_out = |line: &str| line.starts_with("duration") || line.starts_with("length");
+        let left_out = DEFAULT.lines().filter(|line| !is_left_out(line));
+        let left_out: Vec<&str> = left_out.collect();
         let without = SceneFile::parse(&left_out.join("\n")).unwrap();
         assert_eq!(without.duration, file.duration);
         assert_eq!(without.part_length, file.part_length);
         let long = DEFAULT.replace("length = 15.0", "length = 8.0");
         assert_eq!(SceneFile::parse(&long).unwrap().part_length, 8.0);
+    }
+
+    #[test]
+    fn the_line_of_a_key_is_found_in_tables_and_rows_of_tables() {
+        let text = "a = 1\n\n[b]\nc = { d = 2 }\n[[e]]\nf = 3\n[[e]]\nf = 4\n";
+        for (key, line) in [
+            ("a", 1),
+            ("[b]", 3),
+            ("b.c", 4),
+            ("b.c.d", 4),
+            ("e 1.f", 6),
+            ("e 2.f", 8),
+        ] {
+            assert_eq!(line_of(text, key), Some(line), "{key}");
+        }
+        assert_eq!(line_of(text, "z"), None);
     }
 }

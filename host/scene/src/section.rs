@@ -5,10 +5,10 @@ use std::ops::RangeInclusive;
 use kband_control::Settings;
 use toml::{Table, Value};
 
-use super::fields::{Field, belongs};
+use super::fields::{Field, section_with};
 use crate::refusal::Refusal;
 
-/// The number that a value of TOML is, whole or not.
+/// Value of a TOML number, integer or float.
 pub fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(number) => Some(*number),
@@ -17,12 +17,13 @@ pub fn number(value: &Value) -> Option<f64> {
     }
 }
 
-/// One table of a scene file; what is left when it is finished is unknown.
+/// One table of a scene file; keys that remain at the end are unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct Section {
     name: String,
     table: Table,
-    known: Vec<&'static str>,
+    /// The keys used so far, each once.
+    pub requested: Vec<&'static str>,
 }
 
 impl Section {
@@ -30,19 +31,8 @@ impl Section {
         Self {
             name: name.into(),
             table,
-            known: Vec::new(),
+            requested: Vec::new(),
         }
-    }
-
-    /// Requested keys so far, each once.
-    pub fn names(&self) -> Vec<&'static str> {
-        let mut names = Vec::new();
-        for &key in &self.known {
-            if !names.contains(&key) {
-                names.push(key);
-            }
-        }
-        names
     }
 
     pub fn path(&self, key: &str) -> String {
@@ -54,34 +44,48 @@ impl Section {
     }
 
     pub fn has(&mut self, key: &'static str) -> bool {
-        self.known.push(key);
+        if !self.requested.contains(&key) {
+            self.requested.push(key);
+        }
         self.table.contains_key(key)
     }
 
     pub fn take(&mut self, key: &'static str) -> Option<Value> {
-        self.known.push(key);
+        self.has(key);
         self.table.remove(key)
     }
 
+    /// The value with this name.
+    pub fn choice<T: Copy>(
+        &self,
+        key: &str,
+        value: &Value,
+        all: &[T],
+        name: impl Fn(T) -> &'static str,
+    ) -> Result<T, Refusal> {
+        let choice = all.iter().find(|item| value.as_str() == Some(name(**item)));
+        choice.copied().ok_or_else(|| {
+            let names: Vec<&str> = all.iter().map(|item| name(*item)).collect();
+            self.refuse(key, value, &names.join(", "))
+        })
+    }
+
     pub fn refuse(&self, key: &str, value: &Value, accepted: &str) -> Refusal {
-        let shown = match value {
+        let text = match value {
             Value::Float(number) => number.to_string(),
             other => other.to_string().trim().replace('\n', " "),
         };
-        Refusal::value(
-            self.path(key),
-            shown,
-            accepted,
-            format!("change {} in the scene", self.path(key)),
-        )
-        .of_key(self.path(key))
+        let path = self.path(key);
+        let next = format!("change {path} in the scene");
+        Refusal::value(&path, text, accepted, next).of_key(&path)
     }
 
-    /// The refusal of a key that is left and was surely meant to be this one, if there is any.
+    /// The refusal of a remaining key as a misspelling of this one; `None` if none is similar.
     pub fn misspelt(&self, key: &str, accepted: &str) -> Option<Refusal> {
-        let near = |left: &&String| alike(key, left) && !self.known.contains(&left.as_str());
-        let left = self.table.keys().find(near)?;
-        let meant = format!("{} = {accepted}", self.shown(key));
+        let is_candidate =
+            |left: &&String| is_similar(key, left) && !self.requested.contains(&left.as_str());
+        let left = self.table.keys().find(is_candidate)?;
+        let meant = format!("{} = {accepted}", self.notation(key));
         Some(self.unknown(left, meant, &format!("; did you mean {key}?")))
     }
 
@@ -109,7 +113,7 @@ impl Section {
         self.within(key, &value, range, accepted)
     }
 
-    /// The number that a value is, within its range.
+    /// A number within its range.
     pub fn within(
         &self,
         key: &str,
@@ -117,13 +121,12 @@ impl Section {
         range: RangeInclusive<f32>,
         accepted: &str,
     ) -> Result<f32, Refusal> {
-        number(value)
-            .map(|number| number as f32)
-            .filter(|number| range.contains(number))
-            .ok_or_else(|| self.refuse(key, value, accepted))
+        let number = number(value).map(|number| number as f32);
+        let number = number.filter(|number| range.contains(number));
+        number.ok_or_else(|| self.refuse(key, value, accepted))
     }
 
-    /// A number that may be left out.
+    /// Reads an optional number.
     pub fn field(&mut self, field: &Field, slot: &mut f32) -> Result<(), Refusal> {
         if self.has(field.key) {
             let [low, high] = field.range;
@@ -132,7 +135,7 @@ impl Section {
         Ok(())
     }
 
-    /// A setting of the controller, with the range that the controller gives it.
+    /// Reads a setting of the controller, within the controller's range.
     pub fn setting(
         &mut self,
         settings: &mut Settings,
@@ -166,11 +169,10 @@ impl Section {
             Some((low, high)) if 0.0 <= low && low <= high && high <= 1.0 => {
                 Ok((low as f32, high as f32))
             }
-            Some((low, high)) if low > high => Err(self.refuse(
-                key,
-                &value,
-                &format!("{accepted}: this interval is reversed"),
-            )),
+            Some((low, high)) if low > high => {
+                let accepted = format!("{accepted}: this interval is reversed");
+                Err(self.refuse(key, &value, &accepted))
+            }
             _ => Err(self.refuse(key, &value, accepted)),
         }
     }
@@ -178,11 +180,7 @@ impl Section {
     pub fn optional(&mut self, key: &'static str) -> Result<Option<Self>, Refusal> {
         match self.take(key) {
             None => Ok(None),
-            Some(Value::Table(table)) => Ok(Some(Self {
-                name: self.path(key),
-                table,
-                known: Vec::new(),
-            })),
+            Some(Value::Table(table)) => Ok(Some(Self::new(&self.path(key), table))),
             Some(other) => Err(self.refuse(key, &other, "a table")),
         }
     }
@@ -196,29 +194,26 @@ impl Section {
         let Some(key) = self.table.keys().next() else {
             return Ok(());
         };
-        let near = self.known.iter().find(|known| alike(known, key));
-        let elsewhere = || belongs(key).filter(|name| *name != self.name);
-        let hint = match (near, elsewhere()) {
-            (Some(known), _) => format!("; did you mean {known}?"),
+        let mut requested = self.requested.iter();
+        let similar = requested.find(|requested| is_similar(requested, key));
+        let elsewhere = section_with(key).filter(|name| *name != self.name);
+        let hint = match (similar, elsewhere) {
+            (Some(requested), _) => format!("; did you mean {requested}?"),
             (None, Some(name)) => format!("; it is a key of [{name}]"),
             (None, None) => String::new(),
         };
-        Err(self.unknown(key, self.names().join(", "), &hint))
+        Err(self.unknown(key, self.requested.join(", "), &hint))
     }
 
     fn unknown(&self, key: &str, accepted: String, hint: &str) -> Refusal {
-        let shown = self.shown(key);
-        Refusal::value(
-            &shown,
-            "(unknown key)",
-            accepted,
-            format!("remove or correct {shown}{hint}"),
-        )
-        .of_key(self.path(key))
+        let name = self.notation(key);
+        let next = format!("remove or correct {name}{hint}");
+        let refusal = Refusal::value(&name, "(unknown key)", accepted, next);
+        refusal.of_key(self.path(key))
     }
 
-    /// A key as it is written: a table in brackets.
-    fn shown(&self, key: &str) -> String {
+    /// A key in the notation of the file: a table has brackets.
+    fn notation(&self, key: &str) -> String {
         match self.table.get(key) {
             Some(Value::Table(_)) => format!("[{}]", self.path(key)),
             _ => self.path(key),
@@ -226,8 +221,8 @@ impl Section {
     }
 }
 
-/// The line of a scene's text on which a key stands, counted from 1; tables in a row are
-/// `disturbance 1`, `disturbance 2`.
+/// Line of a key in a scene's text, from 1; tables of an array are `disturbance 1`, `disturbance
+/// 2`.
 pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
     let whole = toml::de::DeTable::parse(text).ok()?;
     let mut table = whole.get_ref();
@@ -237,8 +232,8 @@ pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
             Some((name, n)) => (name, n.parse::<usize>().ok()),
             None => (name, None),
         };
-        let found = table.iter().find(|(key, _)| key.get_ref() == name);
-        let Some((key, value)) = found else { break };
+        let entry = table.iter().find(|(key, _)| key.get_ref() == name);
+        let Some((key, value)) = entry else { break };
         at = Some(key.span().start);
         match (value.get_ref(), n) {
             (toml::de::DeValue::Table(inner), _) => table = inner,
@@ -257,22 +252,7 @@ pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
     Some(before.matches('\n').count() + 1)
 }
 
-/// Whether two keys differ by at most two letters changed, added or left out, and are not as short
-/// as that.
-fn alike(a: &str, b: &str) -> bool {
-    if a.len().min(b.len()) < 4 {
-        return false;
-    }
-    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.iter().enumerate() {
-        let mut corner = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let cost = (corner + usize::from(x != y)).min(row[j].min(row[j + 1]) + 1);
-            corner = row[j + 1];
-            row[j + 1] = cost;
-        }
-    }
-    row[b.len()] <= 2
+/// Whether two keys of at least four letters have an edit distance (Levenshtein) of at most 2.
+fn is_similar(a: &str, b: &str) -> bool {
+    a.len().min(b.len()) >= 4 && strsim::levenshtein(a, b) <= 2
 }

@@ -1,4 +1,4 @@
-//! Requests to a feeder and disturbances, over time.
+//! Targets of a feeder and disturbances, over time.
 
 use kband_control::{Shape, Target, UpperTone};
 use kband_plant::{Change, DISTURBANCES, Disturbance, Disturbances, PARTS};
@@ -21,13 +21,13 @@ pub fn describe(target: Target) -> String {
         Target::PartsPerMinute(rate) => format!("{rate} parts a minute"),
         Target::Identify => "identification".into(),
         Target::Tones { k, shape } => {
-            let words = |name: &str, tone: UpperTone| {
+            let describe_tone = |name: &str, tone: UpperTone| {
                 let degrees = tone.phase.to_degrees();
                 format!("a {name} tone of {} at {degrees:.1} degrees", tone.ratio)
             };
-            let second = words("second", shape.second);
+            let second = describe_tone("second", shape.second);
             if shape.third.ratio > 0.0 {
-                let third = words("third", shape.third);
+                let third = describe_tone("third", shape.third);
                 format!("k = {k} with {second} and {third}")
             } else {
                 format!("k = {k} with {second}")
@@ -39,7 +39,7 @@ pub fn describe(target: Target) -> String {
 const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, flow = g/s, identify = true, \
                        tones = [k, e, degrees]";
 
-/// What a target may be given by.
+/// Keys of a target.
 const KEYS: [&str; 9] = [
     "gear",
     "locked",
@@ -53,16 +53,16 @@ const KEYS: [&str; 9] = [
 ];
 
 pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
-    let mut found = None;
+    let mut target = None;
     for key in KEYS {
         let Some(value) = section.take(key) else {
             continue;
         };
-        if found.is_some() {
+        if target.is_some() {
             return Err(section.refuse(key, &value, TARGETS));
         }
         let refused = |accepted: &str| section.refuse(key, &value, accepted);
-        found = Some(match (key, &value) {
+        target = Some(match (key, &value) {
             ("locked", Value::Integer(order @ 1..=8)) => Target::Locked {
                 order: *order as u8,
             },
@@ -89,20 +89,18 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
             }
         });
     }
-    found.ok_or_else(|| {
+    target.ok_or_else(|| {
         let misspelt = |key| section.misspelt(key, TARGETS);
         if let Some(refusal) = KEYS.into_iter().find_map(misspelt) {
             return refusal;
         }
-        Refusal::new(
-            format!("{} says nothing", section.path("")),
-            format!("give {TARGETS}"),
-        )
+        let cause = format!("{} says nothing", section.path(""));
+        Refusal::new(cause, format!("give {TARGETS}"))
     })
 }
 
-/// A track of two tones or three: k of the first, amplitude of each other over it (e), and its
-/// phase (th) in degrees.
+/// A track of two or three tones: k of the first tone. Each other tone has its amplitude over the
+/// first (e) and its phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
     let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
     let numbers: Option<Vec<f64>> = value
@@ -145,11 +143,8 @@ pub(crate) fn read_disturbances(
     let tables = match value {
         Value::Array(tables) if tables.len() <= DISTURBANCES => tables,
         other => {
-            return Err(root.refuse(
-                "disturbance",
-                &other,
-                &format!("at most {DISTURBANCES} tables [[disturbance]]"),
-            ));
+            let accepted = format!("at most {DISTURBANCES} tables [[disturbance]]");
+            return Err(root.refuse("disturbance", &other, &accepted));
         }
     };
     let mut read = Vec::new();
@@ -164,11 +159,11 @@ pub(crate) fn read_disturbances(
     Ok(read.into_iter().collect())
 }
 
-/// The change of a table such as `gain = 0.8` or `target = { k = 0.4 }`: one key of a
-/// `[[disturbance]]`, without its time.
+/// The change of one key of a `[[disturbance]]`, without its time, such as `gain = 0.8` or `target
+/// = { k = 0.4 }`.
 ///
 /// # Errors
-/// A `Refusal` with the key, the value and what is accepted.
+/// A `Refusal` with the key, the value and the accepted range.
 pub fn change(mut table: Table) -> Result<Change, Refusal> {
     table.insert("at".into(), Value::Float(0.0));
     let mut section = Section::new("change", table);
@@ -187,9 +182,7 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
         }
     }
     if let Some(value) = section.take("parts") {
-        let count = value
-            .as_integer()
-            .and_then(|count| u8::try_from(count).ok());
+        let count = value.as_integer().and_then(|n| u8::try_from(n).ok());
         match count.filter(|count| usize::from(*count) <= PARTS) {
             Some(count) => changes.push(Change::Parts(count)),
             None => {
@@ -217,7 +210,7 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
         }),
         _ => Err(Refusal::new(
             format!("{} has {} changes", section.path(""), changes.len()),
-            format!("give exactly one of {}", section.names()[1..].join(", ")),
+            format!("give exactly one of {}", section.requested[1..].join(", ")),
         )
         .of_key(section.path(""))),
     }

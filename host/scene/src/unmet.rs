@@ -1,76 +1,70 @@
-//! What came of a scene against what it expects.
+//! Comparison of a scene's result with its expectation.
 
 use kband_control::{Event, Fault};
 
 use super::outcome::Outcome;
 
 impl Outcome {
-    /// What of the scene's expectation did not come, a line each; `None` where the scene expects
-    /// nothing.
+    /// Unmet expectations of the scene, one in each line; `None` for a scene without an
+    /// expectation.
     pub fn unmet(&self) -> Option<Vec<String>> {
-        let expected = self.file().expectation.as_ref()?;
+        let expectation = self.file().expectation.as_ref()?;
         let mut unmet = Vec::new();
         let last = self.last();
-        if let Some(state) = expected.state {
-            unmet.extend(differs("state", state.name(), last.state.name()));
+        if let Some(state) = expectation.state {
+            unmet.extend(mismatch("state", state.name(), last.state.name()));
         }
-        if let Some(fault) = expected.fault {
-            let [wanted, came] = [fault, last.fault].map(|f| f.map_or("none", Fault::name));
-            unmet.extend(differs("fault", wanted, came));
+        if let Some(fault) = expectation.fault {
+            let [expected, actual] = [fault, last.fault].map(|f| f.map_or("none", Fault::name));
+            unmet.extend(mismatch("fault", expected, actual));
         }
-        if let Some(events) = &expected.events {
+        if let Some(events) = &expectation.events {
             let names = |events: &mut dyn Iterator<Item = Event>| {
                 events.map(Event::name).collect::<Vec<_>>().join(", ")
             };
-            let came = names(&mut self.events().map(|happened| happened.event));
-            let wanted = names(&mut events.iter().copied());
-            if came != wanted {
-                unmet.push(format!("events: expected {wanted}; came {came}"));
+            let actual = names(&mut self.events().map(|timed| timed.event));
+            let expected = names(&mut events.iter().copied());
+            if actual != expected {
+                unmet.push(format!("events: expected {expected}; came {actual}"));
             }
         }
-        if let Some(limits) = &expected.limits {
-            let [wanted, came] = [limits.join(", "), self.limits().join(", ")];
-            unmet.extend(differs(
-                "limits",
-                &format!("[{wanted}]"),
-                &format!("[{came}]"),
-            ));
+        if let Some(limits) = &expectation.limits {
+            let [expected, actual] = [limits.join(", "), self.limits().join(", ")];
+            let [expected, actual] = [expected, actual].map(|names| format!("[{names}]"));
+            unmet.extend(mismatch("limits", &expected, &actual));
         }
-        if let Some(regime) = &expected.regime {
-            unmet.extend(differs("regime", regime, &self.regime()));
+        if let Some(regime) = &expectation.regime {
+            unmet.extend(mismatch("regime", regime, &self.regime()));
         }
         let identified = self.identified();
-        let restitution = identified.map_or(f64::NAN, |found| f64::from(found.restitution));
+        let restitution = identified.map_or(f64::NAN, |result| f64::from(result.restitution));
         let values = [
             ("k", self.k()),
             ("speed in mm/s", self.speed() * 1e3),
             ("share of time in gear", self.in_gear().unwrap_or(f64::NAN)),
             ("restitution identified", restitution),
         ];
-        for ((name, value), range) in values.into_iter().zip(expected.ranges) {
+        for ((name, value), range) in values.into_iter().zip(expectation.ranges) {
             if let Some((low, high)) = range
                 && !(low..=high).contains(&value)
             {
-                unmet.push(format!(
-                    "{name}: expected {low}..{high}, came to {value:.4}"
-                ));
+                let expected = format!("{low}..{high}");
+                unmet.extend(mismatch(name, &expected, &format!("{value:.4}")));
             }
         }
-        if let (Some(within), Some(state)) = (expected.within, expected.state) {
+        if let (Some(within), Some(state)) = (expectation.within, expectation.state) {
+            let expected = format!("{} within {within} s", state.name());
             match self.reached(state) {
                 Some(time) if time <= within => {}
-                Some(time) => unmet.push(format!(
-                    "{} within {within} s: came at {time:.2} s",
-                    state.name()
-                )),
-                None => unmet.push(format!("{} within {within} s: never came", state.name())),
+                Some(time) => unmet.push(format!("{expected}: came at {time:.2} s")),
+                None => unmet.push(format!("{expected}: never came")),
             }
         }
         Some(unmet)
     }
 }
 
-/// What came instead of what was expected.
-fn differs(what: &str, wanted: &str, came: &str) -> Option<String> {
-    (wanted != came).then(|| format!("{what}: expected {wanted}, came to {came}"))
+/// Expected and actual value, if they differ.
+fn mismatch(what: &str, expected: &str, actual: &str) -> Option<String> {
+    (expected != actual).then(|| format!("{what}: expected {expected}, came to {actual}"))
 }

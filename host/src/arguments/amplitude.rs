@@ -6,8 +6,8 @@ use super::{DriveArguments, Range, range_or_value, within};
 use crate::refusal::Refusal;
 use crate::report::number;
 
-/// The amplitude in mm, for a verb that also takes `--k`, and the drive that makes one of the other; a range
-/// without a number has `COUNT` values.
+/// The amplitude in mm, for a verb that also takes `--k`, and the drive that makes one of the
+/// other; a range without a number has `COUNT` values.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct AmplitudeArguments<const COUNT: usize = 200> {
     /// Amplitude of the track normal to itself in mm, instead of --k: one value, or a range where
@@ -25,7 +25,7 @@ pub struct AmplitudeArguments<const COUNT: usize = 200> {
 }
 
 impl<const COUNT: usize> AmplitudeArguments<COUNT> {
-    /// The track whose amplitude it is.
+    /// The track with this frequency and incline.
     pub fn track(self) -> Result<Track, Refusal> {
         let drive = DriveArguments {
             frequency: self.hertz(),
@@ -39,7 +39,7 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         self.frequency.unwrap_or(50.0)
     }
 
-    /// k of the given amplitude, or `k`.
+    /// k for the given amplitude, or `k`.
     pub fn or_k(self, k: Option<f64>) -> Result<Option<f64>, Refusal> {
         match self.b {
             Some(range) if range.count > 1 => Err(Refusal::value(
@@ -53,14 +53,14 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         }
     }
 
-    /// k of each given amplitude, in their order, or each of `k`.
+    /// k for each given amplitude, in order, or each of `k`.
     pub fn or_range(self, k: Option<Range>) -> Result<Option<Vec<f64>>, Refusal> {
         let Some(range) = self.b else {
             return Ok(k.map(|k| k.values().collect()));
         };
         let track = self.track()?;
-        let found: Result<_, _> = range.values().map(|b| k_of(&track, b)).collect();
-        found.map(Some)
+        let values: Result<_, _> = range.values().map(|b| k_of(&track, b)).collect();
+        values.map(Some)
     }
 
     /// Text such as `k = 0.43`, with the amplitude if it was given.
@@ -70,11 +70,11 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
             return Ok(k_text);
         }
         let track = self.track()?;
+        let incline = track.incline().to_degrees();
+        let [b, frequency, incline] =
+            [1e3 * track.amplitude(k), track.frequency(), incline].map(|value| number(value, 6));
         Ok(format!(
-            "b = {} mm at {} Hz, incline {}° ({k_text})",
-            number(1e3 * track.amplitude(k), 6),
-            number(track.frequency(), 6),
-            number(track.incline().to_degrees(), 6)
+            "b = {b} mm at {frequency} Hz, incline {incline}° ({k_text})"
         ))
     }
 }
@@ -87,14 +87,11 @@ pub fn k_of(track: &Track, amplitude: f64) -> Result<f64, Refusal> {
     if (MIN_K..=MAX_K).contains(&k) {
         return Ok(k);
     }
-    let ends = [MAX_K, MIN_K].map(|k| number(1e3 * track.amplitude(k), 3));
+    let [low, high] = [MAX_K, MIN_K].map(|k| number(1e3 * track.amplitude(k), 3));
     Err(Refusal::value(
         "--b",
         format!("{} mm", number(amplitude, 6)),
-        format!(
-            "{}..{} mm, which is k = {MAX_K}..{MIN_K} at this frequency and incline",
-            ends[0], ends[1]
-        ),
+        format!("{low}..{high} mm, which is k = {MAX_K}..{MIN_K} at this frequency and incline"),
         "give an amplitude in this range",
     ))
 }
@@ -103,7 +100,7 @@ pub fn k_of(track: &Track, amplitude: f64) -> Result<f64, Refusal> {
 mod tests {
     use super::*;
 
-    fn of(low: f64, high: f64, count: usize) -> AmplitudeArguments {
+    fn parse(low: f64, high: f64, count: usize) -> AmplitudeArguments {
         AmplitudeArguments {
             b: Some(Range { low, high, count }),
             frequency: Some(60.0),
@@ -116,21 +113,21 @@ mod tests {
         // g cos(10 degrees) / (b w^2) with w = 2 pi 60.
         let expected =
             9.80665 * 10_f64.to_radians().cos() / (0.2e-3 * (120.0 * std::f64::consts::PI).powi(2));
-        let k = of(0.2, 0.2, 1).or_k(None).unwrap().unwrap();
+        let k = parse(0.2, 0.2, 1).or_k(None).unwrap().unwrap();
         assert!((k - expected).abs() < 1e-14, "{k}");
         assert_eq!(
-            of(0.2, 0.2, 1).describe(k).unwrap(),
+            parse(0.2, 0.2, 1).describe(k).unwrap(),
             "b = 0.2 mm at 60 Hz, incline 10° (k = 0.339766)"
         );
-        let both = of(0.1, 0.2, 2).or_range(None).unwrap().unwrap();
+        let both = parse(0.1, 0.2, 2).or_range(None).unwrap().unwrap();
         assert_eq!(both.len(), 2);
         assert!((both[0] - 2.0 * expected).abs() < 1e-14 && both[1] == k);
     }
 
     #[test]
     fn amplitudes_out_of_the_maps_range_are_refused_with_it() {
-        let refusal = of(500.0, 500.0, 1).or_k(None).unwrap_err().to_string();
+        let refusal = parse(500.0, 500.0, 1).or_k(None).unwrap_err().to_string();
         assert!(refusal.contains("0.000068..68 mm"), "{refusal}");
-        assert!(of(0.1, 0.2, 3).or_k(None).is_err());
+        assert!(parse(0.1, 0.2, 3).or_k(None).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Workloads: the launches on which the kernels are measured.
+//! Workloads: launches for measuring the kernels.
 
 use std::f64::consts::TAU;
 
@@ -6,18 +6,16 @@ use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
 
 use crate::random::SplitMix;
 
-/// A launch: the map and the state it starts from.
+/// A launch: the map and the initial state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
-    /// k of the track.
     pub k: f64,
-    /// Restitution of the part.
     pub restitution: f64,
-    /// Phase and velocity.
     pub state: PartState,
 }
 
-/// A workload: its name in tables and JSON, and about as many launches, the same in every run.
+/// A workload: its name in tables and JSON, and a function of the approximate number of launches.
+/// They are equal in every run.
 pub type Workload = (&'static str, fn(usize) -> Vec<Launch>);
 
 /// Every workload.
@@ -36,7 +34,8 @@ pub const WORKLOADS: [Workload; 4] = [
 ];
 
 fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
-    // A CPU would learn an evenly spread sequence and predict the branches of the slowest kernel.
+    // Random order: from an evenly spaced sequence a CPU would learn to predict the branches of the
+    // slowest kernel.
     let mut random = SplitMix(1);
     let launch = || {
         let restitution = 0.5 + 0.49 * random.uniform();
@@ -54,14 +53,12 @@ fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
         Map::build(launch.k, launch.restitution)
             .is_ok_and(|map| map.time_to_rest(launch.state).is_none())
     };
-    std::iter::from_fn(launch)
-        .filter(hops)
-        .take(count)
-        .collect()
+    let launches = std::iter::from_fn(launch).filter(hops);
+    launches.take(count).collect()
 }
 
-/// Every third launch along orbits that have settled. The flight after lift-off is left out: it is
-/// precomputed and needs no search.
+/// Every third launch of settled orbits. The flight after lift-off is left out, because it is
+/// precomputed without a search.
 fn sweep(count: usize) -> Vec<Launch> {
     const RESTITUTIONS: [f64; 8] = [0.5, 0.57, 0.64, 0.71, 0.78, 0.85, 0.92, 0.99];
     const TRACKS: usize = 64;
@@ -74,10 +71,7 @@ fn sweep(count: usize) -> Vec<Launch> {
             let Ok(map) = Map::build(k, restitution) else {
                 continue;
             };
-            let start = PartState {
-                phase: 1.0,
-                velocity: 2.0,
-            };
+            let start = PartState::new(1.0, 2.0);
             let mut orbit = Orbit::new(&map, start);
             let hop = || {
                 let state = orbit.state();

@@ -1,9 +1,10 @@
-//! Address of a board, as the user names it: the emulated CPU or a serial port.
+//! Address of a board from the user: the emulated CPU or a serial port.
 
 use std::path::{Path, PathBuf};
 
 use kband_link::{Emulated, Link, serial};
 
+use crate::desk::limit_waits;
 use crate::file::Destination;
 use crate::refusal::Refusal;
 
@@ -28,7 +29,7 @@ pub struct Address {
 
 impl Address {
     /// The board `on`, qemu or a serial port; an emulated one runs `image`.
-    pub fn of(on: &str, image: Option<&Path>) -> Self {
+    pub fn new(on: &str, image: Option<&Path>) -> Self {
         Self {
             on: Some(on.into()),
             image: image.map(Path::to_path_buf),
@@ -36,32 +37,33 @@ impl Address {
         }
     }
 
-    /// Whether it is the emulated CPU.
+    /// Whether the address is the emulated CPU.
     pub fn is_emulated(&self) -> bool {
         self.on.as_deref() == Some("qemu")
     }
 
-    /// The same board as options of a command.
-    pub fn options(&self) -> String {
-        let mut words = String::new();
-        if let Some(on) = &self.on {
-            words += &format!(" --on {on}");
-        }
-        for (option, file) in [
+    /// The options of an emulated board that are given.
+    fn emulated_options(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let files = [
             ("--image", &self.image),
             ("--flash-image", &self.flash_image),
-        ] {
-            if let Some(file) = file {
-                words += &format!(" {option} {}", file.display());
-            }
-        }
-        words
+        ];
+        let files = files.into_iter();
+        files.filter_map(|(option, file)| Some((option, file.as_deref()?)))
     }
 
-    /// Opens the link to the board; refused for another version or schema of the protocol.
+    /// The same board as options of a command.
+    pub fn options(&self) -> String {
+        let on = self.on.iter().map(|on| format!(" --on {on}"));
+        let files = self.emulated_options();
+        let files = files.map(|(option, file)| format!(" {option} {}", file.display()));
+        on.chain(files).collect()
+    }
+
+    /// Opens the link to the board; refuses another version or schema of the protocol.
     pub fn open(&self, emulated: Emulated) -> Result<Link, Refusal> {
         let link = self.open_any(emulated)?;
-        link.speaks_the_same()?;
+        link.check_protocol()?;
         Ok(link)
     }
 
@@ -75,44 +77,35 @@ impl Address {
             return Link::emulate(files, emulated, Box::new(|| Ok(())));
         }
         self.refuse_emulated_options()?;
-        match &self.on {
-            Some(port) => serial_link(Path::new(port)),
+        let port = match &self.on {
+            Some(port) => port.into(),
             None => {
                 let port = serial::only_port()?;
                 eprintln!("the board on {}", port.display());
-                serial_link(&port)
+                port
             }
-        }
+        };
+        Link::open(&port, Box::new(limit_waits()))
     }
 
-    /// Refuses the options of an emulated board.
+    /// Refuses the options that only apply to an emulated board.
     pub fn refuse_emulated_options(&self) -> Result<(), Refusal> {
-        for (option, file) in [
-            ("--image", &self.image),
-            ("--flash-image", &self.flash_image),
-        ] {
-            if let Some(file) = file {
-                return Err(Refusal::value(
-                    option,
-                    file.display(),
-                    "with --on qemu only: a board has its own image and flash",
-                    "leave it out, or give --on qemu",
-                ));
-            }
+        match self.emulated_options().next() {
+            None => Ok(()),
+            Some((option, file)) => Err(Refusal::value(
+                option,
+                file.display(),
+                "with --on qemu only: a board has its own image and flash",
+                "leave it out, or give --on qemu",
+            )),
         }
-        Ok(())
     }
-}
-
-fn serial_link(path: &Path) -> Result<Link, Refusal> {
-    Link::open(path, Box::new(crate::desk::end_of_waits()))
 }
 
 /// Creates an erased flash if the file is missing; refuses a file of another kind.
 fn prepare(flash: &Path) -> Result<(), Refusal> {
-    let target = Destination::check(flash)?;
     match flash.metadata() {
-        Err(_) => target.write_bytes(&[0xff; FLASH_BYTES]),
+        Err(_) => Destination::check(flash)?.write_bytes(&[0xff; FLASH_BYTES]),
         Ok(data) if data.len() == FLASH_BYTES as u64 => Ok(()),
         Ok(data) => Err(Refusal::value(
             "--flash-image",
@@ -135,10 +128,9 @@ mod tests {
             ..Address::default()
         };
         let message = address.open(Emulated::AtRest).err().unwrap().to_string();
-        assert!(
-            message.contains("--flash-image") && message.contains("--on qemu"),
-            "{message}"
-        );
+        for expected in ["--flash-image", "--on qemu"] {
+            assert!(message.contains(expected), "{message}");
+        }
         assert_eq!(address.options(), " --on /dev/null --flash-image flash.bin");
     }
 }

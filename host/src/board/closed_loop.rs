@@ -1,9 +1,9 @@
-//! Processor in the loop: the controller on the board, the plant at the desk, in lock-step.
+//! Processor in the loop: the controller on the board and the plant at the desk, in lock-step.
 
-use kband_control::wire::{Request, Response, fold_output, write_reading};
+use kband_control::wire::{Request, Response, update_output_check, write_reading};
 use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
-use kband_link::{Link, tell};
-use kband_plant::{Bench, Moment, Scene};
+use kband_link::{Link, set_all};
+use kband_plant::{Bench, Moment, Scene, Strike};
 
 use crate::refusal::Refusal;
 
@@ -11,8 +11,8 @@ const CHUNK_BYTES: usize = 240;
 
 /// The closed loop of a scene with its controller on a board.
 ///
-/// The board gets every reading and runs its own signal path and controller on them. The outputs of
-/// a cycle are fixed at its start, so the desk computes them too. At the end of each cycle the
+/// The board receives every reading and runs its own signal path and controller. The outputs of a
+/// cycle are fixed at its start, so the desk computes them as well. At the end of each cycle the
 /// board confirms them bit for bit, and sends its next decision.
 pub struct BoardLoop {
     link: Link,
@@ -30,7 +30,7 @@ struct Run {
 }
 
 impl BoardLoop {
-    /// The loop of a scene at time 0, on the board at the end of `link`, whose drive stays off.
+    /// The loop of a scene at time 0, with the board on `link`; its drive stays off.
     pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
         if scene.settings.current_gain > 0.0 {
             return Err(Refusal::new(
@@ -38,14 +38,14 @@ impl BoardLoop {
                 "set drive.current_gain to 0, or leave out --on",
             ));
         }
-        link.tell(&Request::Defaults)?;
+        link.command(&Request::Defaults)?;
         let changed = Settings::KEYS
             .iter()
             .zip(scene.settings.values())
             .filter(|(key, value)| key.default != *value)
             .map(|(key, value)| (key.name, value));
-        tell(&mut link, changed.collect())?;
-        link.tell(&Request::Simulate {
+        set_all(&mut link, changed.collect())?;
+        link.command(&Request::Simulate {
             target: scene.target,
             start: scene.start,
         })?;
@@ -58,8 +58,8 @@ impl BoardLoop {
         })
     }
 
-    /// Runs to the end of the next drive cycle.
-    pub fn cycle(&mut self) -> Result<Moment, Refusal> {
+    /// Runs to the end of the next drive cycle; returns it and its impacts.
+    pub fn cycle(&mut self) -> Result<(Moment, Vec<Strike>), Refusal> {
         self.bench.forget_strikes();
         let mut run = self.samples()?;
         if self.bench.sagged() {
@@ -68,20 +68,19 @@ impl BoardLoop {
         }
         let report = self.end(&run)?;
         self.signal.command(report.command);
-        Ok(self.bench.moment(report))
+        Ok((self.bench.moment(report), self.bench.strikes().to_vec()))
     }
 
-    /// The board starts anew after a brown-out.
     fn restart(&mut self) -> Result<(), Refusal> {
         self.signal = Signal::build(&self.scene.settings)?;
         self.before = 0;
-        self.link.tell(&Request::Simulate {
+        self.link.command(&Request::Simulate {
             target: self.scene.target,
             start: StartCause::Reset,
         })
     }
 
-    /// Samples of one cycle, all but the last of them sent.
+    /// Samples of one cycle, all sent except the last.
     fn samples(&mut self) -> Result<Run, Refusal> {
         let mut run = Run {
             bytes: [0; CHUNK_BYTES + 8],
@@ -91,21 +90,21 @@ impl BoardLoop {
         for _ in 0..2 * SAMPLE_RATE {
             let code = self.bench.sample();
             if let Some(target) = self.bench.new_target() {
-                // A target out of range is refused, as at the desk; the old one stays.
-                self.link.ask(&Request::Target(target), |_| ())?;
+                // A target out of range is refused, as at the desk, and the previous one remains.
+                self.link.request(&Request::Target(target), |_| ())?;
             }
             let before = self.signal.phase();
             let sampled = self.signal.sample(code);
             self.bench
                 .hold(sampled.output, (self.signal.phase() - before).bits());
-            run.check = fold_output(run.check, sampled.output);
+            run.check = update_output_check(run.check, sampled.output);
             run.used += write_reading(&mut run.bytes[run.used..], self.before, code.0);
             self.before = code.0;
             if sampled.wrapped {
                 break;
             }
             if run.used >= CHUNK_BYTES {
-                self.link.tell(&Request::Samples {
+                self.link.command(&Request::Samples {
                     codes: &run.bytes[..run.used],
                     end: None,
                 })?;
@@ -122,7 +121,7 @@ impl BoardLoop {
             end: Some(self.bench.inputs()),
         };
         let time = self.bench.time();
-        self.link.ask(&request, |response| match response {
+        self.link.request(&request, |response| match response {
             Response::Cycle { outputs, report } if outputs == check => Ok(report),
             Response::Cycle { .. } => Err(Refusal::new(
                 format!("at {time} s the board's outputs differ from the desk's"),
@@ -133,10 +132,5 @@ impl BoardLoop {
                 "reset the board and start again",
             )),
         })?
-    }
-
-    /// The plant.
-    pub fn plant(&self) -> &Bench {
-        &self.bench
     }
 }

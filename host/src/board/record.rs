@@ -1,8 +1,7 @@
-//! Recording of a board's messages to a file, and its replay.
+//! Recording of a board's messages in a file, and its replay.
 //!
-//! A record is the bytes of the line, after a frame with the board's identity. The reader
-//! resynchronizes at the next frame after damaged bytes. A cut or damaged record therefore loses
-//! only the frames at the damage.
+//! A record has the bytes from the board, after a frame with its identity. The reader
+//! resynchronizes at the next frame after damaged bytes, so damage loses only the affected frames.
 
 use std::io::Read;
 
@@ -10,85 +9,105 @@ use kband_control::wire::{
     Outgoing, Receiver, Record, Response, SCHEMA, Telemetry, VERSION, read_answer,
 };
 
+use kband_link::Unsolicited;
+
 use crate::refusal::Refusal;
 
 /// One message of a board.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Said {
-    /// A drive cycle.
+pub enum BoardMessage {
     Telemetry(Telemetry),
     /// A record of the event log.
     Event(Record),
     /// The board restarted with this image.
     Started(String),
-    /// Key and value of a setting.
     Setting(String, f32),
+}
+
+impl BoardMessage {
+    /// The message in a response; `None` for other responses.
+    pub fn from_response(response: Response<'_>) -> Option<Self> {
+        match response {
+            Response::Telemetry(telemetry) => Some(Self::Telemetry(telemetry)),
+            Response::Event(event) => event.map(Self::Event),
+            Response::Setting(setting) => Some(Self::Setting(setting.key.into(), setting.value)),
+            _ => None,
+        }
+    }
+}
+
+impl From<Unsolicited> for BoardMessage {
+    fn from(message: Unsolicited) -> Self {
+        match message {
+            Unsolicited::Telemetry(telemetry) => Self::Telemetry(telemetry),
+            Unsolicited::Started(image) => Self::Started(image),
+        }
+    }
 }
 
 /// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Remains {
+pub struct Damage {
     /// Number of unreadable frames.
     pub unreadable: u64,
-    /// Number of bytes after the last whole frame.
+    /// Number of bytes after the last complete frame.
     pub cut: u64,
 }
 
-/// Reads a record and passes its messages to `take`, until that stops.
+/// Next step after a refused record.
+pub(crate) const NEXT: &str = "give the path of a file that kband monitor --record wrote";
+
+/// Reads a record and passes its messages to `take`, until `take` returns false.
 pub fn replay(
     mut record: impl Read,
-    mut take: impl FnMut(Said) -> Result<bool, Refusal>,
-) -> Result<Remains, Refusal> {
+    mut take: impl FnMut(BoardMessage) -> Result<bool, Refusal>,
+) -> Result<Damage, Refusal> {
     let mut receiver = Receiver::new();
-    let mut remains = Remains::default();
-    let mut known = false;
+    let mut damage = Damage::default();
+    let mut identified = false;
     let mut piece = [0; 4096];
     loop {
-        let count = match record.read(&mut piece) {
-            Ok(0) => break,
-            Ok(count) => count,
-            Err(error) => {
-                return Err(Refusal::new(
-                    format!("the record cannot be read: {error}"),
-                    "give the path of a file that kband monitor --record wrote",
-                ));
-            }
-        };
+        let read = record.read(&mut piece);
+        let count = read
+            .map_err(|error| Refusal::new(format!("the record cannot be read: {error}"), NEXT))?;
+        if count == 0 {
+            break;
+        }
         for &byte in &piece[..count] {
-            remains.cut = if byte == 0 { 0 } else { remains.cut + 1 };
+            damage.cut = if byte == 0 { 0 } else { damage.cut + 1 };
             let Some(frame) = receiver.push(byte) else {
                 continue;
             };
             let Ok(answer) = frame.and_then(read_answer) else {
-                remains.unreadable += 1;
+                damage.unreadable += 1;
                 continue;
             };
-            if !known {
-                begins(&answer)?;
-                known = true;
+            if !identified {
+                check_header(&answer)?;
+                identified = true;
                 continue;
             }
-            if let Some(said) = said(answer)
-                && !take(said)?
+            if let Some(message) = message(answer)
+                && !take(message)?
             {
-                return Ok(remains);
+                return Ok(damage);
             }
         }
     }
-    if known {
-        return Ok(remains);
+    if identified {
+        return Ok(damage);
     }
     Err(Refusal::new(
         format!(
             "this is no record: {} frames in it cannot be read, and none identifies the board",
-            remains.unreadable
+            damage.unreadable
         ),
-        "give the path of a file that kband monitor --record wrote",
+        NEXT,
     ))
 }
 
-/// Refused unless the first frame is an identity of this desk's version and schema.
-fn begins(answer: &Outgoing<'_>) -> Result<(), Refusal> {
+/// Refuses a record unless its first frame is an identity of this version and schema.
+fn check_header(answer: &Outgoing<'_>) -> Result<(), Refusal> {
     match answer {
         Outgoing::Identity { identity, .. }
             if (identity.version, identity.schema) == (VERSION, SCHEMA) =>
@@ -105,24 +124,19 @@ fn begins(answer: &Outgoing<'_>) -> Result<(), Refusal> {
         )),
         Outgoing::Response { .. } | Outgoing::Update { .. } => Err(Refusal::new(
             "the record does not begin with the identity of the board",
-            "give the path of a file that kband monitor --record wrote",
+            NEXT,
         )),
     }
 }
 
-fn said(answer: Outgoing<'_>) -> Option<Said> {
+fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {
     match answer {
         Outgoing::Identity {
             sequence: 0,
             identity,
-        } => Some(Said::Started(identity.image.into())),
+        } => Some(BoardMessage::Started(identity.image.into())),
         Outgoing::Identity { .. } | Outgoing::Update { .. } => None,
-        Outgoing::Response { response, .. } => match response {
-            Response::Telemetry(telemetry) => Some(Said::Telemetry(telemetry)),
-            Response::Event(Some(event)) => Some(Said::Event(event)),
-            Response::Setting(setting) => Some(Said::Setting(setting.key.into(), setting.value)),
-            _ => None,
-        },
+        Outgoing::Response { response, .. } => BoardMessage::from_response(response),
     }
 }
 
@@ -134,7 +148,7 @@ mod tests {
 
     const CYCLES: u32 = 40;
 
-    fn beginning(schema: u32) -> Vec<u8> {
+    fn header(schema: u32) -> Vec<u8> {
         let identity = Identity {
             version: VERSION,
             schema,
@@ -145,9 +159,9 @@ mod tests {
             .to_vec()
     }
 
-    /// A record, and where its frames end.
+    /// A record, and the ends of its frames.
     fn recorded() -> (Vec<u8>, Vec<usize>) {
-        let mut bytes = beginning(SCHEMA);
+        let mut bytes = header(SCHEMA);
         let mut ends = vec![bytes.len()];
         for cycle in 0..CYCLES {
             let telemetry = Telemetry {
@@ -164,16 +178,16 @@ mod tests {
         (bytes, ends)
     }
 
-    fn cycles(bytes: &[u8]) -> Result<(Vec<u32>, Remains), Refusal> {
+    fn cycles(bytes: &[u8]) -> Result<(Vec<u32>, Damage), Refusal> {
         let mut cycles = Vec::new();
-        let remains = replay(bytes, |said| {
-            match said {
-                Said::Telemetry(telemetry) => cycles.push(telemetry.cycle),
+        let damage = replay(bytes, |message| {
+            match message {
+                BoardMessage::Telemetry(telemetry) => cycles.push(telemetry.cycle),
                 other => panic!("{other:?}"),
             }
             Ok(true)
         })?;
-        Ok((cycles, remains))
+        Ok((cycles, damage))
     }
 
     #[test]
@@ -182,13 +196,11 @@ mod tests {
         for cut in 0..=bytes.len() {
             let whole = ends.iter().filter(|end| **end <= cut).count();
             match cycles(&bytes[..cut]) {
-                Ok((cycles, remains)) => {
-                    assert!(
-                        cycles.iter().copied().eq(0..whole as u32 - 1),
-                        "cut at {cut}"
-                    );
+                Ok((cycles, damage)) => {
+                    let expected = 0..whole as u32 - 1;
+                    assert!(cycles.into_iter().eq(expected), "cut at {cut}");
                     let last = ends.iter().rev().find(|end| **end <= cut).unwrap();
-                    assert_eq!((remains.unreadable, remains.cut as usize), (0, cut - last));
+                    assert_eq!((damage.unreadable, damage.cut as usize), (0, cut - last));
                 }
                 Err(refusal) => {
                     assert_eq!(whole, 0, "cut at {cut}: {refusal}");
@@ -205,11 +217,11 @@ mod tests {
             for change in [0x01, 0xff, bytes[at]] {
                 let mut bad = bytes.clone();
                 bad[at] ^= change;
-                let (cycles, remains) = cycles(&bad).unwrap();
+                let (cycles, damage) = cycles(&bad).unwrap();
                 assert!(cycles.len() >= CYCLES as usize - 2, "byte {at}: {cycles:?}");
-                // A frame without its end, at the end of the record, is not counted.
-                let all = cycles.len() as u64 + remains.unreadable + u64::from(remains.cut > 0);
-                assert!(all >= u64::from(CYCLES) - 1, "byte {at}: {remains:?}");
+                // An incomplete frame at the end is not counted.
+                let all = cycles.len() as u64 + damage.unreadable + u64::from(damage.cut > 0);
+                assert!(all >= u64::from(CYCLES) - 1, "byte {at}: {damage:?}");
             }
         }
     }
@@ -220,12 +232,11 @@ mod tests {
             .map(|n| (n.wrapping_mul(2_654_435_761) >> 13) as u8)
             .collect();
         let message = cycles(&noise).unwrap_err().to_string();
-        assert!(
-            message.contains("no record") && message.contains("next:"),
-            "{message}"
-        );
-        let message = cycles(&beginning(SCHEMA ^ 1)).unwrap_err().to_string();
+        for expected in ["no record", "next:"] {
+            assert!(message.contains(expected), "{message}");
+        }
+        let message = cycles(&header(SCHEMA ^ 1)).unwrap_err().to_string();
         assert!(message.contains("replay it with the kband"), "{message}");
-        assert!(cycles(&beginning(SCHEMA)).unwrap().0.is_empty());
+        assert!(cycles(&header(SCHEMA)).unwrap().0.is_empty());
     }
 }

@@ -1,4 +1,5 @@
-//! Work with a probe in a separate thread: a probe may never answer, and its driver may panic.
+//! Work with a probe in a separate thread, because a probe may not answer, and its driver may
+//! panic.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -6,24 +7,24 @@ use std::time::{Duration, Instant};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// Longest silence of a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
+/// Longest wait for a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
-/// Time between two tests for a stop by the user.
+/// Time between two checks for an interruption by the user.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 const NAME: &str = "probe";
 
-/// Starts the work; its messages arrive by the channel, which closes with it.
+/// Starts the work; its messages arrive in the channel, which closes at its end.
 pub fn start<T: Send + 'static>(
     work: impl FnOnce(Sender<T>) + Send + 'static,
 ) -> Result<Receiver<T>, Refusal> {
     let others = std::panic::take_hook();
-    // The run reports a panic of the thread in its one message.
+    // The run reports a panic of the thread in its own message.
     std::panic::set_hook(Box::new(move |panic| {
         if std::thread::current().name() != Some(NAME) {
             others(panic);
         }
     }));
-    let (sender, said) = channel();
+    let (sender, received) = channel();
     std::thread::Builder::new()
         .name(NAME.into())
         .spawn(move || work(sender))
@@ -33,23 +34,24 @@ pub fn start<T: Send + 'static>(
                 "close other programs and try again",
             )
         })?;
-    Ok(said)
+    Ok(received)
 }
 
-/// The next message of the work. Refused after a long silence, an abort, or a stop by the user.
-pub fn next<T>(said: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
-    let begun = Instant::now();
+/// The next message of the work. Refuses after a long silence, a panic, or an interruption by the
+/// user.
+pub fn next<T>(received: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
+    let start = Instant::now();
     loop {
-        if desk.go_on().is_err() {
+        if desk.check_stop().is_err() {
             return Err(Refusal::cut(
                 "interrupted while the probe was at work",
                 "start it again",
             ));
         }
-        match said.recv_timeout(STOP_POLL_INTERVAL) {
-            Ok(said) => return Ok(said),
+        match received.recv_timeout(STOP_POLL_INTERVAL) {
+            Ok(received) => return Ok(received),
             Err(RecvTimeoutError::Disconnected) => return Err(broken_off()),
-            Err(RecvTimeoutError::Timeout) if begun.elapsed() > SILENCE_TIMEOUT => {
+            Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
                 return Err(Refusal::new(
                     format!(
                         "the probe has not answered for {} s",

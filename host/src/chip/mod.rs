@@ -1,4 +1,4 @@
-//! The chips of the boards: what they are, the images that fit them, and the way to them through a debug probe.
+//! Chips of the boards, images for them, and access through a debug probe.
 
 #[cfg(feature = "flash")]
 mod apart;
@@ -9,9 +9,8 @@ mod reach;
 #[cfg(feature = "flash")]
 mod write;
 
-#[cfg(test)]
-pub(crate) use image::tests::slot_elf;
-pub use image::{Image, Piece};
-pub use model::{CHIPS, Chip, Controller, OptionBytes, STM32F405RG, STM32G474RE, Sector};
+pub use image::Image;
+pub use model::STM32F405RG;
+pub(crate) use model::{Chip, OptionBytes, Sector};
 #[cfg(feature = "flash")]
-pub use write::write;
+pub(crate) use write::write;

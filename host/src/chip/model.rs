@@ -1,95 +1,91 @@
-//! The chips of the boards: where their memories lie, how their flash is erased and written.
+//! Chips of the boards: memory ranges, and registers for erasing and writing the flash.
 
 use std::ops::Range;
 
-/// A chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chip {
-    /// Its name; in small letters that of the board's cargo feature, by which an image names it.
+    /// Name; in lower case that of the board's cargo feature, by which an image names its chip.
     pub name: &'static str,
-    /// Builds its image.
+    /// Command that builds its image.
     pub build: &'static str,
-    /// Flash.
     pub flash: Range<u32>,
-    /// Sectors of the flash in order, as runs of so many of so many KiB.
+    /// Sectors of the flash in order, as (number of sectors, size in KiB).
     pub sectors: &'static [(usize, u32)],
-    /// Sectors of settings and faults: an image must not touch them.
+    /// Sectors of settings and faults; an image must not contain them.
     pub settings: Range<u32>,
-    /// Slot of the program, behind the loader.
+    /// Slot of the program, after the loader.
     pub slot: Range<u32>,
-    /// RAM.
     pub memory: Range<u32>,
-    /// Entries of its vector table.
+    /// Number of entries of the vector table.
     pub vectors: usize,
-    /// Its family in the register that identifies the chip.
+    /// Family of the chip in its identity register.
     pub family: u32,
-    /// Address of the half word that tells the size of its flash in KiB.
+    /// Address of the half word with the size of the flash in KiB.
     pub flash_size: u32,
-    /// Address and bit that have to be set for the flash to be divided as `sectors` says, where an option divides it.
+    /// Address and bit that must be set for the division into `sectors`; `None` without such an
+    /// option.
     pub divided: Option<(u32, u32)>,
-    /// Address and bit that stop the bridge's timer with the core, its outputs switched off.
+    /// Address and bit that stop the bridge's timer with the core and switch its outputs off.
     pub stops: (u32, u32),
-    /// Address and bits that stop both watchdogs with the core: none must bite while the flash is written.
+    /// Address and bits that stop both watchdogs with the core, so that none resets it while the
+    /// flash is written.
     pub rests: (u32, u32),
-    /// Address and bit that let the bridge's timer drive its outputs.
+    /// Address and bit that enable the outputs of the bridge's timer.
     pub drives: (u32, u32),
-    /// The controller of its flash.
     pub controller: Controller,
-    /// Its option bytes, where these are set through a probe.
     pub options: Option<OptionBytes>,
 }
 
-/// The option bytes that a feeder wants: the brown-out reset at its highest level, and the independent watchdog from reset
-/// on.
+/// Option bytes for a feeder: brown-out reset at its highest level, and independent watchdog from
+/// reset on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionBytes {
-    /// The register for their keys.
+    /// Register for the keys.
     pub keys: u32,
-    /// The register that shows and sets them.
+    /// Register of the option bytes.
     pub register: u32,
-    /// Its bits that are cleared for both.
+    /// Bits to clear for both.
     pub clears: u32,
-    /// Its bits of the read protection, and what they are without any.
+    /// Bits of the read protection, and their value without protection.
     pub protection: (u32, u32),
-    /// What they are, in words.
+    /// Description of both for the user.
     pub what: &'static str,
 }
 
 impl OptionBytes {
-    /// The keys that open them, in order (RM0090, 3.7.2).
+    /// Keys that unlock the option bytes, in order (RM0090, 3.7.2).
     pub const KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
-    /// Closes them.
+    /// Bit that locks them.
     pub const LOCK: u32 = 1;
-    /// Has them programmed.
+    /// Bit that starts their programming.
     pub const START: u32 = 1 << 1;
 }
 
-/// The controller of a flash.
+/// A flash controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Controller {
-    /// Its register for the keys.
     pub keys: u32,
-    /// Its register of the status, with the bit [`Controller::BUSY`].
+    /// Status register, with the bit [`Controller::BUSY`].
     pub status: u32,
-    /// Its register of control, with the bit [`Controller::LOCK`].
+    /// Control register, with the bit [`Controller::LOCK`].
     pub control: u32,
-    /// What has it program words of 32 bits that a debugger writes.
+    /// Control bits for programming words of 32 bits.
     pub program: u32,
-    /// Bits of the status that tell of errors; cleared by writing them.
+    /// Error bits of the status; writing 1 clears them.
     pub errors: u32,
 }
 
 impl Controller {
-    /// The keys that open it, in order (RM0090, 3.6.1; RM0440, 3.3.6).
+    /// Keys that unlock the controller, in order (RM0090, 3.6.1; RM0440, 3.3.6).
     pub const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
-    /// The status is busy.
+    /// Status bit: an operation is in progress.
     pub const BUSY: u32 = 1 << 16;
-    /// Closes it.
+    /// Control bit: locked.
     pub const LOCK: u32 = 1 << 31;
 }
 
-/// The default board's chip (RM0090, sections 2.3, 3.4, 3.9 and 12.2; DBGMCU_IDCODE in 38.6.1, DBGMCU_APB1_FZ and
-/// APB2_FZ in 38.16.4 and 38.16.5, flash size in 39.2, TIM1_BDTR in 17.4.18).
+/// Chip of the default board (RM0090, sections 2.3, 3.4, 3.9 and 12.2; DBGMCU_IDCODE in 38.6.1,
+/// DBGMCU_APB1_FZ and APB2_FZ in 38.16.4 and 38.16.5, flash size in 39.2, TIM1_BDTR in 17.4.18).
 pub const STM32F405RG: Chip = Chip {
     name: "STM32F405RG",
     build: "cargo feeder",
@@ -109,11 +105,11 @@ pub const STM32F405RG: Chip = Chip {
         keys: 0x4002_3c04,
         status: 0x4002_3c0c,
         control: 0x4002_3c10,
-        // With a parallelism of 32 bits.
+        // Parallelism of 32 bits.
         program: 1 | 2 << 8,
         errors: 0xf2,
     },
-    // RM0090, 3.9.10: BOR_LEV 0 is level 3, WDG_SW 0 the watchdog of the hardware, RDP 0xaa no protection.
+    // RM0090, 3.9.10: BOR_LEV 0 is level 3, WDG_SW 0 the hardware watchdog, RDP 0xaa no protection.
     options: Some(OptionBytes {
         keys: 0x4002_3c08,
         register: 0x4002_3c14,
@@ -123,8 +119,8 @@ pub const STM32F405RG: Chip = Chip {
     }),
 };
 
-/// The chip of the Nucleo-G474RE, its flash in two banks (RM0440, sections 2.2, 3.3 and 3.7; DBGMCU in 47, flash size
-/// in 48.2, TIM1_BDTR in 28.6.20).
+/// Chip of the Nucleo-G474RE, with flash in two banks (RM0440, sections 2.2, 3.3 and 3.7; DBGMCU in
+/// 47, flash size in 48.2, TIM1_BDTR in 28.6.20).
 pub const STM32G474RE: Chip = Chip {
     name: "STM32G474RE",
     build: "cargo feeder --no-default-features --features stm32g474re",
@@ -147,37 +143,29 @@ pub const STM32G474RE: Chip = Chip {
         program: 1,
         errors: 0xc3fa,
     },
-    // They take effect with a launch of their own (RM0440, 3.4.2), which no test has seen.
+    // Its option bytes take effect after a separate launch (RM0440, 3.4.2), which no test covers.
     options: None,
 };
 
-/// Every chip that the firmware is built for.
 pub const CHIPS: [&Chip; 2] = [&STM32F405RG, &STM32G474RE];
 
-/// One sector of a flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sector {
-    /// Its number.
     pub number: usize,
-    /// Where it lies.
     pub range: Range<u32>,
 }
 
 impl Chip {
-    /// The chip that an image names.
+    /// The chip with this name in an image.
     pub fn named(name: &str) -> Option<&'static Self> {
-        CHIPS
-            .into_iter()
-            .find(|chip| chip.name.eq_ignore_ascii_case(name))
+        let mut chips = CHIPS.into_iter();
+        chips.find(|chip| chip.name.eq_ignore_ascii_case(name))
     }
 
-    /// Its sectors.
     pub fn sectors(&self) -> impl Iterator<Item = Sector> + '_ {
         let mut end = self.flash.start;
-        let sizes = self
-            .sectors
-            .iter()
-            .flat_map(|(count, size)| std::iter::repeat_n(size, *count));
+        let sizes = self.sectors.iter();
+        let sizes = sizes.flat_map(|(count, size)| std::iter::repeat_n(size, *count));
         sizes.enumerate().map(move |(number, size)| {
             let start = end;
             end += size * 1024;
@@ -201,23 +189,20 @@ mod tests {
         for chip in CHIPS {
             let sectors: Vec<Sector> = chip.sectors().collect();
             assert_eq!(sectors.last().unwrap().range.end, chip.flash.end);
-            let settings: Vec<&Sector> = sectors
-                .iter()
-                .filter(|sector| chip.settings.contains(&sector.range.start))
-                .collect();
+            let settings = sectors.iter();
+            let settings = settings.filter(|sector| chip.settings.contains(&sector.range.start));
+            let settings: Vec<&Sector> = settings.collect();
             assert_eq!(settings.len(), 4, "{}", chip.name);
             assert_eq!(settings[0].range.start, chip.settings.start);
             assert_eq!(settings[3].range.end, chip.settings.end);
         }
     }
 
-    /// A memory's start and end in the description that a board's image is linked with; with a
-    /// slot those of the slot.
+    /// Start and end of a memory in the linker script of a board's image; with a slot, those of the
+    /// slot.
     fn described(description: &str, memory: &str) -> Range<u32> {
-        let line = description
-            .lines()
-            .find(|line| line.trim().starts_with(memory))
-            .unwrap();
+        let mut lines = description.lines();
+        let line = lines.find(|line| line.trim().starts_with(memory)).unwrap();
         let value = |key: &str| {
             let rest = line.split_once(key).unwrap().1;
             let rest = rest.trim_start_matches([' ', '=']);

@@ -1,4 +1,4 @@
-//! A chip on a debug probe; its memory is read while its program runs on.
+//! Connects to a chip through a debug probe, and reads its memory while its program runs.
 
 use probe_rs::architecture::arm::dp::DpAddress;
 use probe_rs::architecture::arm::sequences::DefaultArmSequence;
@@ -10,26 +10,26 @@ use probe_rs::{Permissions, Session};
 use super::model::Chip;
 use crate::refusal::Refusal;
 
-/// The register that identifies a chip (RM0090, 38.6.1; RM0440, 47.6.1).
+/// Identity register of a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
 /// Bits of the identity with the chip's family.
 const FAMILY: u32 = 0xfff;
 
 const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";
 
-/// A connected chip of the expected family. Only [`Reached::control`] stops its core.
-pub struct Reached {
+/// A connected chip of the expected family. Only [`ConnectedChip::control`] stops its core.
+pub struct ConnectedChip {
     interface: Box<dyn ArmDebugInterface>,
     memory: FullyQualifiedApAddress,
     probe: String,
     chip: &'static Chip,
 }
 
-impl Reached {
-    /// The chip on the wanted probe, or on the only one. Refused for another family or another size
-    /// of the flash.
-    pub fn by(wanted: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
-        let info = find(wanted)?;
+impl ConnectedChip {
+    /// Connects to the chip on the named probe, or on the only one. Refuses another family or
+    /// another size of the flash.
+    pub fn connect(requested: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
+        let info = find(requested)?;
         let name = name(&info);
         let mut probe = info.open().map_err(|error| {
             Refusal::new(
@@ -71,8 +71,8 @@ impl Reached {
     fn identify(&mut self) -> Result<(), Refusal> {
         let family = self.word(IDENTITY)? & FAMILY;
         let size = (self.chip.flash.end - self.chip.flash.start) / 1024;
-        let mut found = format!("family {family:#05x}");
-        // Another family has no flash size at this address.
+        let mut chip = format!("family {family:#05x}");
+        // Only the expected family has its flash size at this address.
         if family == self.chip.family {
             let mut half = [0; 2];
             self.read(self.chip.flash_size, &mut half)?;
@@ -80,11 +80,11 @@ impl Reached {
             if kib >= size {
                 return self.look_at_division();
             }
-            found += &format!(" with {kib} KiB of flash");
+            chip += &format!(" with {kib} KiB of flash");
         }
         Err(Refusal::value(
             "chip",
-            found,
+            chip,
             format!(
                 "{:#05x} with {size} KiB: {}, for which the image is",
                 self.chip.family, self.chip.name
@@ -93,7 +93,7 @@ impl Reached {
         ))
     }
 
-    /// Refused if an option byte divides the flash into other sectors than the image assumes.
+    /// Refuses a flash that an option byte divides into other sectors than the image assumes.
     fn look_at_division(&mut self) -> Result<(), Refusal> {
         let Some((address, bit)) = self.chip.divided else {
             return Ok(());
@@ -107,8 +107,8 @@ impl Reached {
         ))
     }
 
-    /// Switches the drive off, and keeps it off while the core is stopped. The watchdogs are frozen
-    /// then.
+    /// Switches the drive off, and keeps it off while the core is stopped. A stopped core also
+    /// stops its watchdogs.
     pub fn drive_off(&mut self) -> Result<(), Refusal> {
         for (address, bits) in [self.chip.rests, self.chip.stops] {
             let stops = self.word(address)?;
@@ -119,7 +119,6 @@ impl Reached {
         self.set_word(address, drives & !bit)
     }
 
-    /// Reads bytes.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Refusal> {
         let read = self
             .interface
@@ -135,26 +134,24 @@ impl Reached {
                 }
                 memory.read(address.into(), bytes)
             });
-        read.map_err(|error| self.silent(&error))
+        read.map_err(|error| self.no_answer(&error))
     }
 
-    /// Reads a word.
     pub fn word(&mut self, address: u32) -> Result<u32, Refusal> {
         let mut bytes = [0; 4];
         self.read(address, &mut bytes)?;
         Ok(u32::from_le_bytes(bytes))
     }
 
-    /// Writes a word.
     pub fn set_word(&mut self, address: u32, word: u32) -> Result<(), Refusal> {
         let written = self
             .interface
             .memory_interface(&self.memory)
             .and_then(|mut memory| memory.write_word_32(address.into(), word));
-        written.map_err(|error| self.silent(&error))
+        written.map_err(|error| self.no_answer(&error))
     }
 
-    fn silent(&self, error: &ArmError) -> Refusal {
+    fn no_answer(&self, error: &ArmError) -> Refusal {
         Refusal::new(
             format!(
                 "the chip on the probe {} does not answer: {}",
@@ -165,7 +162,7 @@ impl Reached {
         )
     }
 
-    /// The same chip under control of the debugger; the core stops for a moment.
+    /// Attaches the debugger; the core stops briefly.
     pub fn control(self) -> Result<Session, Refusal> {
         let probe: Probe = self.interface.close();
         probe
@@ -184,62 +181,60 @@ impl Reached {
 }
 
 pub(super) fn causes(error: &dyn std::error::Error) -> String {
-    let mut words = error.to_string();
+    let mut message = error.to_string();
     let mut source = error.source();
     while let Some(error) = source {
-        words += &format!(": {error}");
+        message += &format!(": {error}");
         source = error.source();
     }
-    words
+    message
 }
 
 fn name(info: &DebugProbeInfo) -> String {
-    let serial = info
-        .serial_number
-        .as_ref()
-        .map_or(String::new(), |serial| format!(":{serial}"));
+    let serial = info.serial_number.iter().map(|serial| format!(":{serial}"));
+    let serial: String = serial.collect();
     format!("{:04x}:{:04x}{serial}", info.vendor_id, info.product_id)
 }
 
-fn find(wanted: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
+fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
     let lister = Lister::new();
     let all = || lister.list_all();
     let names = |probes: &[DebugProbeInfo]| {
         let names: Vec<String> = probes.iter().map(name).collect();
         names.join(", ")
     };
-    let found = match wanted {
+    let probes = match requested {
         None => all(),
-        Some(wanted) => {
-            let selector: DebugProbeSelector = wanted.parse().map_err(|_| {
+        Some(requested) => {
+            let selector: DebugProbeSelector = requested.parse().map_err(|_| {
                 Refusal::value(
                     "--probe",
-                    wanted,
+                    requested,
                     "VID:PID or VID:PID:SERIAL, such as 0483:3748",
                     "name a probe as kband flash lists them",
                 )
             })?;
-            let found = lister.list(Some(&selector));
-            let there = if found.is_empty() { all() } else { Vec::new() };
-            if !there.is_empty() {
+            let probes = lister.list(Some(&selector));
+            let present = if probes.is_empty() { all() } else { Vec::new() };
+            if !present.is_empty() {
                 return Err(Refusal::value(
                     "--probe",
-                    wanted,
-                    names(&there),
+                    requested,
+                    names(&present),
                     "name one that is there",
                 ));
             }
-            found
+            probes
         }
     };
-    match &found[..] {
+    match &probes[..] {
         [info] => Ok(info.clone()),
         [] => Err(Refusal::new(
             "no debug probe is there",
             "plug in an ST-Link, J-Link or CMSIS-DAP probe (on Linux with its udev rule: https://probe.rs/docs/getting-started/probe-setup)",
         )),
         [info, ..] => Err(Refusal::new(
-            format!("several debug probes are there: {}", names(&found)),
+            format!("several debug probes are there: {}", names(&probes)),
             format!("name one, such as --probe {}", name(info)),
         )),
     }

@@ -1,4 +1,4 @@
-//! An image into the flash: drive off first, and no board that starts half an image.
+//! Writes an image into the flash: drive off first, and an incomplete image never starts.
 
 use std::time::Duration;
 
@@ -8,24 +8,24 @@ use probe_rs::{Core, MemoryInterface, Session};
 use super::apart;
 use super::image::{Image, Piece};
 use super::model::{Chip, Controller, OptionBytes};
-use super::reach::{Reached, causes};
+use super::reach::{ConnectedChip, causes};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
-/// Longest wait for the core to stop.
 const HALT_TIMEOUT: Duration = Duration::from_millis(500);
-/// Bytes of stack and entry of the image; while they are erased, no core starts.
+/// Bytes of the initial stack pointer and entry of the image; while they are erased, the core does
+/// not start.
 const STACK_AND_ENTRY_BYTES: usize = 8;
-/// Reads of the flash controller's status until it counts as stuck: for a word, and for the option
-/// bytes, whose sector is erased.
+/// Largest number of status reads of the flash controller before a timeout: for a word, and for the
+/// option bytes, whose sector is erased.
 const MAX_STATUS_POLLS: usize = 1_000;
-const LONG_LOOKS: usize = 100_000;
-/// The next step after an interrupted run.
-const AGAIN: &str =
+const MAX_OPTION_POLLS: usize = 100_000;
+/// Next step after an interrupted run.
+const RETRY_STEP: &str =
     "run kband flash again: until it succeeds the board does not start; its settings are kept";
 
-/// Writes an image through a probe, verifies it and starts it; `written` receives numbers of
-/// written bytes.
+/// Writes an image through a probe, verifies it and starts it; `written` receives the number of
+/// bytes written so far.
 ///
 /// The order is: identify the chip, switch the drive off, stop the core. The sector of the vector
 /// table is erased first, and its first words are written last, after all else is verified. So an
@@ -39,47 +39,47 @@ pub fn write(
     mut written: impl FnMut(u64),
 ) -> Result<(), Refusal> {
     let probe = probe.map(str::to_owned);
-    let said = apart::start(move |sender| {
+    let reports = apart::start(move |sender| {
         // A closed channel has no reader.
-        let mut report = |bytes| _ = sender.send(Said::Written(bytes));
-        let end = write_here(&image, probe.as_deref(), options, &mut report);
-        _ = sender.send(Said::Ended(end));
+        let mut report = |bytes| _ = sender.send(WriteReport::Written(bytes));
+        let end = write_image(&image, probe.as_deref(), options, &mut report);
+        _ = sender.send(WriteReport::Ended(end));
     })?;
-    let mut begun = false;
+    let mut started = false;
     loop {
-        let next = apart::next(&said, desk);
-        match next.map_err(|cut| if begun { cut.then(AGAIN) } else { cut })? {
-            Said::Written(bytes) => {
-                begun = true;
+        let next = apart::next(&reports, desk);
+        match next.map_err(|cut| if started { cut.then(RETRY_STEP) } else { cut })? {
+            WriteReport::Written(bytes) => {
+                started = true;
                 written(bytes);
             }
-            Said::Ended(end) => return end,
+            WriteReport::Ended(end) => return end,
         }
     }
 }
 
-enum Said {
+enum WriteReport {
     Written(u64),
     Ended(Result<(), Refusal>),
 }
 
-fn write_here(
+fn write_image(
     image: &Image,
     probe: Option<&str>,
     options: Option<OptionBytes>,
     written: &mut impl FnMut(u64),
 ) -> Result<(), Refusal> {
     let chip = image.chip();
-    let mut reached = Reached::by(probe, chip)?;
+    let mut reached = ConnectedChip::connect(probe, chip)?;
     reached.drive_off()?;
     let mut session = reached.control()?;
-    stop(&mut session, chip)?;
+    halt_core(&mut session, chip)?;
     if let Some(options) = options {
-        unprotected(&mut session, options)?;
+        check_unprotected(&mut session, options)?;
     }
-    let (first, rest) = parts(image);
+    let (first, rest) = split_image(image);
     commit(&mut session, &rest, written)?;
-    begin(&mut session, chip, first)?;
+    write_first_words(&mut session, chip, first)?;
     written(STACK_AND_ENTRY_BYTES as u64);
     if let Some(options) = options {
         set(&mut session, chip, options)?;
@@ -96,11 +96,11 @@ fn write_here(
     })
 }
 
-fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
+fn split_image(image: &Image) -> ([u32; 2], Vec<Piece>) {
     let start = image.chip().flash.start;
     let mut first = [0; 2];
     let mut pieces = image.pieces().to_vec();
-    // The checks of an image require the vector table at its begin.
+    // The image's checks guarantee the vector table at its beginning.
     for piece in &mut pieces {
         if piece.address == start && piece.bytes.len() > STACK_AND_ENTRY_BYTES {
             let rest = piece.bytes.split_off(STACK_AND_ENTRY_BYTES);
@@ -117,7 +117,7 @@ fn parts(image: &Image) -> ([u32; 2], Vec<Piece>) {
 }
 
 /// Stops the core, and checks that the drive is off.
-fn stop(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
+fn halt_core(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
     let (address, bit) = chip.drives;
     let off = session.core(0).and_then(|mut core| {
         core.halt(HALT_TIMEOUT)?;
@@ -136,13 +136,13 @@ fn stop(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
     }
 }
 
-fn unwritten(why: &str) -> Refusal {
-    Refusal::new(format!("the flash was not written: {why}"), AGAIN)
+fn refuse_unwritten(why: &str) -> Refusal {
+    Refusal::new(format!("the flash was not written: {why}"), RETRY_STEP)
 }
 
-/// Writes the first words, stack before entry, by the flash controller's registers. A loader writes
-/// whole pages, and some flashes accept no second write of a word, not even an erased value.
-fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
+/// Writes the first words, stack before entry, through the flash controller's registers. A loader
+/// writes whole pages, and some flashes accept no second write of a word, even of an erased value.
+fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
     let its = chip.controller;
     let written = session.core(0).and_then(|mut core| {
         if core.read_word_32(its.control.into())? & Controller::LOCK != 0 {
@@ -156,26 +156,30 @@ fn begin(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refu
         let places = || (chip.flash.start..).step_by(4).map(u64::from);
         for (place, word) in places().zip(words) {
             core.write_word_32(place, word)?;
-            errors |= idle(&mut core, its, MAX_STATUS_POLLS)? & its.errors;
+            errors |= wait_until_idle(&mut core, its, MAX_STATUS_POLLS)? & its.errors;
         }
         core.write_word_32(its.control.into(), Controller::LOCK)?;
-        let mut held = [0; 2];
-        core.read_32(chip.flash.start.into(), &mut held)?;
-        Ok((errors, held == words))
+        let mut stored = [0; 2];
+        core.read_32(chip.flash.start.into(), &mut stored)?;
+        Ok((errors, stored == words))
     });
     match written {
         Ok((0, true)) => Ok(()),
-        Ok((errors, _)) => Err(unwritten(&format!(
+        Ok((errors, _)) => Err(refuse_unwritten(&format!(
             "its first words read back wrong (errors {errors:#x} of the flash's controller)"
         ))),
-        Err(error) => Err(unwritten(&causes(&error))),
+        Err(error) => Err(refuse_unwritten(&causes(&error))),
     }
 }
 
-/// The status of the idle controller. It programs a word in 100 us, less than one read of the
+/// The status once the controller is idle. It programs a word in 100 us, less than one read of the
 /// status (datasheets: STM32F405, table 39; STM32G474, table 51).
-fn idle(core: &mut Core<'_>, controller: Controller, looks: usize) -> Result<u32, probe_rs::Error> {
-    for _ in 0..looks {
+fn wait_until_idle(
+    core: &mut Core<'_>,
+    controller: Controller,
+    max_polls: usize,
+) -> Result<u32, probe_rs::Error> {
+    for _ in 0..max_polls {
         let status = core.read_word_32(controller.status.into())?;
         if status & Controller::BUSY == 0 {
             return Ok(status);
@@ -184,13 +188,13 @@ fn idle(core: &mut Core<'_>, controller: Controller, looks: usize) -> Result<u32
     Err(probe_rs::Error::Timeout)
 }
 
-/// Refused for a protected chip: a change of its option bytes could erase it, or lock it for ever.
-fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
+/// Refuses a protected chip: a change of its option bytes could erase it, or lock it permanently.
+fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
     let (mask, none) = options.protection;
-    let shown = session
+    let options_word = session
         .core(0)
         .and_then(|mut core| core.read_word_32(options.register.into()));
-    match shown {
+    match options_word {
         Ok(value) if value & mask == none => Ok(()),
         Ok(value) => Err(Refusal::new(
             format!("the chip is read-protected (option bytes {value:#010x}): nothing was written"),
@@ -203,24 +207,24 @@ fn unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusa
     }
 }
 
-/// Sets the option bytes, keeps all others, and reads them back.
+/// Sets the option bytes, keeps the others, and reads all of them back.
 fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), Refusal> {
     let register = u64::from(options.register);
     let held = session.core(0).and_then(|mut core| {
         let before = core.read_word_32(register)? & !(OptionBytes::LOCK | OptionBytes::START);
-        let wanted = before & !options.clears;
-        if wanted == before {
+        let requested = before & !options.clears;
+        if requested == before {
             return Ok(true);
         }
         for key in OptionBytes::KEYS {
             core.write_word_32(options.keys.into(), key)?;
         }
-        core.write_word_32(register, wanted)?;
-        core.write_word_32(register, wanted | OptionBytes::START)?;
-        idle(&mut core, chip.controller, LONG_LOOKS)?;
+        core.write_word_32(register, requested)?;
+        core.write_word_32(register, requested | OptionBytes::START)?;
+        wait_until_idle(&mut core, chip.controller, MAX_OPTION_POLLS)?;
         let after = core.read_word_32(register)?;
-        core.write_word_32(register, wanted | OptionBytes::LOCK)?;
-        Ok(after & !(OptionBytes::LOCK | OptionBytes::START) == wanted)
+        core.write_word_32(register, requested | OptionBytes::LOCK)?;
+        Ok(after & !(OptionBytes::LOCK | OptionBytes::START) == requested)
     });
     let next = "run kband flash --option-bytes again; kband identify lists them";
     match held {
@@ -239,18 +243,17 @@ fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), R
     }
 }
 
-/// Erases, writes and verifies.
+/// Erases sectors, writes and verifies the image.
 fn commit(
     session: &mut Session,
     pieces: &[Piece],
     written: &mut impl FnMut(u64),
 ) -> Result<(), Refusal> {
-    let failed = |error: &dyn std::error::Error| unwritten(&causes(error));
+    let failed = |error: &dyn std::error::Error| refuse_unwritten(&causes(error));
     let mut loader = session.target().flash_loader();
     for piece in pieces {
-        loader
-            .add_data(piece.address.into(), &piece.bytes)
-            .map_err(|error| failed(&error))?;
+        let added = loader.add_data(piece.address.into(), &piece.bytes);
+        added.map_err(|error| failed(&error))?;
     }
     let mut options = DownloadOptions::new();
     options.verify = true;
@@ -263,7 +266,6 @@ fn commit(
             written(if program { size } else { 0 });
         }
     });
-    loader
-        .commit(session, options)
-        .map_err(|error| failed(&error))
+    let committed = loader.commit(session, options);
+    committed.map_err(|error| failed(&error))
 }

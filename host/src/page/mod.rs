@@ -1,7 +1,7 @@
 //! HTML pages for the browser: one self-contained file without external requests.
 //!
-//! It includes style and script and holds the numbers as JSON; a content policy forbids every other
-//! source. The script only draws results that were computed here.
+//! It includes style, script and the numbers as JSON; a content policy forbids other sources. The
+//! script only draws results that were computed here.
 
 use serde_json::Value as Json;
 
@@ -10,21 +10,20 @@ use crate::picture::page_colours;
 const STYLE: &str = include_str!("page.css");
 /// Charts with a cursor, sliders over precomputed values, and the colour switch.
 const CHARTS: &str = include_str!("charts.js");
-/// Begin of every page, by which pages of kband are recognised.
+/// Beginning of every page, which identifies pages of kband.
 const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"kband";
 
-/// Whether a file with this begin is a page of kband.
+/// Whether a file with this beginning is a page of kband.
 pub fn own(begin: &str) -> bool {
     begin.starts_with(HEAD)
 }
 
-/// The numbers in a page of kband.
+/// The JSON numbers in a page of kband.
 pub fn data_of(page: &str) -> Option<Json> {
     let (_, rest) = page.split_once("id=\"data\">")?;
     serde_json::from_str(rest.split_once("</script>")?.0).ok()
 }
 
-/// A page under construction.
 #[derive(Clone, Debug)]
 pub struct Page {
     title: String,
@@ -47,16 +46,13 @@ impl Page {
     /// Adds a section: a heading and its content, as HTML.
     pub fn section(mut self, heading: &str, content: &str) -> Self {
         let heading = escaped(heading);
-        self.body.push_str(&format!(
-            "<section>\n<h2>{heading}</h2>\n{content}</section>\n"
-        ));
+        self.body += &format!("<section>\n<h2>{heading}</h2>\n{content}</section>\n");
         self
     }
 
-    /// The whole file.
     pub fn to_html(&self) -> String {
         let title = escaped(&self.title);
-        // Inside a script element only `<` could end it.
+        // Within a script element only `<` could end it.
         let data = self.data.to_string().replace('<', "\\u003c");
         format!(
             "{HEAD} {version}\">
@@ -104,10 +100,8 @@ pub fn figure(name: &str, caption: &str) -> String {
 /// A table of text: column heads and rows.
 pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &mut dyn Iterator<Item = String>, element: &str| {
-        let cells: String = cells
-            .map(|cell| format!("<{element}>{}</{element}>", escaped(&cell)))
-            .collect();
-        format!("<tr>{cells}</tr>\n")
+        let cells = cells.map(|cell| format!("<{element}>{}</{element}>", escaped(&cell)));
+        format!("<tr>{}</tr>\n", cells.collect::<String>())
     };
     let head = line(&mut heads.iter().map(ToString::to_string), "th");
     let body = rows.iter().map(|row| line(&mut row.iter().cloned(), "td"));
@@ -117,21 +111,15 @@ pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     )
 }
 
-/// Paragraphs of text.
 pub fn paragraphs(lines: &[String]) -> String {
-    lines
-        .iter()
-        .map(|line| format!("<p>{}</p>\n", escaped(line)))
-        .collect()
+    let paragraph = |line: &String| format!("<p>{}</p>\n", escaped(line));
+    lines.iter().map(paragraph).collect()
 }
 
-/// A text in verbatim form, folded.
+/// A verbatim text, folded.
 pub fn folded(summary: &str, text: &str) -> String {
-    format!(
-        "<details><summary>{}</summary>\n<pre>{}</pre>\n</details>\n",
-        escaped(summary),
-        escaped(text)
-    )
+    let [summary, text] = [summary, text].map(escaped);
+    format!("<details><summary>{summary}</summary>\n<pre>{text}</pre>\n</details>\n")
 }
 
 /// A text with HTML's special characters escaped.
@@ -148,14 +136,11 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn no_text_ends_the_page_or_asks_for_another_file() {
+    fn texts_are_escaped_and_load_no_other_file() {
         let evil = "</script><img src=\"https://x.invalid/a.png\"> & more";
-        let html = Page::new(evil, json!({ "name": evil }), "")
-            .section(
-                evil,
-                &(paragraphs(&[evil.into()]) + &folded(evil, evil) + &figure("one", evil)),
-            )
-            .to_html();
+        let content = paragraphs(&[evil.into()]) + &folded(evil, evil) + &figure("one", evil);
+        let page = Page::new(evil, json!({ "name": evil }), "").section(evil, &content);
+        let html = page.to_html();
         assert!(own(&html) && !own("<!doctype html><html>"));
         assert!(!html.contains("<img") && !html.contains("src=\""));
         assert_eq!(html.matches("</script>").count(), 2);

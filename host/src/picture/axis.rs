@@ -1,4 +1,4 @@
-//! Axes: a quantity with its unit, a range, round ticks.
+//! Axes: a quantity with its unit, range and round ticks.
 
 use std::f64::consts::PI;
 
@@ -11,7 +11,6 @@ enum Division {
     Pi,
 }
 
-/// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     label: String,
@@ -43,7 +42,6 @@ impl Axis {
         }
     }
 
-    /// An axis of k.
     pub fn of_k(low: f64, high: f64) -> Self {
         Self::new("k = g cos α / (b ω²)", "", low, high)
     }
@@ -53,8 +51,8 @@ impl Axis {
         Self::new("amplitude b normal to the track", "mm", low, high)
     }
 
-    /// An axis over all `values`, with a little room at both ends.
-    pub fn around(
+    /// An axis over all `values`, with some room at both ends.
+    pub fn over_values(
         label: impl Into<String>,
         unit: &'static str,
         values: impl IntoIterator<Item = f64>,
@@ -85,7 +83,7 @@ impl Axis {
     pub(super) fn title(&self) -> String {
         let unit = match self.unit {
             "" => "–".into(),
-            // Typed like this in scenes and settings.
+            // Units are typed in this form in scenes and settings.
             unit => unit.replace("^2", "²"),
         };
         format!("{} ({unit})", self.label)
@@ -94,22 +92,20 @@ impl Axis {
     /// Relative position of `value`: 0 at the low end, 1 at the high end, NaN without a position.
     pub(super) fn part(&self, value: f64) -> f64 {
         match self.division {
-            Division::Decades => {
-                if value > 0.0 {
-                    (value / self.low).log10() / (self.high / self.low).log10()
-                } else {
-                    f64::NAN
-                }
+            Division::Decades if value > 0.0 => {
+                (value / self.low).log10() / (self.high / self.low).log10()
             }
+            Division::Decades => f64::NAN,
             _ => (value - self.low) / (self.high - self.low),
         }
     }
 
-    /// Ticks with labels, about `wanted` and at least three: fewer leave the scale ambiguous.
-    pub(super) fn ticks(&self, wanted: usize) -> Vec<(f64, String)> {
+    /// Ticks with labels: about `target_count`, at least three, because fewer leave the scale
+    /// ambiguous.
+    pub(super) fn ticks(&self, target_count: usize) -> Vec<(f64, String)> {
         let mut ticks = Vec::new();
         for finer in 0..4 * MIN_LABELS {
-            ticks = self.about(wanted.max(2) + finer);
+            ticks = self.ticks_near(target_count.max(2) + finer);
             if ticks.len() >= MIN_LABELS {
                 break;
             }
@@ -117,49 +113,43 @@ impl Axis {
         ticks
     }
 
-    fn about(&self, wanted: usize) -> Vec<(f64, String)> {
+    fn ticks_near(&self, target_count: usize) -> Vec<(f64, String)> {
         match self.division {
-            Division::Decimal => decimal(self.low, self.high, wanted),
+            Division::Decimal => decimal(self.low, self.high, target_count),
             Division::Decades => {
-                let decades = decades(self.low, self.high, wanted);
-                // Less than a few decades has the numbers of a linear scale.
+                let decades = decades(self.low, self.high, target_count);
+                // A range below a few decades has the labels of a linear scale.
                 if decades.len() < MIN_LABELS {
-                    decimal(self.low, self.high, wanted)
+                    decimal(self.low, self.high, target_count)
                 } else {
                     decades
                 }
             }
-            Division::Pi => parts_of_pi(self.low, self.high, wanted),
+            Division::Pi => parts_of_pi(self.low, self.high, target_count),
         }
     }
 
     /// Minor ticks of a logarithmic axis, nine a decade.
     pub(super) fn small_ticks(&self) -> Vec<f64> {
-        let (first, last) = (
-            self.low.log10().floor() as i32,
-            self.high.log10().ceil() as i32,
-        );
+        let first = self.low.log10().floor() as i32;
+        let last = self.high.log10().ceil() as i32;
         if self.division != Division::Decades || last - first > 12 {
             return Vec::new();
         }
-        (first..last)
-            .flat_map(|n| (1..10).map(move |digit| f64::from(digit) * 10_f64.powi(n)))
-            .filter(|value| (self.low..=self.high).contains(value))
+        let of_decade = |n| (1..10).map(move |digit| f64::from(digit) * 10_f64.powi(n));
+        let all = (first..last).flat_map(of_decade);
+        all.filter(|value| (self.low..=self.high).contains(value))
             .collect()
     }
 }
 
-/// Number of labels of an axis: smallest.
 const MIN_LABELS: usize = 3;
 
-fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
-    let rough = (high - low) / wanted as f64;
+fn decimal(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
+    let rough = (high - low) / target_count as f64;
     let decade = 10_f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|round| round * decade)
-        .find(|step| *step >= rough)
-        .unwrap_or(10.0 * decade);
+    let mut steps = [1.0, 2.0, 5.0].map(|round| round * decade).into_iter();
+    let step = steps.find(|step| *step >= rough).unwrap_or(10.0 * decade);
     let decimals = (-(step * 1.000_001).log10().floor()).clamp(0.0, 12.0) as usize;
     multiples(low, high, step)
         .map(|n| {
@@ -174,7 +164,7 @@ fn decimal(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         .collect()
 }
 
-fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
+fn decades(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
     let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
     let count = (last - first + 1).max(0) as usize;
     let power = |n: i32| {
@@ -184,13 +174,11 @@ fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         };
         (10_f64.powi(n), label)
     };
-    // With enough room also two and five of each decade.
-    if count >= 2 && 3 * count > wanted {
-        let every = count.div_ceil(wanted).max(1) as i32;
-        return (first..=last)
-            .filter(|n| n.rem_euclid(every) == 0)
-            .map(power)
-            .collect();
+    // With enough room also two and five in each decade.
+    if count >= 2 && 3 * count > target_count {
+        let every = count.div_ceil(target_count).max(1) as i32;
+        let labelled = (first..=last).filter(|n| n.rem_euclid(every) == 0);
+        return labelled.map(power).collect();
     }
     let mut ticks = Vec::new();
     for n in first - 1..=last + 1 {
@@ -204,20 +192,12 @@ fn decades(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
     ticks
 }
 
-fn parts_of_pi(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
-    let rough = (high - low) / wanted as f64 / PI;
-    let Some((over, under)) = [
-        (1_i64, 12_i64),
-        (1, 6),
-        (1, 4),
-        (1, 3),
-        (1, 2),
-        (1, 1),
-        (2, 1),
-    ]
-    .into_iter()
-    .find(|(over, under)| *over as f64 / *under as f64 >= rough) else {
-        return decimal(low, high, wanted);
+fn parts_of_pi(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
+    let rough = (high - low) / target_count as f64 / PI;
+    let mut steps = [(1, 12), (1, 6), (1, 4), (1, 3), (1, 2), (1, 1), (2, 1_i64)].into_iter();
+    let step = steps.find(|(over, under)| *over as f64 / *under as f64 >= rough);
+    let Some((over, under)) = step else {
+        return decimal(low, high, target_count);
     };
     let step = over as f64 / under as f64 * PI;
     multiples(low, high, step)
@@ -241,7 +221,7 @@ fn parts_of_pi(low: f64, high: f64, wanted: usize) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// Whole multiples of `step` within the range, with a tolerance of a rounding error.
+/// Integer multiples of `step` within the range, with a tolerance of a rounding error.
 fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = i64> {
     let slack = 1e-9;
     let first = (low / step - slack).ceil() as i64;
@@ -250,42 +230,34 @@ fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = i64> {
 }
 
 fn superscript(n: i32) -> String {
-    n.to_string()
-        .chars()
-        .map(|digit| match digit {
-            '-' => '⁻',
-            '1' => '¹',
-            '2' => '²',
-            '3' => '³',
-            other => char::from_u32(0x2070 + other.to_digit(10).unwrap_or(0)).unwrap_or(other),
-        })
-        .collect()
+    let raised = |digit: char| match digit {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        other => char::from_u32(0x2070 + other.to_digit(10).unwrap_or(0)).unwrap_or(other),
+    };
+    n.to_string().chars().map(raised).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn labels(axis: &Axis, wanted: usize) -> Vec<String> {
-        axis.ticks(wanted)
-            .into_iter()
-            .map(|(_, label)| label)
-            .collect()
+    fn labels(axis: &Axis, target_count: usize) -> Vec<String> {
+        let ticks = axis.ticks(target_count).into_iter();
+        ticks.map(|(_, label)| label).collect()
     }
 
     #[test]
     fn ticks_are_round() {
         let axis = |low, high| Axis::new("k", "", low, high);
-        assert_eq!(
-            labels(&axis(0.3, 0.5), 5),
-            ["0.30", "0.35", "0.40", "0.45", "0.50"]
-        );
-        assert_eq!(
-            labels(&axis(-1.0, 1.0), 4),
-            ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
-        );
+        let narrow = labels(&axis(0.3, 0.5), 5);
+        assert_eq!(narrow, ["0.30", "0.35", "0.40", "0.45", "0.50"]);
+        let signed = labels(&axis(-1.0, 1.0), 4);
+        assert_eq!(signed, ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
         assert_eq!(labels(&axis(0.0, 2e7), 2), ["0", "1e7", "2e7"]);
-        // A panel in a column has room for few labels; two would leave the scale ambiguous.
+        // A narrow panel has room for few labels; two would leave the scale ambiguous.
         assert_eq!(labels(&axis(0.0, 180.0), 3), ["0", "50", "100", "150"]);
         assert_eq!(labels(&axis(0.0, 1.2), 2), ["0.0", "0.5", "1.0"]);
         let log = axis(1e-12, 1.0).logarithmic();
@@ -293,14 +265,10 @@ mod tests {
         assert_eq!(log.part(1e-6), 0.5);
         let speeds = axis(60.0, 3000.0).logarithmic();
         assert_eq!(labels(&speeds, 8), ["100", "200", "500", "1000", "2000"]);
-        assert_eq!(
-            labels(&axis(2.1, 4.4).logarithmic(), 6),
-            ["2.5", "3.0", "3.5", "4.0"]
-        );
-        assert_eq!(
-            axis(7.5, 35.0).logarithmic().small_ticks(),
-            [8.0, 9.0, 10.0, 20.0, 30.0]
-        );
+        let short = axis(2.1, 4.4).logarithmic();
+        assert_eq!(labels(&short, 6), ["2.5", "3.0", "3.5", "4.0"]);
+        let small = axis(7.5, 35.0).logarithmic().small_ticks();
+        assert_eq!(small, [8.0, 9.0, 10.0, 20.0, 30.0]);
         assert!(axis(7.5, 35.0).small_ticks().is_empty());
         let turn = Axis::new("phase", "rad", 0.0, 2.0 * PI).in_pi();
         assert_eq!(labels(&turn, 4), ["0", "π/2", "π", "3π/2", "2π"]);
@@ -310,6 +278,6 @@ mod tests {
     fn an_empty_range_is_widened() {
         let axis = Axis::new("k", "", 1.0, 1.0);
         assert!((axis.part(1.0) - 0.5).abs() < 1e-9 && !axis.ticks(5).is_empty());
-        assert!(Axis::around("k", "", [f64::NAN]).part(0.0).is_finite());
+        assert!(Axis::over_values("k", "", [f64::NAN]).part(0.0).is_finite());
     }
 }

@@ -17,7 +17,7 @@ const PIXELS_PER_SHEET_PIXEL: f64 = 2.0;
 /// Resolution on paper in dots per inch, as journals require.
 const DOTS_PER_INCH: f64 = 300.0;
 
-/// The PNG of shapes on a sheet of this size in sheet pixels; `None` if memory is short.
+/// The PNG of shapes on a sheet of this size in sheet pixels; `None` if memory is insufficient.
 pub(super) fn png(
     [width, height]: [f64; 2],
     about: &str,
@@ -32,7 +32,7 @@ pub(super) fn png(
     let scale = || Transform::from_scale(times as f32, times as f32);
     let size = |length: f64| (length * times).round() as u32;
     let mut sheet = Pixmap::new(size(width), size(height))?;
-    sheet.fill(colour(look.theme().background()));
+    sheet.fill(colour(look.theme.background()));
     let mut clip: Option<(Rect, Mask)> = None;
     for shape in shapes {
         match shape {
@@ -42,12 +42,8 @@ pub(super) fn png(
                     Some(rect) => {
                         if clip.as_ref().is_none_or(|(last, _)| *last != rect) {
                             let mut mask = Mask::new(sheet.width(), sheet.height())?;
-                            mask.fill_path(
-                                &outline(&[rect.corners()], true)?,
-                                FillRule::Winding,
-                                true,
-                                scale(),
-                            );
+                            let inside = outline(&[rect.corners()], true)?;
+                            mask.fill_path(&inside, FillRule::Winding, true, scale());
                             clip = Some((rect, mask));
                         }
                         clip.as_ref().map(|(_, mask)| mask)
@@ -64,17 +60,14 @@ pub(super) fn png(
                     let line = tiny_skia::Stroke {
                         width: stroke.width as f32,
                         line_join: tiny_skia::LineJoin::Round,
-                        dash: if dash.is_empty() {
-                            None
-                        } else {
-                            StrokeDash::new(dash, 0.0)
-                        },
+                        // Without lengths there is no dash.
+                        dash: StrokeDash::new(dash, 0.0),
                         ..tiny_skia::Stroke::default()
                     };
                     sheet.stroke_path(&path, &paint(stroke.colour), &line, scale(), mask);
                 }
             }
-            Shape::Text(text) => words(&mut sheet, text, scale()),
+            Shape::Text(text) => draw_text(&mut sheet, text, scale()),
             Shape::Image { place, raster } => image(&mut sheet, place, raster, times),
         }
     }
@@ -87,22 +80,12 @@ pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
     let mut encoder = png::Encoder::new(&mut bytes, raster.width as u32, raster.height as u32);
     encoder.set_color(png::ColorType::Indexed);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_palette(
-        raster
-            .palette
-            .iter()
-            .flat_map(|colour| [colour.red, colour.green, colour.blue])
-            .collect::<Vec<_>>(),
-    );
-    encoder.set_trns(
-        raster
-            .palette
-            .iter()
-            .map(|colour| (colour.opacity * 255.0).round() as u8)
-            .collect::<Vec<_>>(),
-    );
+    encoder.set_palette(raster.rgb());
+    let opacities = raster.palette.iter();
+    let opacities = opacities.map(|colour| (colour.opacity * 255.0).round() as u8);
+    encoder.set_trns(opacities.collect::<Vec<_>>());
     encoder.set_compression(png::Compression::High);
-    // Writing to a Vec cannot fail; a raster of the wrong size would leave an empty image.
+    // Writing to a Vec cannot fail. A raster of the wrong size gives an empty image.
     if let Ok(mut writer) = encoder.write_header() {
         let _ = writer.write_image_data(&raster.pixels);
     }
@@ -139,9 +122,9 @@ fn outline(pieces: &[Vec<(f64, f64)>], closed: bool) -> Option<Path> {
     path.finish()
 }
 
-fn words(sheet: &mut Pixmap, text: &Text, scale: Transform) {
+fn draw_text(sheet: &mut Pixmap, text: &Text, scale: Transform) {
     let mut path = PathBuilder::new();
-    font::outline(&text.words, text.size, text.bold, |begin, [b, c, d]| {
+    font::outline(&text.content, text.size, text.bold, |begin, [b, c, d]| {
         if let Some(begin) = begin {
             path.move_to(begin.x, begin.y);
         }
@@ -165,20 +148,15 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
     let Some(mut source) = Pixmap::new(raster.width as u32, raster.height as u32) else {
         return;
     };
-    let palette: Vec<PremultipliedColorU8> = raster
-        .palette
-        .iter()
-        .map(|entry| colour(*entry).premultiply().to_color_u8())
-        .collect();
+    let premultiplied = |entry: &Colour| colour(*entry).premultiply().to_color_u8();
+    let palette: Vec<PremultipliedColorU8> = raster.palette.iter().map(premultiplied).collect();
     for (pixel, number) in source.pixels_mut().iter_mut().zip(&raster.pixels) {
         if let Some(entry) = palette.get(usize::from(*number)) {
             *pixel = *entry;
         }
     }
-    let (across, down) = (
-        place.width / raster.width as f64,
-        place.height / raster.height as f64,
-    );
+    let across = place.width / raster.width as f64;
+    let down = place.height / raster.height as f64;
     let transform = Transform::from_scale(across as f32, down as f32)
         .post_translate(place.left as f32, place.top as f32)
         .post_concat(Transform::from_scale(times as f32, times as f32));
@@ -214,14 +192,10 @@ fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
         }));
     }
     if !about.is_empty() {
-        encoder
-            .add_itxt_chunk("Provenance".into(), about.into())
-            .ok()?;
+        let added = encoder.add_itxt_chunk("Provenance".into(), about.into());
+        added.ok()?;
     }
-    encoder
-        .write_header()
-        .ok()?
-        .write_image_data(&pixels)
-        .ok()?;
+    let header = encoder.write_header();
+    header.ok()?.write_image_data(&pixels).ok()?;
     Some(bytes)
 }

@@ -1,4 +1,4 @@
-//! Widths and outlines of letters, from the bundled font.
+//! Widths and outlines of letters of the bundled font.
 
 use std::sync::LazyLock;
 
@@ -18,23 +18,23 @@ fn font(bold: bool) -> Option<&'static FontRef<'static>> {
     }
 }
 
-/// Width of `words` at a size in pixels.
-pub(super) fn width(words: &str, size: f64, bold: bool) -> f64 {
+/// Width of `text` at a size in pixels.
+pub(super) fn width(text: &str, size: f64, bold: bool) -> f64 {
     let Some(font) = font(bold) else {
-        return 0.6 * size * words.chars().count() as f64;
+        return 0.6 * size * text.chars().count() as f64;
     };
-    glyphs(font, words).map(|(_, advance)| advance).sum::<f64>() * size
+    glyphs(font, text).map(|(_, advance)| advance).sum::<f64>() * size
 }
 
-/// `size`, reduced so that `words` fit into `room` pixels, to no less than six tenths.
-pub(super) fn fitted(words: &str, size: f64, bold: bool, room: f64) -> f64 {
-    size * (room / width(words, size, bold)).clamp(0.6, 1.0)
+/// `size`, reduced so that `text` fit into `room` pixels, to at least 0.6 of it.
+pub(super) fn fit_size(text: &str, size: f64, bold: bool, room: f64) -> f64 {
+    size * (room / width(text, size, bold)).clamp(0.6, 1.0)
 }
 
-/// Outlines of `words` at a size in pixels, beginning at (0, 0) of the baseline, y downwards, as
-/// cubic curves: where a contour begins, and two handles and the end of the curve.
+/// Outlines of `text` at a size in pixels, from (0, 0) on the baseline, with y downwards. They are
+/// cubic curves: the start of a contour, then two control points and the end of each curve.
 pub(super) fn outline(
-    words: &str,
+    text: &str,
     size: f64,
     bold: bool,
     mut draw: impl FnMut(Option<Point>, [Point; 3]),
@@ -43,7 +43,7 @@ pub(super) fn outline(
     let em = f64::from(font.units_per_em().unwrap_or(1000.0));
     let scale = (size / em) as f32;
     let mut left = 0.0;
-    for (glyph, advance) in glyphs(font, words) {
+    for (glyph, advance) in glyphs(font, text) {
         let offset = (left * size) as f32;
         let place = |at: Point| point(offset + at.x * scale, -at.y * scale);
         let outline = font.outline(glyph);
@@ -68,10 +68,10 @@ pub(super) fn outline(
 
 fn glyphs<'a>(
     font: &'a FontRef<'static>,
-    words: &'a str,
+    text: &'a str,
 ) -> impl Iterator<Item = (GlyphId, f64)> + 'a {
     let em = f64::from(font.units_per_em().unwrap_or(1000.0));
-    words.chars().map(move |letter| {
+    text.chars().map(move |letter| {
         let glyph = font.glyph_id(letter);
         (glyph, f64::from(font.h_advance_unscaled(glyph)) / em)
     })

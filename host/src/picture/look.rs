@@ -1,6 +1,10 @@
 //! Presentation of a picture on a screen or on paper: colours, width, size of letters.
 
-use super::Theme;
+use super::{Picture, Theme};
+use crate::arguments::{number, within};
+use crate::file::Destination;
+use crate::provenance;
+use crate::refusal::Refusal;
 
 /// Points per pixel of the layout: small letters are 12 pixels, 9 points.
 const POINTS: f64 = 0.75;
@@ -9,39 +13,60 @@ const LETTERS: f64 = 9.0;
 const MILLIMETRES_AN_INCH: f64 = 25.4;
 const POINTS_AN_INCH: f64 = 72.0;
 
-/// Colours, width on paper and size of letters of a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Colours of a picture, its width on paper and the size of its letters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, clap::Args)]
 pub struct Look {
-    theme: Theme,
-    /// Width in mm; `None` for the width of the layout.
-    width: Option<f64>,
-    /// Size of the small letters in points.
-    letters: Option<f64>,
+    /// Colours of the picture.
+    #[arg(long, value_enum, default_value_t = Theme::Light)]
+    pub(super) theme: Theme,
+
+    /// Width of the picture on paper: column (84 mm), page (174 mm), or 40..1000 mm.
+    #[arg(long, value_name = "MM", value_parser = width)]
+    pub(super) width: Option<f64>,
+
+    /// Size of the picture's small letters on paper in points [default: 9].
+    #[arg(long, value_name = "PT", value_parser = within(4.0, 30.0, "pt"))]
+    pub(super) font_size: Option<f64>,
 }
 
-impl Look {
-    /// The look with these colours, width in mm and size of small letters in points; `None` as on a
-    /// screen.
-    pub fn new(theme: Theme, width: Option<f64>, letters: Option<f64>) -> Self {
-        Self {
-            theme,
-            width,
-            letters,
-        }
+fn width(text: &str) -> Result<f64, String> {
+    match text.trim() {
+        "column" => Ok(84.0),
+        "page" => Ok(174.0),
+        text => match number(text.trim_end_matches("mm").trim_end()) {
+            Ok(width) if (40.0..=1000.0).contains(&width) => Ok(width),
+            _ => Err("accepted: column (84 mm), page (174 mm), or 40..1000 mm".into()),
+        },
     }
+}
 
-    pub(super) fn theme(self) -> Theme {
-        self.theme
+pub const PICTURES: [&str; 3] = ["svg", "png", "pdf"];
+
+impl Look {
+    /// Writes the picture in the format of the file's ending, one of [`PICTURES`].
+    pub fn write(self, target: &Destination, picture: &Picture) -> Result<(), Refusal> {
+        let about = provenance::line();
+        let bytes = match target.ending().as_str() {
+            "pdf" => picture.to_pdf(self, &about),
+            "png" => picture.to_png(self, &about).ok_or_else(|| {
+                Refusal::new(
+                    "there is no memory for the picture",
+                    "write an .svg or .pdf instead",
+                )
+            })?,
+            _ => picture.to_svg(self, &about).into_bytes(),
+        };
+        target.write_bytes(&bytes)
     }
 
     /// Whether a size on paper was requested.
     pub(super) fn on_paper(self) -> bool {
-        self.width.is_some() || self.letters.is_some()
+        self.width.is_some() || self.font_size.is_some()
     }
 
     /// Points on paper per pixel of the layout.
     pub(super) fn points(self) -> f64 {
-        POINTS * self.letters.unwrap_or(LETTERS) / LETTERS
+        POINTS * self.font_size.unwrap_or(LETTERS) / LETTERS
     }
 
     /// Millimetres on paper per pixel of the layout.
@@ -57,6 +82,24 @@ impl Look {
 
 impl From<Theme> for Look {
     fn from(theme: Theme) -> Self {
-        Self::new(theme, None, None)
+        Self {
+            theme,
+            ..Self::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn widths_as_typed() {
+        assert_eq!(width("column"), Ok(84.0));
+        assert_eq!(width("page"), Ok(174.0));
+        assert_eq!(width("120 mm"), Ok(120.0));
+        for bad in ["", "wide", "39", "1001", "nan", "-84"] {
+            assert!(width(bad).unwrap_err().contains("column (84 mm)"), "{bad}");
+        }
     }
 }

@@ -1,8 +1,8 @@
-//! Pictures in one house style, drawn once as shapes and written as SVG, PNG or PDF.
+//! Pictures in one style, drawn once as shapes and written as SVG, PNG or PDF.
 //!
-//! Every axis has a unit. The theme defines colours, dashes, markers and hatches, by
-//! number of the series or by regime. So all pictures of kband read alike, also in grey and for
-//! colour-blind readers. Big point clouds and maps become one embedded image.
+//! Every axis has a unit. The theme defines colours, dashes, markers and hatches by number of the
+//! series or by regime, so all pictures look alike. They are legible in grey and for colour-blind
+//! readers. Large point clouds and maps become one embedded image.
 
 mod axis;
 mod bitmap;
@@ -15,7 +15,8 @@ mod svg;
 mod theme;
 
 pub use axis::Axis;
-pub use look::Look;
+pub use look::{Look, PICTURES};
+use panel::SMALL_TEXT_SIZE;
 pub use panel::{Grid, Panel};
 pub use theme::{Fill, Theme, page_colours};
 
@@ -42,8 +43,8 @@ impl Picture {
     }
 
     /// A line below the title, for the parameters.
-    pub fn caption(mut self, words: impl Into<String>) -> Self {
-        self.caption = words.into();
+    pub fn caption(mut self, text: impl Into<String>) -> Self {
+        self.caption = text.into();
         self
     }
 
@@ -60,14 +61,13 @@ impl Picture {
     }
 
     /// The picture as an SVG document. `about` is its description, empty for none.
-    pub fn to_svg(&self, look: impl Into<Look>, about: &str) -> String {
-        let look = look.into();
+    pub fn to_svg(&self, look: Look, about: &str) -> String {
         let (size, shapes) = self.shapes(look);
         svg::document(size, [&self.title, about, ""], look, &shapes)
     }
 
-    /// The picture as an SVG element of a page. `name` begins its ids: another one for each picture
-    /// of the page.
+    /// The picture as an SVG element of a page. `name` is the prefix of its ids, different for each
+    /// picture of the page.
     pub fn to_svg_element(&self, look: impl Into<Look>, name: &str) -> String {
         let look = look.into();
         let (size, shapes) = self.shapes(look);
@@ -76,23 +76,21 @@ impl Picture {
 
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
     ///
-    /// `None` only without memory. `about` as for SVG.
-    pub fn to_png(&self, look: impl Into<Look>, about: &str) -> Option<Vec<u8>> {
-        let look = look.into();
+    /// `None` only if memory is insufficient. `about` as for SVG.
+    pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
         let (size, shapes) = self.shapes(look);
         bitmap::png(size, about, look, &shapes)
     }
 
     /// The picture as a PDF of one page. `about` as for SVG.
-    pub fn to_pdf(&self, look: impl Into<Look>, about: &str) -> Vec<u8> {
-        let look = look.into();
+    pub fn to_pdf(&self, look: Look, about: &str) -> Vec<u8> {
         let (size, shapes) = self.shapes(look);
         pdf::document(size, [&self.title, about], look, &shapes)
     }
 
     /// Width and height in pixels, and the shapes.
     fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
-        let theme = look.theme();
+        let theme = look.theme;
         let width = look.laid_out(self.width);
         let mut shapes = Vec::new();
         let height = self.draw(theme, width, &mut shapes);
@@ -106,12 +104,12 @@ impl Picture {
         ([width, height], shapes)
     }
 
-    /// Draws it with a width; returns its height.
+    /// Draws the picture with a width; returns its height.
     fn draw(&self, theme: Theme, width: f64, shapes: &mut Vec<Shape>) -> f64 {
-        let words = |y: f64, words: &str, size: f64, bold: bool, colour| {
+        let draw_line = |y: f64, text: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
                 at: (18.0, y),
-                words: words.into(),
+                content: text.into(),
                 size,
                 bold,
                 colour,
@@ -121,35 +119,35 @@ impl Picture {
         };
         let mut y = 28.0;
         for line in wrapped(&self.title, TITLE, true, width - 36.0) {
-            shapes.push(words(y, &line, TITLE, true, theme.text()));
+            shapes.push(draw_line(y, &line, TITLE, true, theme.text()));
             y += 20.0;
         }
         y -= 4.0;
         if !self.caption.is_empty() {
-            for line in wrapped(&self.caption, panel::SMALL, false, width - 36.0) {
-                shapes.push(words(y + 4.0, &line, panel::SMALL, false, theme.muted()));
+            for line in wrapped(&self.caption, SMALL_TEXT_SIZE, false, width - 36.0) {
+                let colour = theme.muted();
+                shapes.push(draw_line(y + 4.0, &line, SMALL_TEXT_SIZE, false, colour));
                 y += 16.0;
             }
             y += 4.0;
         }
         for panel in &self.panels {
-            let squeezed = (width / self.width).clamp(LOWEST, 1.0 / LOWEST);
+            let squeezed = (width / self.width).clamp(MIN_HEIGHT_RATIO, 1.0 / MIN_HEIGHT_RATIO);
             y = panel.draw(theme, y, width, squeezed, shapes) + 10.0;
         }
         y
     }
 }
 
-/// Size of the title in pixels.
 const TITLE: f64 = 16.0;
 
-/// Smallest ratio of heights, for a picture that is made narrower.
-const LOWEST: f64 = 0.6;
+/// Smallest factor on the heights of panels in a narrower picture.
+const MIN_HEIGHT_RATIO: f64 = 0.6;
 
-/// The words in lines up to `width` pixels wide.
-fn wrapped(words: &str, size: f64, bold: bool, width: f64) -> Vec<String> {
+/// The words in lines of at most `width` pixels.
+fn wrapped(text: &str, size: f64, bold: bool, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in words.split(' ') {
+    for word in text.split(' ') {
         match lines.last_mut() {
             Some(line) if font::width(&format!("{line} {word}"), size, bold) <= width => {
                 line.push(' ');
@@ -172,7 +170,7 @@ mod tests {
         )
     }
 
-    fn everything() -> Picture {
+    fn all_items() -> Picture {
         let sine = |n: i32| (0.3 + f64::from(n) * 1e-4, 3.0 + f64::from(n).sin());
         let panel = sample()
             .heading("every kind of item")
@@ -181,12 +179,10 @@ mod tests {
             .line("line", 0, (0..2000).map(sine).collect())
             .markers("markers", 1, vec![(0.35, 1.0), (0.36, f64::NAN)])
             .between("between", 2, vec![(0.4, 1.0, 2.0), (0.5, 1.5, 2.0)])
-            .bars("bars", 3, vec![(0.3, 0.31, 2.0)])
             .shelf("shelf", 1.0, 2.0)
             .mark(0.393, "k₂")
             .mark(0.394, "chaos")
-            .level(3.0, "level")
-            .note(0.45, 4.0, "a < b & c")
+            .level(3.0, "a < b & c")
             .ribbon(
                 vec![(0.3, 0.4, Fill::Chaotic), (0.4, 0.5, Fill::Locked)],
                 &[(Fill::Locked, "locked")],
@@ -208,7 +204,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = everything().to_svg(Theme::Light, "");
+        let svg = all_items().to_svg(Look::default(), "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -218,10 +214,13 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let bytes = everything().to_png(theme, "").unwrap();
-            let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
-                .read_info()
-                .unwrap();
+            let look = Look {
+                theme,
+                ..Look::default()
+            };
+            let bytes = all_items().to_png(look, "").unwrap();
+            let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
+            let mut reader = reader.unwrap();
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
             let info = reader.next_frame(&mut pixels).unwrap();
             assert_eq!(info.width, 1800);
@@ -235,43 +234,43 @@ mod tests {
 
     #[test]
     fn a_picture_has_the_requested_width_on_paper() {
-        let column = Look::new(Theme::Light, Some(84.0), Some(7.0));
-        let svg = everything().to_svg(column, "");
+        let column = Look {
+            theme: Theme::Light,
+            width: Some(84.0),
+            font_size: Some(7.0),
+        };
+        let svg = all_items().to_svg(column, "");
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
         // 300 dots an inch.
-        let bytes = everything().to_png(column, "").unwrap();
-        let reader = png::Decoder::new(std::io::Cursor::new(&bytes))
-            .read_info()
-            .unwrap();
+        let bytes = all_items().to_png(column, "").unwrap();
+        let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
+        let reader = reader.unwrap();
         assert_eq!(reader.info().width, 992);
         assert_eq!(reader.info().pixel_dims.unwrap().xppu, 11_811);
-        let pdf = everything().to_pdf(column, "");
+        let pdf = all_items().to_pdf(column, "");
         assert!(pdf.starts_with(b"%PDF-") && pdf.ends_with(b"%%EOF"));
         let text = String::from_utf8_lossy(&pdf);
         // 84 mm are 238.110 points.
         assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
         assert!(text.contains("/SMask"));
-        assert_eq!(pdf, everything().to_pdf(column, ""));
-        // Small letters of 7 points are 12 pixels of the layout, which is accordingly wider.
-        let (size, _) = everything().shapes(column);
+        assert_eq!(pdf, all_items().to_pdf(column, ""));
+        // Small letters of 7 points are 12 pixels of the layout, so the layout is wider.
+        let (size, _) = all_items().shapes(column);
         assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);
     }
 
     #[test]
-    fn a_legend_names_what_is_there_and_counts_what_is_not() {
+    fn a_legend_names_drawn_items_and_counts_omitted_ones() {
         let picture = |points: Vec<(f64, f64)>, more: Vec<(f64, f64)>| {
-            Picture::new("Title").panel(
-                sample()
-                    .markers("some", 0, points)
-                    .line("others", 1, more)
-                    .strip("band", 0.6, 0.7),
-            )
+            let panel = sample().markers("some", 0, points).line("others", 1, more);
+            Picture::new("Title").panel(panel.strip("band", 0.6, 0.7))
         };
-        let svg =
-            picture(vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)], Vec::new()).to_svg(Theme::Light, "");
+        let points = vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)];
+        let svg = picture(points, Vec::new()).to_svg(Look::default(), "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
-        let svg = picture(Vec::new(), vec![(0.3, 1.0), (0.5, 1.0)]).to_svg(Theme::Light, "");
+        let points = vec![(0.3, 1.0), (0.5, 1.0)];
+        let svg = picture(Vec::new(), points).to_svg(Look::default(), "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 }

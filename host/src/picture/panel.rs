@@ -5,7 +5,6 @@ mod item;
 mod legend;
 mod map;
 mod style;
-mod words;
 
 use axes::Pixels;
 use item::Item;
@@ -19,8 +18,7 @@ use super::theme::{Fill, Theme};
 use super::wrapped;
 
 /// Size of small text in pixels.
-pub(super) const SMALL: f64 = 12.0;
-/// Size of a heading in pixels.
+pub(super) const SMALL_TEXT_SIZE: f64 = 12.0;
 const HEADING: f64 = 13.0;
 const LINE: f64 = 17.0;
 /// Space in pixels for the labels of the vertical axis, left of the plot.
@@ -29,8 +27,8 @@ const RIGHT: f64 = 22.0;
 /// Space in pixels for a colour bar, right of the plot.
 const BAR: f64 = 92.0;
 const RIBBON: f64 = 16.0;
-/// Number of markers from which a density replaces them, for legibility and file size.
-const MIN_DENSITY_MARKERS: usize = 2500;
+/// Number of markers above which a density is drawn instead, for legibility and file size.
+const MAX_MARKERS: usize = 2500;
 
 /// Two axes and the items between them, listed from back to front.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,8 +61,8 @@ impl Panel {
     }
 
     /// Text above the panel.
-    pub fn heading(mut self, words: impl Into<String>) -> Self {
-        self.heading = words.into();
+    pub fn heading(mut self, text: impl Into<String>) -> Self {
+        self.heading = text.into();
         self
     }
 
@@ -82,9 +80,9 @@ impl Panel {
         self
     }
 
-    /// A marker at each point; thousands of points become a density.
+    /// A marker at each point, or a density of more than 2500 points.
     pub fn markers(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
-        if points.len() > MIN_DENSITY_MARKERS {
+        if points.len() > MAX_MARKERS {
             return self.density(name, points);
         }
         self.key(Key::Marker(series), name);
@@ -96,13 +94,6 @@ impl Panel {
     pub fn between(mut self, name: &str, series: usize, points: Vec<(f64, f64, f64)>) -> Self {
         self.key(Key::Area(series), name);
         self.items.push(Item::Between { series, points });
-        self
-    }
-
-    /// Bars from the bottom of the panel, as (low, high, height).
-    pub fn bars(mut self, name: &str, series: usize, bars: Vec<(f64, f64, f64)>) -> Self {
-        self.key(Key::Area(series), name);
-        self.items.push(Item::Bars { series, bars });
         self
     }
 
@@ -122,7 +113,7 @@ impl Panel {
         self
     }
 
-    /// A map of values over the whole panel, with a colour bar; NaN is empty.
+    /// A map of values over the whole panel, with a colour bar; NaN stays empty.
     pub fn heat(mut self, grid: Grid<f64>, scale: Axis) -> Self {
         self.items.push(Item::Heat { grid, scale });
         self
@@ -138,7 +129,7 @@ impl Panel {
     }
 
     /// A ribbon of fills above the plot, as (from, to, fill) along the horizontal axis. Neighbours
-    /// of one fill are one stretch.
+    /// of the same fill are merged.
     pub fn ribbon(
         mut self,
         stretches: impl IntoIterator<Item = (f64, f64, Fill)>,
@@ -154,6 +145,21 @@ impl Panel {
             }
         }
         self
+    }
+
+    /// A ribbon of fills at points within `low..high`. Each extends halfway to both neighbours.
+    pub fn ribbon_of_points(
+        self,
+        [low, high]: [f64; 2],
+        points: impl IntoIterator<Item = (f64, Fill)>,
+        names: &[(Fill, impl AsRef<str>)],
+    ) -> Self {
+        let points: Vec<(f64, Fill)> = points.into_iter().collect();
+        let mut edges = vec![low];
+        edges.extend(points.windows(2).map(|pair| 0.5 * (pair[0].0 + pair[1].0)));
+        edges.push(high);
+        let stretch = |(ends, (_, fill)): (&[f64], _)| (ends[0], ends[1], fill);
+        self.ribbon(edges.windows(2).zip(points).map(stretch), names)
     }
 
     /// A shaded strip of the horizontal axis, for a band of k.
@@ -173,27 +179,21 @@ impl Panel {
     }
 
     /// A dashed vertical line at `x`, with text above it.
-    pub fn mark(mut self, x: f64, words: impl Into<String>) -> Self {
-        self.marks.push((x, words.into(), true));
+    pub fn mark(mut self, x: f64, text: impl Into<String>) -> Self {
+        self.marks.push((x, text.into(), true));
         self
     }
 
     /// Text above the panel at `x`, without a line.
-    pub fn caption(mut self, x: f64, words: impl Into<String>) -> Self {
-        self.marks.push((x, words.into(), false));
+    pub fn caption(mut self, x: f64, text: impl Into<String>) -> Self {
+        self.marks.push((x, text.into(), false));
         self
     }
 
-    /// A dashed horizontal line at `y`, with text at its end.
-    pub fn level(mut self, y: f64, words: impl Into<String>) -> Self {
-        self.levels.push((y, words.into()));
-        self
-    }
-
-    /// Text beside a point.
-    pub fn note(mut self, x: f64, y: f64, words: impl Into<String>) -> Self {
-        let words = words.into();
-        self.items.push(Item::Note { x, y, words });
+    /// A dashed horizontal line at `y`, with text at its right end, at the left end of every other
+    /// line.
+    pub fn level(mut self, y: f64, text: impl Into<String>) -> Self {
+        self.levels.push((y, text.into()));
         self
     }
 
@@ -204,11 +204,9 @@ impl Panel {
         }
     }
 
-    /// Whether a map covers the panel.
     fn is_covered(&self) -> bool {
-        self.items
-            .iter()
-            .any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)))
+        let mut items = self.items.iter();
+        items.any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)))
     }
 
     /// Draws the panel with its top at `top` into `shapes`; returns its lower end.
@@ -220,10 +218,8 @@ impl Panel {
         squeezed: f64,
         shapes: &mut Vec<Shape>,
     ) -> f64 {
-        let bar = self
-            .items
-            .iter()
-            .any(|item| matches!(item, Item::Heat { .. }));
+        let mut items = self.items.iter();
+        let bar = items.any(|item| matches!(item, Item::Heat { .. }));
         let mut plot = Rect {
             left: LEFT,
             top,
@@ -255,19 +251,15 @@ impl Panel {
         for item in &self.items {
             pixel.draw_item(theme, item, shapes);
         }
-        for (x, words, line) in &self.marks {
-            let across = pixel.across(*x);
+        for (x, text, line) in &self.marks {
+            let across = pixel.x_pixel(*x);
             if *line && pixel.within_x(*x) {
-                let foot = if words.is_empty() {
-                    plot.top
-                } else {
-                    plot.top - 3.0
-                };
+                let foot = plot.top - if text.is_empty() { 0.0 } else { 3.0 };
                 let line = vec![(across, foot), (across, plot.bottom())];
                 shapes.push(Shape::lines(vec![line], dashed(theme), None));
             }
         }
-        pixel.draw_words(theme, shapes);
+        pixel.draw_levels(theme, shapes);
         pixel.draw_axes(theme, shapes);
         plot.bottom() + 46.0
     }

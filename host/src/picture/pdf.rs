@@ -14,8 +14,8 @@ const PAGES: Ref = Ref::new(2);
 const PAGE: Ref = Ref::new(3);
 const CONTENT: Ref = Ref::new(4);
 const INFO: Ref = Ref::new(5);
-/// First object of the opacities, followed by images with their masks.
-const REST: i32 = 6;
+/// Number of the first object for opacities; images with their masks follow.
+const FIRST_OPACITY_OBJECT: i32 = 6;
 
 /// The PDF of shapes on a sheet of this size.
 pub(super) fn document(
@@ -32,7 +32,7 @@ pub(super) fn document(
         images: Vec::new(),
     };
     sheet.content.save_state();
-    // Coordinates run downwards from the upper left corner, like those of the shapes.
+    // Downwards from the upper left corner, as the shapes.
     let scale = points as f32;
     sheet
         .content
@@ -52,13 +52,8 @@ pub(super) fn document(
         info.subject(TextStr(about));
     }
     info.finish();
-    let states: Vec<(String, Ref, f32)> = sheet
-        .opacities
-        .iter()
-        .enumerate()
-        .map(|(n, opacity)| (format!("O{n}"), Ref::new(REST + n as i32), *opacity))
-        .collect();
-    let first = REST + states.len() as i32;
+    let state = |n: usize| (format!("O{n}"), Ref::new(FIRST_OPACITY_OBJECT + n as i32));
+    let first = FIRST_OPACITY_OBJECT + sheet.opacities.len() as i32;
     let image = |n: usize| (format!("I{n}"), Ref::new(first + 2 * n as i32));
     let mut page = pdf.page(PAGE);
     page.parent(PAGES)
@@ -66,8 +61,9 @@ pub(super) fn document(
         .media_box(pdf_writer::Rect::new(0.0, 0.0, width, height));
     let mut resources = page.resources();
     let mut opacities = resources.ext_g_states();
-    for (name, state, _) in &states {
-        opacities.pair(Name(name.as_bytes()), state);
+    for n in 0..sheet.opacities.len() {
+        let (name, object) = state(n);
+        opacities.pair(Name(name.as_bytes()), object);
     }
     opacities.finish();
     let mut images = resources.x_objects();
@@ -78,15 +74,15 @@ pub(super) fn document(
     images.finish();
     resources.finish();
     page.finish();
-    for (_, state, opacity) in &states {
-        pdf.ext_graphics(*state)
+    for (n, opacity) in sheet.opacities.iter().enumerate() {
+        pdf.ext_graphics(state(n).1)
             .non_stroking_alpha(*opacity)
             .stroking_alpha(*opacity);
     }
     for (n, raster) in sheet.images.iter().enumerate() {
         embed_image(&mut pdf, image(n).1, raster);
     }
-    pdf.stream(CONTENT, &deflated(&sheet.content.finish()))
+    pdf.stream(CONTENT, &deflate(&sheet.content.finish()))
         .filter(Filter::FlateDecode);
     pdf.finish()
 }
@@ -129,7 +125,7 @@ impl<'a> Sheet<'a> {
                 }
                 self.content.restore_state();
             }
-            Shape::Text(text) => self.words(text),
+            Shape::Text(text) => self.draw_text(text),
             Shape::Image { place, raster } => {
                 let name = format!("I{}", self.images.len());
                 self.images.push(raster);
@@ -160,8 +156,8 @@ impl<'a> Sheet<'a> {
     }
 
     fn opacity(&mut self, opacity: f32) {
-        let known = self.opacities.iter().position(|other| *other == opacity);
-        let n = known.unwrap_or_else(|| {
+        let existing = self.opacities.iter().position(|other| *other == opacity);
+        let n = existing.unwrap_or_else(|| {
             self.opacities.push(opacity);
             self.opacities.len() - 1
         });
@@ -169,7 +165,7 @@ impl<'a> Sheet<'a> {
             .set_parameters(Name(format!("O{n}").as_bytes()));
     }
 
-    fn words(&mut self, text: &Text) {
+    fn draw_text(&mut self, text: &Text) {
         let ((x, y), shift) = (text.at, text.shift());
         let place = if text.upright {
             [0.0, -1.0, 1.0, 0.0, x as f32, (y + shift) as f32]
@@ -182,7 +178,7 @@ impl<'a> Sheet<'a> {
         self.content.set_fill_rgb(red, green, blue);
         self.content.transform(place);
         let content = &mut self.content;
-        font::outline(&text.words, text.size, text.bold, |begin, [b, c, d]| {
+        font::outline(&text.content, text.size, text.bold, |begin, [b, c, d]| {
             if let Some(begin) = begin {
                 content.move_to(begin.x, begin.y);
             }
@@ -201,41 +197,34 @@ fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {
     let (width, height) = (raster.width as i32, raster.height as i32);
     let mask = Ref::new(object.get() + 1);
     let clear = raster.palette.iter().any(|colour| colour.opacity < 1.0);
-    let palette: Vec<u8> = raster
-        .palette
-        .iter()
-        .flat_map(|colour| [colour.red, colour.green, colour.blue])
-        .collect();
-    let pixels = deflated(&raster.pixels);
+    let pixels = deflate(&raster.pixels);
     let mut image = pdf.image_xobject(object, &pixels);
     image.filter(Filter::FlateDecode);
     image.width(width).height(height).bits_per_component(8);
-    image.color_space().indexed(
-        Name(b"DeviceRGB"),
-        raster.palette.len().saturating_sub(1) as i32,
-        &palette,
-    );
+    let last = raster.palette.len().saturating_sub(1) as i32;
+    image
+        .color_space()
+        .indexed(Name(b"DeviceRGB"), last, &raster.rgb());
     if clear {
         image.s_mask(mask);
     }
     image.finish();
+    if !clear {
+        return;
+    }
     let opacity = |number: &u8| {
         let entry = raster.palette.get(usize::from(*number));
         entry.map_or(0, |colour| (colour.opacity * 255.0).round() as u8)
     };
-    let opacities: Vec<u8> = if clear {
-        raster.pixels.iter().map(opacity).collect()
-    } else {
-        return;
-    };
-    let opacities = deflated(&opacities);
+    let opacities: Vec<u8> = raster.pixels.iter().map(opacity).collect();
+    let opacities = deflate(&opacities);
     let mut image = pdf.image_xobject(mask, &opacities);
     image.filter(Filter::FlateDecode);
     image.width(width).height(height).bits_per_component(8);
     image.color_space().device_gray();
 }
 
-fn deflated(bytes: &[u8]) -> Vec<u8> {
+fn deflate(bytes: &[u8]) -> Vec<u8> {
     use std::io::Write as _;
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
     // Writing to a Vec cannot fail.

@@ -61,24 +61,23 @@ pub(super) enum Anchor {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
     pub at: (f64, f64),
-    pub words: String,
+    pub content: String,
     pub size: f64,
     pub bold: bool,
     pub colour: Colour,
     pub anchor: Anchor,
-    /// Whether the text reads upwards.
     pub upright: bool,
 }
 
 impl Text {
-    /// From the begin of the words to their point.
+    /// Distance from the start of the text to its anchor point.
     pub(super) fn shift(&self) -> f64 {
         let share = match self.anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => 0.5,
             Anchor::End => 1.0,
         };
-        share * font::width(&self.words, self.size, self.bold)
+        share * font::width(&self.content, self.size, self.bold)
     }
 }
 
@@ -92,7 +91,15 @@ pub(super) struct Raster {
 }
 
 impl Raster {
-    /// Repeats every pixel across and down; a raster finer than the picture is unchanged.
+    /// Red, green and blue of each colour of the palette.
+    pub(super) fn rgb(&self) -> Vec<u8> {
+        let colours = self.palette.iter();
+        let parts = colours.flat_map(|colour| [colour.red, colour.green, colour.blue]);
+        parts.collect()
+    }
+
+    /// Repeats every pixel horizontally and vertically; a raster finer than the picture is
+    /// unchanged.
     pub(super) fn repeated(&self, across: usize, down: usize) -> Self {
         let enough = |times: usize| if times > 2 { times } else { 1 };
         let (across, down) = (enough(across), enough(down));
@@ -116,7 +123,7 @@ impl Raster {
     }
 }
 
-/// Lines and areas; several pieces share fill and stroke, so that many markers are one shape.
+/// Lines and areas. Several pieces share fill and stroke, so many markers are one shape.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Path {
     pub pieces: Vec<Vec<(f64, f64)>>,

@@ -9,8 +9,8 @@ use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
 
-/// The SVG document of shapes on a sheet of this size, with title and description. Its ids begin
-/// with `name`.
+/// The SVG document of shapes on a sheet of this size, with title and description. `name` is the
+/// prefix of its ids.
 pub(super) fn document(
     [width, height]: [f64; 2],
     [title, about, name]: [&str; 3],
@@ -64,13 +64,8 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
             out.push_str("<path d=\"");
             for piece in &path.pieces {
                 for (n, (x, y)) in piece.iter().enumerate() {
-                    write!(
-                        out,
-                        "{}{} {}",
-                        if n == 0 { 'M' } else { 'L' },
-                        short(*x),
-                        short(*y)
-                    )?;
+                    let command = if n == 0 { 'M' } else { 'L' };
+                    write!(out, "{command}{} {}", short(*x), short(*y))?;
                 }
                 if path.closed {
                     out.push('Z');
@@ -86,14 +81,14 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                 let width = short(stroke.width);
                 write!(out, " stroke-width=\"{width}\" stroke-linejoin=\"round\"")?;
                 if !stroke.dash.is_empty() {
-                    let dash: Vec<String> =
-                        stroke.dash.iter().map(|length| short(*length)).collect();
+                    let dash = stroke.dash.iter().map(|length| short(*length));
+                    let dash: Vec<String> = dash.collect();
                     write!(out, " stroke-dasharray=\"{}\"", dash.join(" "))?;
                 }
             }
             if let Some(clip) = path.clip {
-                let known = clips.iter().position(|other| *other == clip);
-                let n = known.unwrap_or_else(|| {
+                let existing = clips.iter().position(|other| *other == clip);
+                let n = existing.unwrap_or_else(|| {
                     clips.push(clip);
                     clips.len() - 1
                 });
@@ -102,9 +97,9 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
             out.push_str("/>\n");
             Ok(())
         }
-        Shape::Text(text) => words(out, text),
+        Shape::Text(text) => write_text(out, text),
         Shape::Image { place, raster } => {
-            // Viewers enlarge images differently; large cells keep their edges in all of them.
+            // Viewers enlarge images differently; large cells keep sharp edges in all of them.
             let repeat =
                 |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;
             let large = raster.repeated(
@@ -125,7 +120,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
     }
 }
 
-fn words(out: &mut String, text: &Text) -> std::fmt::Result {
+fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
     let (x, y) = (short(text.at.0), short(text.at.1));
     if text.upright {
         write!(out, "<text transform=\"translate({x} {y}) rotate(-90)\"")?;
@@ -142,7 +137,7 @@ fn words(out: &mut String, text: &Text) -> std::fmt::Result {
         Anchor::End => out.push_str(" text-anchor=\"end\""),
     }
     paint(out, "fill", text.colour)?;
-    writeln!(out, ">{}</text>", escape(&text.words))
+    writeln!(out, ">{}</text>", escape(&text.content))
 }
 
 fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {

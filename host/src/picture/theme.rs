@@ -1,5 +1,7 @@
-//! Colours for colour-blind readers (Okabe and Ito's set); lightness, dash, marker and hatch for
-//! grey prints.
+//! Colours for colour-blind readers (Okabe and Ito's set). Lightness, dashes, markers and hatches
+//! also differ in grey prints.
+
+use crate::report::finite;
 
 /// Colours of a picture: for paper or for a dark screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -30,11 +32,11 @@ impl Colour {
         }
     }
 
-    pub(super) const fn faint(self, opacity: f32) -> Self {
+    pub(super) const fn with_opacity(self, opacity: f32) -> Self {
         Self { opacity, ..self }
     }
 
-    pub(super) fn towards(self, other: Self, part: f64) -> Self {
+    pub(super) fn mix(self, other: Self, part: f64) -> Self {
         let mix =
             |a: u8, b: u8| (f64::from(a) + (f64::from(b) - f64::from(a)) * part).round() as u8;
         Self {
@@ -59,10 +61,10 @@ impl Colour {
     }
 }
 
-/// Class of a stretch of time or of k, or of a point of a map: a colour with its own hatch.
+/// Class of a stretch of time or k, or of a point of a map: a colour with its hatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Fill {
-    /// At rest on the track, or the drive is off.
+    /// At rest on the track, or drive off.
     Rest,
     /// Hops that end in rest and relaunch, or a transition of the drive.
     HopAndRest,
@@ -80,18 +82,8 @@ pub enum Fill {
     Fault,
 }
 
-/// Slopes of the lines of a hatch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Hatch {
-    None,
-    Up,
-    Down,
-    Cross,
-    Upright,
-}
-
 impl Fill {
-    /// All fills; a fill's index is its number.
+    /// All fills, in the order of their numbers.
     pub const ALL: [Self; 8] = [
         Self::Rest,
         Self::HopAndRest,
@@ -105,25 +97,25 @@ impl Fill {
 
     pub(super) fn colour(self, theme: Theme) -> Colour {
         match self {
-            Self::Rest => theme.of(0xF2F2F2, 0x262C33),
-            Self::HopAndRest => theme.of(0xCBD0D5, 0x59636E),
-            Self::Locked => theme.of(0x0B4F86, 0x3FA0DC),
-            Self::Doubled => theme.of(0x6FC0EE, 0xC4E8FC),
-            Self::Periodic => theme.of(0x00916A, 0x0E8F69),
-            Self::Chaotic => theme.of(0xE08A00, 0xF0B23A),
-            Self::Undecided => theme.of(0x33102A, 0x7A2E63),
-            Self::Fault => theme.of(0xB03A00, 0xFF6B2C),
+            Self::Rest => theme.pick(0xF2F2F2, 0x262C33),
+            Self::HopAndRest => theme.pick(0xCBD0D5, 0x59636E),
+            Self::Locked => theme.pick(0x0B4F86, 0x3FA0DC),
+            Self::Doubled => theme.pick(0x6FC0EE, 0xC4E8FC),
+            Self::Periodic => theme.pick(0x00916A, 0x0E8F69),
+            Self::Chaotic => theme.pick(0xE08A00, 0xF0B23A),
+            Self::Undecided => theme.pick(0x33102A, 0x7A2E63),
+            Self::Fault => theme.pick(0xB03A00, 0xFF6B2C),
         }
     }
 
-    pub(super) fn hatch(self) -> Hatch {
+    /// Slopes of the hatch lines, horizontal over vertical.
+    pub(super) fn hatches(self) -> &'static [f64] {
         match self {
-            Self::Rest | Self::HopAndRest | Self::Locked => Hatch::None,
-            Self::Doubled => Hatch::Up,
-            Self::Periodic => Hatch::Down,
-            Self::Chaotic => Hatch::Cross,
-            Self::Undecided => Hatch::Upright,
-            Self::Fault => Hatch::Cross,
+            Self::Rest | Self::HopAndRest | Self::Locked => &[],
+            Self::Doubled => &[1.0],
+            Self::Periodic => &[-1.0],
+            Self::Chaotic | Self::Fault => &[1.0, -1.0],
+            Self::Undecided => &[0.0],
         }
     }
 }
@@ -138,7 +130,7 @@ pub(super) enum Marker {
 }
 
 impl Theme {
-    fn of(self, light: u32, dark: u32) -> Colour {
+    fn pick(self, light: u32, dark: u32) -> Colour {
         Colour::hex(match self {
             Self::Light => light,
             Self::Dark => dark,
@@ -146,30 +138,29 @@ impl Theme {
     }
 
     pub(super) fn background(self) -> Colour {
-        self.of(0xFFFFFF, 0x14181D)
+        self.pick(0xFFFFFF, 0x14181D)
     }
 
     pub(super) fn text(self) -> Colour {
-        self.of(0x1A1A1A, 0xECECEC)
+        self.pick(0x1A1A1A, 0xECECEC)
     }
 
     pub(super) fn muted(self) -> Colour {
-        self.of(0x565B61, 0xAAB2BB)
+        self.pick(0x565B61, 0xAAB2BB)
     }
 
     pub(super) fn grid(self) -> Colour {
-        self.of(0xE4E6E8, 0x2A3037)
+        self.pick(0xE4E6E8, 0x2A3037)
     }
 
     pub(super) fn axis(self) -> Colour {
-        self.of(0x44494F, 0x9AA3AD)
+        self.pick(0x44494F, 0x9AA3AD)
     }
 
-    /// Shade of a strip for a band.
     pub(super) fn strip(self) -> Colour {
         match self {
-            Self::Light => Colour::hex(0x0B5C94).faint(0.13),
-            Self::Dark => Colour::hex(0x3FA0DC).faint(0.22),
+            Self::Light => Colour::hex(0x0B5C94).with_opacity(0.13),
+            Self::Dark => Colour::hex(0x3FA0DC).with_opacity(0.22),
         }
     }
 
@@ -196,42 +187,34 @@ impl Theme {
             Marker::Diamond,
             Marker::Cross,
         ];
-        (
-            self.of(LIGHT[n % 7], DARK[n % 7]),
-            DASHES[n % 7],
-            MARKERS[n % 5],
-        )
+        let colour = self.pick(LIGHT[n % 7], DARK[n % 7]);
+        (colour, DASHES[n % 7], MARKERS[n % 5])
     }
 
-    /// A scale with monotone lightness from 0 to 1 (decreasing on paper); anchors of cividis.
+    /// A scale of monotone lightness from 0 to 1 (decreasing on paper), from points of cividis.
     ///
-    /// It looks alike with and without red-green vision.
+    /// It looks similar with and without red-green vision.
     pub(super) fn scale(self, part: f64) -> Colour {
         const ANCHORS: [u32; 9] = [
             0x00224E, 0x123570, 0x3B496C, 0x575D6D, 0x707173, 0x8A8678, 0xA59C74, 0xC3B369,
             0xFEE838,
         ];
-        let part = if part.is_finite() {
-            part.clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        let place = part * 8.0;
+        let place = 8.0 * finite(part).unwrap_or(0.0).clamp(0.0, 1.0);
         let n = (place as usize).min(7);
-        Colour::hex(ANCHORS[n]).towards(Colour::hex(ANCHORS[n + 1]), place - n as f64)
+        Colour::hex(ANCHORS[n]).mix(Colour::hex(ANCHORS[n + 1]), place - n as f64)
     }
 
-    /// Ink of a density from few to many points, both in clear contrast to the background.
+    /// Colour of a density from few to many points; both ends contrast with the background.
     pub(super) fn ink(self, part: f64) -> Colour {
-        let (few, many) = (self.of(0x8DB4D3, 0x2F6C98), self.of(0x06243D, 0xE8F4FC));
-        few.towards(many, part)
+        let (few, many) = (self.pick(0x8DB4D3, 0x2F6C98), self.pick(0x06243D, 0xE8F4FC));
+        few.mix(many, part)
     }
 }
 
-/// The colours of both themes as CSS properties: `--text`, `--series0`, `--fill0` of the first
+/// Colours of both themes as CSS properties: `--text`, `--series0`, `--fill0` for the first
 /// [`Fill`], ...
 pub fn page_colours() -> String {
-    let of = |theme: Theme| {
+    let css = |theme: Theme| {
         let mut colours = vec![
             ("background".into(), theme.background()),
             ("text".into(), theme.text()),
@@ -242,20 +225,18 @@ pub fn page_colours() -> String {
         ];
         colours.extend((0..7).map(|n| (format!("series{n}"), theme.series(n).0)));
         colours.extend(Fill::ALL.map(|fill| (format!("fill{}", fill as u8), fill.colour(theme))));
-        let lines: String = colours
-            .into_iter()
-            .map(|(name, colour)| {
-                let [red, green, blue] = [colour.red, colour.green, colour.blue];
-                format!(" --{name}: rgba({red},{green},{blue},{});", colour.opacity)
-            })
-            .collect();
+        let line = |(name, colour): (String, Colour)| {
+            let [red, green, blue] = [colour.red, colour.green, colour.blue];
+            format!(" --{name}: rgba({red},{green},{blue},{});", colour.opacity)
+        };
+        let lines: String = colours.into_iter().map(line).collect();
         let scheme = match theme {
             Theme::Light => "light",
             Theme::Dark => "dark",
         };
         format!("{{{lines} color-scheme: {scheme}; }}\n")
     };
-    let (light, dark) = (of(Theme::Light), of(Theme::Dark));
+    let (light, dark) = (css(Theme::Light), css(Theme::Dark));
     format!(
         ":root {light}@media (prefers-color-scheme: dark) {{ :root:not([data-theme=light]) {dark}}}\n:root[data-theme=dark] {dark}"
     )
@@ -273,23 +254,20 @@ mod tests {
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]));
     }
 
-    /// On a grey print (luma of ITU-R BT.601) they differ by a twelfth of the range from black to
-    /// white.
+    /// In grey (luma of ITU-R BT.601) regimes differ by a twelfth of the range from black to white.
     #[test]
     fn regimes_differ_on_a_grey_print() {
         let luma = |fill: Fill| {
-            let Colour {
-                red, green, blue, ..
-            } = fill.colour(Theme::Light);
-            0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue)
+            let colour = fill.colour(Theme::Light);
+            let [red, green, blue] = [colour.red, colour.green, colour.blue].map(f64::from);
+            0.299 * red + 0.587 * green + 0.114 * blue
         };
         let lumas = Fill::ALL.into_iter().filter(|fill| *fill != Fill::Fault);
         let mut lumas: Vec<f64> = lumas.map(luma).collect();
         lumas.sort_by(f64::total_cmp);
+        let mut pairs = lumas.windows(2);
         assert!(
-            lumas
-                .windows(2)
-                .all(|pair| pair[1] - pair[0] > 255.0 / 12.0),
+            pairs.all(|pair| pair[1] - pair[0] > 255.0 / 12.0),
             "{lumas:?}"
         );
     }

@@ -1,18 +1,19 @@
-//! Every column and every field of kband's outputs, with its unit: one name for one quantity in all
+//! Every column and field of kband's outputs, with its unit. One quantity has one name in all
 //! verbs.
 //!
-//! They are the rows of `columns.tsv`. Verbs have only these columns, and JSON documents only these
-//! names; a test checks that. A name contains no unit. The unit is in a CSV's header, in a Parquet's
-//! `units`, and in the `units` of the provenance.
+//! They are the rows of `columns.tsv`. A test checks that verbs have only these columns, and JSON
+//! documents only these names. A name contains no unit. The unit is in a CSV's header, in a
+//! Parquet's `units`, and in the `units` of the provenance.
 
 use serde_json::{Map, Value as Json};
 
 use super::table::Column;
 
-// A constant for each column, named as it is, and the list of all: build/columns.rs makes them.
+// build/columns.rs generates a constant for each column, with the column's name, and the list of
+// all.
 include!(concat!(env!("OUT_DIR"), "/columns.rs"));
 
-/// The units of a document's fields, by name.
+/// Units of a document's fields, by name.
 pub(super) fn units_of(document: &Json) -> Map<String, Json> {
     let mut units = Map::new();
     collect(document, &mut units);
@@ -40,7 +41,7 @@ fn collect(document: &Json, units: &mut Map<String, Json>) {
 
 /// Name, unit and meaning of a column or a field.
 pub fn entry(name: &str) -> Option<&'static (&'static str, &'static str, &'static str)> {
-    ENTRIES.iter().find(|(known, ..)| *known == name)
+    ENTRIES.iter().find(|(key, ..)| *key == name)
 }
 
 #[cfg(test)]
@@ -50,10 +51,8 @@ mod tests {
     #[test]
     fn a_quantity_has_one_name_and_the_name_no_unit() {
         for (n, (name, _, meaning)) in ENTRIES.iter().enumerate() {
-            assert!(
-                ENTRIES[..n].iter().all(|(other, ..)| other != name),
-                "{name} is there twice"
-            );
+            let mut others = ENTRIES[..n].iter().map(|(other, ..)| other);
+            assert!(others.all(|other| other != name), "{name} is there twice");
             let letters = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
             assert!(name.chars().all(letters), "{name}");
             assert!(meaning.ends_with('.'), "{name}");
@@ -66,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_document_is_given_the_units_of_what_it_has() {
+    fn a_document_lists_the_units_of_its_quantities() {
         let document = serde_json::json!({"rows": [{"b": 0.2, "k": 0.4, "kick": {"hold": 3}}]});
         let units = serde_json::json!({"b": "mm", "hold": "cycles"});
         assert_eq!(Json::Object(units_of(&document)), units);

@@ -1,59 +1,59 @@
-//! Rows as a JSON document that goes out as they come.
+//! Rows as a JSON document, written one by one.
 
 use std::io::Write;
 
 use serde_json::{Value as Json, to_string_pretty};
 
 use super::columns::units_of;
-use super::table::unwritten;
+use super::table::write_refusal;
 use super::{Column, Rows, Value};
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// Rows that go out as JSON, with the bytes of a [`Table`](super::Table) of them: an object with
-/// the provenance and the array `rows`.
+/// Writer of rows as JSON: an object with the provenance and the array `rows`. The bytes are equal
+/// to those of a [`Table`](super::Table) of the rows.
 pub struct JsonRows<'a> {
     out: &'a mut dyn Write,
     names: Vec<String>,
-    begun: bool,
+    started: bool,
 }
 
-/// The end of a document without rows.
+/// End of a document without rows.
 const NO_ROWS: &str = "[]\n}";
 
 impl<'a> JsonRows<'a> {
     /// Writes the document up to the first row.
     pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
-        let sample = columns.iter().map(|column| (column.name(), Json::Null));
+        let sample = columns.iter().map(|column| (column.name, Json::Null));
         let units = units_of(&sample.collect());
-        let document = to_string_pretty(&provenance::with(Json::Array(Vec::new()), units));
-        let document = document.map_err(|error| unwritten(&error.into()))?;
+        let document = to_string_pretty(&provenance::add(Json::Array(Vec::new()), units));
+        let document = document.map_err(|error| write_refusal(&error.into()))?;
         let head = document.strip_suffix(NO_ROWS).unwrap_or(&document);
-        write!(out, "{head}[").map_err(|error| unwritten(&error))?;
-        let names = columns.iter().map(|column| column.name().into());
+        write!(out, "{head}[").map_err(|error| write_refusal(&error))?;
+        let names = columns.iter().map(|column| column.name.into());
         Ok(Self {
             out,
             names: names.collect(),
-            begun: false,
+            started: false,
         })
     }
 
     /// Writes the end of the document.
     pub fn end(self) -> Result<(), Refusal> {
-        let indent = if self.begun { "\n  " } else { "" };
-        writeln!(self.out, "{indent}]\n}}").map_err(|error| unwritten(&error))
+        let indent = if self.started { "\n  " } else { "" };
+        writeln!(self.out, "{indent}]\n}}").map_err(|error| write_refusal(&error))
     }
 }
 
 impl Rows for JsonRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
-        let mut text = String::from(if self.begun { ",\n    {" } else { "\n    {" });
+        let mut text = String::from(if self.started { ",\n    {" } else { "\n    {" });
         for (n, (name, value)) in self.names.iter().zip(row).enumerate() {
             let comma = if n == 0 { "" } else { "," };
             text += &format!("{comma}\n      \"{name}\": {}", value.json());
         }
-        self.begun = true;
-        write!(self.out, "{text}\n    }}").map_err(|error| unwritten(&error))
+        self.started = true;
+        write!(self.out, "{text}\n    }}").map_err(|error| write_refusal(&error))
     }
 }
 
@@ -75,10 +75,8 @@ mod tests {
             let mut whole = Vec::new();
             let printout = Printout::new(table.clone());
             printout.write(Format::Json, &mut whole).unwrap();
-            assert_eq!(
-                String::from_utf8(streamed).unwrap(),
-                String::from_utf8(whole).unwrap()
-            );
+            let [streamed, whole] = [streamed, whole].map(|text| String::from_utf8(text).unwrap());
+            assert_eq!(streamed, whole);
         }
     }
 

@@ -15,17 +15,17 @@ use super::{Column, Rows, Value};
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// Rows of a group: few enough for the memory, many enough for fast reading.
+/// Rows of a group: few enough for the memory, enough for fast reading.
 const ROWS_PER_GROUP: usize = 65_536;
 
-/// Values of a column in an unfinished group, and which rows have one.
+/// Values of a column in an unfinished group, and the rows that have one.
 enum Waiting {
     Numbers(Vec<f64>, Vec<i16>),
     Words(Vec<ByteArray>, Vec<i16>),
 }
 
-/// Writer of rows as Parquet. Missing values are null. The file's metadata has the JSON objects
-/// `units` (of the columns that have one) and `provenance`.
+/// Writer of rows as Parquet. Missing values are null. The file's metadata has two JSON objects:
+/// `units` (of columns with a unit) and `provenance`.
 pub(super) struct ParquetRows<'a> {
     writer: SerializedFileWriter<&'a mut (dyn Write + Send)>,
     waiting: Vec<Waiting>,
@@ -33,16 +33,15 @@ pub(super) struct ParquetRows<'a> {
 }
 
 impl<'a> ParquetRows<'a> {
-    /// Begins the file of these columns.
     pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self, Refusal> {
         let field = |column: &Column| {
-            let physical = if column.is_words() {
+            let physical = if column.text {
                 Physical::BYTE_ARRAY
             } else {
                 Physical::DOUBLE
             };
-            let logical = column.is_words().then_some(LogicalType::String);
-            Type::primitive_type_builder(column.name(), physical)
+            let logical = column.text.then_some(LogicalType::String);
+            Type::primitive_type_builder(column.name, physical)
                 .with_logical_type(logical)
                 .with_repetition(Repetition::OPTIONAL)
                 .build()
@@ -55,20 +54,20 @@ impl<'a> ParquetRows<'a> {
                     .with_fields(fields)
                     .build()
             })
-            .map_err(unwritten)?;
+            .map_err(write_refusal)?;
         let units = super::units(columns);
-        let told = provenance::object(units.clone()).to_string();
+        let provenance_json = provenance::object(units.clone()).to_string();
         let units = serde_json::Value::Object(units).to_string();
         let properties = WriterProperties::builder()
             .set_created_by(concat!("kband version ", env!("CARGO_PKG_VERSION")).into())
             .set_key_value_metadata(Some(vec![
                 KeyValue::new("units".into(), units),
-                KeyValue::new("provenance".into(), told),
+                KeyValue::new("provenance".into(), provenance_json),
             ]))
             .build();
         let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
         Ok(Self {
-            writer: writer.map_err(unwritten)?,
+            writer: writer.map_err(write_refusal)?,
             waiting: columns.iter().map(empty).collect(),
             rows: 0,
         })
@@ -85,17 +84,17 @@ impl<'a> ParquetRows<'a> {
                 break;
             };
             match waiting {
-                Waiting::Numbers(values, there) => {
+                Waiting::Numbers(values, levels) => {
                     let typed = column.typed::<DoubleType>();
-                    typed.write_batch(values, Some(there), None)?;
+                    typed.write_batch(values, Some(levels), None)?;
                     values.clear();
-                    there.clear();
+                    levels.clear();
                 }
-                Waiting::Words(values, there) => {
+                Waiting::Words(values, levels) => {
                     let typed = column.typed::<ByteArrayType>();
-                    typed.write_batch(values, Some(there), None)?;
+                    typed.write_batch(values, Some(levels), None)?;
                     values.clear();
-                    there.clear();
+                    levels.clear();
                 }
             }
             column.close()?;
@@ -104,30 +103,29 @@ impl<'a> ParquetRows<'a> {
         Ok(())
     }
 
-    /// Ends the file.
     pub fn end(mut self) -> Result<(), Refusal> {
-        self.write_group().map_err(unwritten)?;
-        self.writer.close().map(|_| ()).map_err(unwritten)
+        self.write_group().map_err(write_refusal)?;
+        self.writer.close().map(|_| ()).map_err(write_refusal)
     }
 }
 
 fn empty(column: &Column) -> Waiting {
-    if column.is_words() {
+    if column.text {
         Waiting::Words(Vec::new(), Vec::new())
     } else {
         Waiting::Numbers(Vec::new(), Vec::new())
     }
 }
 
-fn unwritten(error: ParquetError) -> Refusal {
-    super::table::unwritten(&std::io::Error::other(error))
+fn write_refusal(error: ParquetError) -> Refusal {
+    super::table::write_refusal(&std::io::Error::other(error))
 }
 
 impl Rows for ParquetRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
         for (waiting, value) in self.waiting.iter_mut().zip(row) {
-            let there = match waiting {
-                Waiting::Numbers(values, there) => {
+            let levels = match waiting {
+                Waiting::Numbers(values, levels) => {
                     let before = values.len();
                     match value {
                         Value::Number(number) | Value::Short(number) => {
@@ -137,21 +135,21 @@ impl Rows for ParquetRows<'_> {
                         Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
                         Value::Text(_) | Value::Missing => {}
                     }
-                    there.push((values.len() - before) as i16);
+                    levels.push((values.len() - before) as i16);
                     continue;
                 }
-                Waiting::Words(values, there) => {
+                Waiting::Words(values, levels) => {
                     if !matches!(value, Value::Missing) {
                         values.push(value.read(17).into_bytes().into());
                     }
-                    there
+                    levels
                 }
             };
-            there.push(i16::from(!matches!(value, Value::Missing)));
+            levels.push(i16::from(!matches!(value, Value::Missing)));
         }
         self.rows += 1;
         if self.rows == ROWS_PER_GROUP {
-            self.write_group().map_err(unwritten)?;
+            self.write_group().map_err(write_refusal)?;
         }
         Ok(())
     }
@@ -174,10 +172,10 @@ mod tests {
         let columns = [
             Column::new("time", "s"),
             Column::new("k", ""),
-            Column::new("state", "").words(),
+            Column::new("state", "").text(),
         ];
         let mut rows = ParquetRows::begin(&mut file, &columns).unwrap();
-        // More than a group.
+        // More rows than a group.
         let count = ROWS_PER_GROUP as u32 + 10;
         for n in 0..count {
             let k = if n % 3 == 0 {
@@ -195,8 +193,9 @@ mod tests {
         let pairs = metadata.key_value_metadata().unwrap();
         let units = pairs.iter().find(|pair| pair.key == "units").unwrap();
         assert_eq!(units.value.as_deref(), Some(r#"{"time":"s"}"#));
-        let told = pairs.iter().find(|pair| pair.key == "provenance").unwrap();
-        assert!(told.value.as_ref().unwrap().contains("\"commit\":"));
+        let provenance_json = pairs.iter().find(|pair| pair.key == "provenance").unwrap();
+        let provenance_json = provenance_json.value.as_ref().unwrap();
+        assert!(provenance_json.contains("\"commit\":"));
         let last = reader.get_row_iter(None).unwrap().last().unwrap().unwrap();
         assert_eq!(last.get_double(0).unwrap(), f64::from(count - 1) * 0.02);
         assert_eq!(last.get_double(1).is_ok(), !(count - 1).is_multiple_of(3));

@@ -1,10 +1,10 @@
-//! Rows that go straight into a file, CSV, JSON or Parquet by its ending.
+//! Rows written directly into a file, as CSV, JSON or Parquet by its ending.
 
 use super::{Column, CsvRows, JsonRows, Rows, Value};
 use crate::file::Destination;
 use crate::refusal::Refusal;
 
-/// Refuses the file of an option whose ending names no form of rows that this build writes.
+/// Refuses the file of an option whose ending is no row format of this build.
 pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
     match target.ending().as_str() {
         "csv" => Ok(()),
@@ -24,18 +24,17 @@ pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
     }
 }
 
-/// Bytes of a row in a file of this ending, about.
+/// Approximate bytes of a row in a file with this ending.
 pub fn row_bytes(ending: &str, columns: &[Column], row: &[Value]) -> u64 {
     let bytes = |(column, value): (&Column, &Value)| match ending {
         "parquet" => 8,
-        "json" => column.name().len() + value.json().to_string().len() + 11,
+        "json" => column.name.len() + value.json().to_string().len() + 11,
         _ => value.csv().len() + 1,
     };
     columns.iter().zip(row).map(bytes).sum::<usize>() as u64
 }
 
-/// Does `work` with rows of these columns that go into `target`, or with none where there is no
-/// target.
+/// Calls `work` with the writer of rows for `target`, or with `None` without a target.
 pub fn write<T>(
     target: Option<&Destination>,
     columns: &[Column],

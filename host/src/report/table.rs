@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::io::Write;
 
-use serde_json::{Map, Value as Json};
+use serde_json::Value as Json;
 
 use super::value::Value;
 use crate::provenance;
@@ -12,32 +12,27 @@ use crate::refusal::Refusal;
 /// A column of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Column {
-    name: &'static str,
-    unit: &'static str,
+    /// Also the key in JSON.
+    pub name: &'static str,
+    pub unit: &'static str,
     digits: usize,
-    words: bool,
+    pub text: bool,
     plain: bool,
-    /// Heading in the table for readers, if it differs from the name.
+    /// Heading of the column in text, if it differs from the name.
     title: Option<&'static str>,
 }
 
 impl Column {
-    /// A column; `name` is also its JSON key, `unit` may be empty. Verbs take theirs from
-    /// [`columns`](super::columns).
-    pub(super) const fn new(name: &'static str, unit: &'static str) -> Self {
+    /// A column. Verbs use those in [`columns`](super::columns), and keys of scenes or settings.
+    pub const fn new(name: &'static str, unit: &'static str) -> Self {
         Self {
             name,
             unit,
             digits: 6,
-            words: false,
+            text: false,
             plain: false,
             title: None,
         }
-    }
-
-    /// The column of a key of scenes or settings, under its own name.
-    pub const fn of_key(key: &'static str, unit: &'static str) -> Self {
-        Self::new(key, unit)
     }
 
     /// The column in a unit that depends on the request.
@@ -45,7 +40,7 @@ impl Column {
         Self { unit, ..self }
     }
 
-    /// The column with another heading in the table for readers, under the same name.
+    /// The column with another heading in text.
     pub const fn titled(self, title: &'static str) -> Self {
         Self {
             title: Some(title),
@@ -53,12 +48,12 @@ impl Column {
         }
     }
 
-    /// The column with this many significant digits in the table for readers (else 6).
+    /// The column with this many significant digits in text (default 6).
     pub const fn digits(self, digits: usize) -> Self {
         Self { digits, ..self }
     }
 
-    /// The column with its name alone as CSV header, for fixed formats that kband also reads.
+    /// The column with only its name as CSV header, for fixed formats that kband also reads.
     pub const fn plain(self) -> Self {
         Self {
             plain: true,
@@ -66,30 +61,12 @@ impl Column {
         }
     }
 
-    /// The column for text, for formats with typed columns.
-    pub const fn words(self) -> Self {
-        Self {
-            words: true,
-            ..self
-        }
+    /// The column as text, for formats with typed columns.
+    pub const fn text(self) -> Self {
+        Self { text: true, ..self }
     }
 
-    /// Whether it contains text.
-    pub fn is_words(&self) -> bool {
-        self.words
-    }
-
-    /// Its name.
-    pub fn name(&self) -> &'static str {
-        self.name
-    }
-
-    /// Its unit; empty for a pure number or text.
-    pub fn unit(&self) -> &'static str {
-        self.unit
-    }
-
-    pub(crate) fn shown(&self, value: &Value) -> String {
+    pub(crate) fn format(&self, value: &Value) -> String {
         value.read(self.digits)
     }
 
@@ -114,19 +91,17 @@ impl Column {
     }
 }
 
-/// Rows under columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
-    columns: Vec<Column>,
+    pub columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
-    /// Whether columns that do not fit on a screen continue below.
+    /// Whether columns beyond the width of the screen continue below.
     folded: bool,
 }
 
 const SCREEN_COLUMNS: usize = 80;
 
 impl Table {
-    /// An empty table with these columns.
     pub fn new(columns: &[Column]) -> Self {
         Self {
             columns: columns.to_vec(),
@@ -134,7 +109,7 @@ impl Table {
         }
     }
 
-    /// The table whose text has the columns that do not fit on a screen below the others.
+    /// The table with columns beyond the width of the screen below the others.
     pub fn folded(mut self) -> Self {
         self.folded = true;
         self
@@ -151,14 +126,8 @@ impl Table {
         self.rows.push(row);
     }
 
-    /// Number of rows.
     pub fn len(&self) -> usize {
         self.rows.len()
-    }
-
-    /// Whether there are no rows.
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
     }
 
     /// As aligned columns: text to the left, numbers to the right.
@@ -173,16 +142,12 @@ impl Table {
             let cell = |(value, column): (&Value, &Column)| value.read(column.digits);
             cells.push(row.iter().zip(&self.columns).map(cell).collect());
         }
-        let widths: Vec<usize> = (0..self.columns.len())
-            .map(|n| {
-                cells
-                    .iter()
-                    .map(|row| row[n].chars().count())
-                    .max()
-                    .unwrap_or(0)
-            })
-            .collect();
-        let words: Vec<bool> = (0..self.columns.len())
+        let width = |n: usize| {
+            let widths = cells.iter().map(|row| row[n].chars().count());
+            widths.max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        let is_text: Vec<bool> = (0..self.columns.len())
             .map(|n| self.rows.iter().any(|row| matches!(row[n], Value::Text(_))))
             .collect();
         let mut blocks: Vec<Vec<usize>> = Vec::new();
@@ -208,7 +173,7 @@ impl Table {
                     let gap = if n == 0 { "" } else { "  " };
                     let (cell, width) = (&row[n], widths[n]);
                     // Writing to a String cannot fail.
-                    let _ = if words[n] {
+                    let _ = if is_text[n] {
                         write!(line, "{gap}{cell:<width$}")
                     } else {
                         write!(line, "{gap}{cell:>width$}")
@@ -221,11 +186,6 @@ impl Table {
         text
     }
 
-    /// Its columns.
-    pub fn columns(&self) -> &[Column] {
-        &self.columns
-    }
-
     /// Passes its rows to `rows`, one by one.
     pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
         self.rows.iter().try_for_each(|row| rows.row(row))
@@ -233,23 +193,15 @@ impl Table {
 
     /// As a JSON array of objects whose keys are the column names.
     pub fn to_json(&self) -> Json {
-        let object = |row: &Vec<Value>| {
-            let pair = |(column, value): (&Column, &Value)| (column.name.to_string(), value.json());
-            Json::Object(
-                self.columns
-                    .iter()
-                    .zip(row)
-                    .map(pair)
-                    .collect::<Map<_, _>>(),
-            )
-        };
+        let pair = |(column, value): (&Column, &Value)| (column.name.to_string(), value.json());
+        let object =
+            |row: &Vec<Value>| Json::Object(self.columns.iter().zip(row).map(pair).collect());
         Json::Array(self.rows.iter().map(object).collect())
     }
 }
 
-/// Receiver of rows one by one, for more of them than a table should hold.
+/// Receiver of rows one by one, for results too large for a table.
 pub trait Rows {
-    /// Takes a row of as many values as there are columns.
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
 }
 
@@ -259,12 +211,11 @@ pub struct CsvRows<'a> {
 }
 
 impl<'a> CsvRows<'a> {
-    /// Writes the header of these columns.
     pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
         let names: Vec<String> = columns.iter().map(Column::header).collect();
         provenance::write_comments(super::units(columns), out)
             .and_then(|()| writeln!(out, "{}", names.join(",")))
-            .map_err(|error| unwritten(&error))?;
+            .map_err(|error| write_refusal(&error))?;
         Ok(Self { out })
     }
 }
@@ -272,11 +223,11 @@ impl<'a> CsvRows<'a> {
 impl Rows for CsvRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
         let cells: Vec<String> = row.iter().map(Value::csv).collect();
-        writeln!(self.out, "{}", cells.join(",")).map_err(|error| unwritten(&error))
+        writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
     }
 }
 
-/// Counter of rows, which writes none.
+/// Counter of rows, without output.
 #[derive(Default)]
 pub(super) struct CountedRows {
     rows: u64,
@@ -284,7 +235,7 @@ pub(super) struct CountedRows {
     bytes: u64,
 }
 
-/// Number of rows whose bytes are counted; their mean is assumed for the others.
+/// Number of rows whose bytes are counted; the others are assumed to have their mean.
 const MEASURED_ROWS: u64 = 1000;
 
 impl CountedRows {
@@ -305,7 +256,7 @@ impl Rows for CountedRows {
     }
 }
 
-pub(crate) fn unwritten(error: &std::io::Error) -> Refusal {
+pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
     Refusal::new(
         format!("the rows cannot be written: {error}"),
         "check space and permissions of the folder",
@@ -341,12 +292,12 @@ mod tests {
     #[test]
     fn csv_has_units_in_the_header_and_quotes_commas() {
         let (table, mut csv) = (table(), Vec::new());
-        let mut rows = CsvRows::begin(&mut csv, table.columns()).unwrap();
+        let mut rows = CsvRows::begin(&mut csv, &table.columns).unwrap();
         table.write_rows(&mut rows).unwrap();
         let csv = String::from_utf8(csv).unwrap();
         let (comments, rows): (Vec<&str>, Vec<&str>) =
             csv.lines().partition(|line| line.starts_with('#'));
-        assert!(comments[0].starts_with(provenance::FIRST) && csv.starts_with('#'));
+        assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
         assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
         assert_eq!(
             rows.join("\n") + "\n",
@@ -360,21 +311,12 @@ mod tests {
         let name = "a column of some thirty letters";
         let mut wide = Table::new(&[Column::new("k", "")]);
         wide.columns.extend([Column::new(name, ""); 5]);
-        wide.push([
-            0.1.into(),
-            1.0.into(),
-            2.0.into(),
-            3.0.into(),
-            4.0.into(),
-            5.0.into(),
-        ]);
+        wide.push([0.1, 1.0, 2.0, 3.0, 4.0, 5.0].map(Value::from));
         assert_eq!(wide.to_text().lines().count(), 2);
         let text = wide.folded().to_text();
         assert_eq!(text.lines().count(), 3 * 2 + 2);
-        assert!(
-            text.lines().all(|line| line.len() <= SCREEN_COLUMNS),
-            "{text}"
-        );
+        let mut lengths = text.lines().map(str::len);
+        assert!(lengths.all(|length| length <= SCREEN_COLUMNS), "{text}");
         let begins = text.lines().filter(|line| line.starts_with("0.1"));
         assert_eq!(begins.count(), 3);
     }

@@ -2,20 +2,14 @@
 
 use serde_json::Value as Json;
 
-/// One value of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A measured or computed number.
     Number(f64),
     /// A number of single precision, as the double with the same shortest digits.
     Short(f64),
-    /// A count.
     Count(u64),
-    /// Words.
     Text(Box<str>),
-    /// Yes or no.
     Flag(bool),
-    /// No value.
     Missing,
 }
 
@@ -25,7 +19,7 @@ impl From<f64> for Value {
     }
 }
 
-/// Keeps the shortest digits of the single, not those of its nearest double.
+/// Keeps the shortest digits of the f32, not those of its nearest f64.
 impl From<f32> for Value {
     fn from(value: f32) -> Self {
         Self::Short(shortest(value))
@@ -110,13 +104,29 @@ impl Value {
     }
 }
 
-/// What `words` gives where `condition` holds, else nothing.
-pub fn when<T: Default>(condition: bool, words: impl FnOnce() -> T) -> T {
-    if condition { words() } else { T::default() }
+/// Result of `make` if `condition` holds, else the default.
+pub fn when<T: Default>(condition: bool, make: impl FnOnce() -> T) -> T {
+    if condition { make() } else { T::default() }
 }
 
-/// `value` in this many significant digits, as C's `%g`: trailing zeros dropped, an exponent only
-/// below 1e-5 or where the digits do not reach the point. 17 digits read back to the same f64.
+pub fn finite<T: Copy + Into<f64>>(value: T) -> Option<T> {
+    value.into().is_finite().then_some(value)
+}
+
+/// Different items in the order of their first occurrence, with their counts.
+pub fn counted<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<(T, usize)> {
+    let mut counts: Vec<(T, usize)> = Vec::new();
+    for item in items {
+        match counts.iter_mut().find(|(entry, _)| *entry == item) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((item, 1)),
+        }
+    }
+    counts
+}
+
+/// `value` with this many significant digits, as C's `%g`. Trailing zeros are dropped. An exponent
+/// is used below 1e-5 and for integers longer than the digits. 17 digits give back the same f64.
 pub fn number(value: impl Into<f64>, digits: usize) -> String {
     let value = value.into();
     if value == 0.0 || !value.is_finite() {
@@ -136,14 +146,21 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
     if exponent < -5 || exponent >= digits as i32 {
         format!("{}e{exponent}", trim(mantissa))
     } else {
-        trim(&format!(
-            "{value:.*}",
-            (digits as i32 - 1 - exponent) as usize
-        ))
+        let decimals = (digits as i32 - 1 - exponent) as usize;
+        trim(&format!("{value:.decimals$}"))
     }
 }
 
-/// The double that reads as the single does: 0.18, not 0.18000000715.
+/// `low..high` with this many significant digits, or one number if both are equal.
+pub fn span(low: f64, high: f64, digits: usize) -> String {
+    if low == high {
+        number(low, digits)
+    } else {
+        format!("{}..{}", number(low, digits), number(high, digits))
+    }
+}
+
+/// The f64 with the same shortest digits as the f32: 0.18, not 0.18000000715.
 pub fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
 }
@@ -164,10 +181,8 @@ mod tests {
             f64::MAX,
             1e16,
         ] {
-            assert_eq!(
-                number(value, 17).parse::<f64>().unwrap().to_bits(),
-                f64::to_bits(value)
-            );
+            let read: f64 = number(value, 17).parse().unwrap();
+            assert_eq!(read.to_bits(), f64::to_bits(value));
         }
         assert_eq!(number(0.1, 17), "0.10000000000000001");
         assert_eq!(number(1234567.0, 3), "1.23e6");

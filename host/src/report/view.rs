@@ -1,6 +1,6 @@
-//! Description of a result by its fields, from which table, CSV and JSON are made.
+//! Description of a result by its fields, for table, CSV and JSON.
 //!
-//! A field has a column, a function from the result to its value, and the forms that show it.
+//! A field has a column, a function from the result to its value, and the formats that contain it.
 
 use serde_json::Value as Json;
 
@@ -8,14 +8,14 @@ use super::Printout;
 use super::table::{Column, Table};
 use super::value::Value;
 
-/// Forms of a result, one bit each: the table for readers, CSV, JSON.
+/// Formats of a result, one bit each: text table, CSV, JSON.
 const READ: u8 = 1;
 const CSV: u8 = 2;
 const JSON: u8 = 4;
 
 /// A field of a result `R`: its column, and the function from the result to its value.
 pub struct Field<'a, R> {
-    /// Bits of the forms that show it.
+    /// Bits of the formats that contain the field.
     forms: u8,
     column: Column,
     value: Box<dyn Fn(&R) -> Value + 'a>,
@@ -30,60 +30,57 @@ impl<'a, R> Field<'a, R> {
         }
     }
 
-    /// A field of every form.
+    /// A field of every format.
     pub fn all<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ | CSV | JSON, column, value)
     }
 
-    /// A field of the table for readers alone.
+    /// A field of the text table only.
     pub fn read<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ, column, value)
     }
 
-    /// A field of the table for readers and of CSV.
+    /// A field of the text table and of CSV.
     pub fn table<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ | CSV, column, value)
     }
 
-    /// A field of CSV and JSON alone.
+    /// A field of CSV and JSON only.
     pub fn data<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(CSV | JSON, column, value)
     }
 
-    /// A field of JSON alone.
+    /// A field of JSON only.
     pub fn json<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(JSON, column, value)
     }
 }
 
-/// The fields of a result `R`.
+/// Fields of a result `R`.
 pub struct View<'a, R> {
     fields: Vec<Field<'a, R>>,
 }
 
 impl<'a, R> View<'a, R> {
     /// A view of these fields; [`fields!`](crate::report::fields) lists them one a line.
-    pub fn of(fields: Vec<Field<'a, R>>) -> Self {
+    pub fn from_fields(fields: Vec<Field<'a, R>>) -> Self {
         Self { fields }
     }
 
-    /// The view with the fields of another after its own.
+    /// The view with the fields of another one added.
     pub fn and(mut self, other: Self) -> Self {
         self.fields.extend(other.fields);
         self
     }
 
-    /// The view without a column.
     pub fn without(mut self, column: Column) -> Self {
-        self.fields
-            .retain(|field| field.column.name() != column.name());
+        self.fields.retain(|field| field.column.name != column.name);
         self
     }
 
     fn of_form(&self, form: u8) -> impl Iterator<Item = &Field<'a, R>> {
-        self.fields
-            .iter()
-            .filter(move |field| field.forms & form != 0)
+        let fields = self.fields.iter();
+        fields.filter(move |field| field.forms & form != 0)
     }
 
     fn table(&self, form: u8, rows: &[R]) -> Table {
@@ -95,7 +92,7 @@ impl<'a, R> View<'a, R> {
         table
     }
 
-    /// The rows in every form; JSON is an array of objects.
+    /// The rows in every format; JSON is an array of objects.
     pub fn printout(&self, rows: &[R]) -> Printout {
         Printout {
             json: Some(rows.iter().map(|row| self.object(row)).collect()),
@@ -103,24 +100,21 @@ impl<'a, R> View<'a, R> {
         }
     }
 
-    /// The rows as the table of CSV.
     pub fn table_of(&self, rows: &[R]) -> Table {
         self.table(CSV, rows)
     }
 
-    /// A row in JSON.
     pub fn object(&self, row: &R) -> Json {
         let fields = self.of_form(JSON);
-        let pair = |field: &Field<R>| (field.column.name().into(), (field.value)(row).json());
+        let pair = |field: &Field<R>| (field.column.name.into(), (field.value)(row).json());
         Json::Object(fields.map(pair).collect())
     }
 
-    /// The columns of CSV.
     pub fn columns(&self) -> Vec<Column> {
         self.of_form(CSV).map(|field| field.column).collect()
     }
 
-    /// A row's values under these columns, for rows that are written one by one.
+    /// Values of a row under these columns, for rows that are written one by one.
     pub fn row(&self, row: &R) -> Vec<Value> {
         self.of_form(CSV).map(|field| (field.value)(row)).collect()
     }
@@ -128,17 +122,17 @@ impl<'a, R> View<'a, R> {
 
 /// Defines a function that returns the [`View`] of a result.
 ///
-/// Each line has the forms (`all`, `read`, `table`, `data` or `json`), the column by its name in
+/// Each line has the formats (`all`, `read`, `table`, `data` or `json`), the column by its name in
 /// [`columns`](crate::report::columns), and the value of a row.
 macro_rules! fields {
-    ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $of:ty $(, $more:ident: $kind:ty)*) {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $row_type:ty $(, $more:ident: $kind:ty)*) {
         $($form:ident $column:expr => $value:expr;)*
     }) => {
         $(#[$doc])*
-        $vis fn $name<'a>($($more: &'a $kind),*) -> $crate::report::View<'a, $of> {
+        $vis fn $name<'a>($($more: &'a $kind),*) -> $crate::report::View<'a, $row_type> {
             use $crate::report::columns::*;
-            $crate::report::View::of(vec![
-                $($crate::report::Field::$form($column, move |$row: &$of| $value)),*
+            $crate::report::View::from_fields(vec![
+                $($crate::report::Field::$form($column, move |$row: &$row_type| $value)),*
             ])
         }
     };
@@ -165,29 +159,19 @@ mod tests {
 
     #[test]
     fn each_form_has_its_fields_of_the_same_rows() {
-        let rows = [
-            At { k: 0.4375, b: None },
-            At {
-                k: 0.5,
-                b: Some(0.25),
-            },
-        ];
+        let rows = [(0.4375, None), (0.5, Some(0.25))].map(|(k, b)| At { k, b });
         let view = at(&1.0);
         let printed = |format| {
             let mut bytes = Vec::new();
             view.printout(&rows).write(format, &mut bytes).unwrap();
             crate::provenance::stripped(&String::from_utf8(bytes).unwrap())
         };
-        assert_eq!(
-            printed(Format::Table),
-            "   k  b (mm)\n0.44  none\n 0.5  0.25\n"
-        );
+        let table = "   k  b (mm)\n0.44  none\n 0.5  0.25\n";
+        assert_eq!(printed(Format::Table), table);
         assert_eq!(printed(Format::Csv), "k,b (mm)\n0.4375,\n0.5,0.25\n");
         let json: Json = serde_json::from_str(&printed(Format::Json)).unwrap();
-        assert_eq!(
-            json,
-            serde_json::json!([{"k": 0.4375, "b": null}, {"k": 0.5, "b": 0.25}])
-        );
+        let expected = serde_json::json!([{"k": 0.4375, "b": null}, {"k": 0.5, "b": 0.25}]);
+        assert_eq!(json, expected);
         assert_eq!(view.object(&rows[1]), json[1]);
         let bare = at(&2.0).without(columns::B);
         assert_eq!(bare.columns(), [columns::K.digits(2)]);

@@ -1,4 +1,4 @@
-//! Axes of a sweep: keys of a scene, with their values.
+//! Axes of a sweep: keys of a scene, with values.
 
 use toml::{Table, Value};
 
@@ -9,12 +9,11 @@ use crate::refusal::Refusal;
 pub struct Axes {
     /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
     pub key: String,
-    /// Its values.
     pub values: Vec<f64>,
 }
 
 impl Axes {
-    /// Parses `key=a..b:n` or `key=a`; the error is the accepted form.
+    /// Parses `key=a..b:n` or `key=a`; the error states the accepted form.
     pub fn parse(text: &str) -> Result<Self, String> {
         Self::read(text).ok_or_else(|| {
             "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000, such as \
@@ -41,7 +40,7 @@ impl Axes {
                 let step = (high - low) / (count.max(2) - 1) as f64;
                 let value = |n: usize| match n {
                     0 => low,
-                    // The typed value: a rounding beyond it may be out of range.
+                    // The typed value, because a rounded one may be out of range.
                     _ if n + 1 == count => high,
                     _ => low + step * n as f64,
                 };
@@ -56,7 +55,7 @@ impl Axes {
     }
 }
 
-/// Sets a key of a scene's table, creating the tables on its way.
+/// Sets a key of a scene's table, and creates missing tables on its path.
 pub(super) fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
     let unknown = |part: &str| {
         Refusal::value(
@@ -68,48 +67,35 @@ pub(super) fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusa
     };
     let mut parts: Vec<&str> = key.split('.').collect();
     let last = parts.pop().unwrap_or_default();
+    let within = parts.last().copied();
     let mut inner = table;
-    for part in &parts {
-        let next = inner
-            .entry(*part)
-            .or_insert_with(|| Value::Table(Table::new()));
-        inner = match next {
+    let mut parts = parts.into_iter();
+    while let Some(part) = parts.next() {
+        let entry = inner.entry(part);
+        inner = match entry.or_insert_with(|| Value::Table(Table::new())) {
             Value::Table(table) => table,
             Value::Array(list) => {
                 // The next part is the number of a table in the list, from 1.
-                return set_in_list(list, key, part, value, &unknown);
+                let number = parts.next().ok_or_else(|| unknown(last))?;
+                let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+                match index.and_then(|index| list.get_mut(index)) {
+                    Some(Value::Table(table)) => table,
+                    _ => return Err(unknown(number)),
+                }
             }
             _ => return Err(unknown(part)),
         };
     }
-    put(inner, parts.last().copied(), last, value).ok_or_else(|| unknown(last))
-}
-
-fn set_in_list(
-    list: &mut [Value],
-    key: &str,
-    name: &str,
-    value: f64,
-    unknown: &dyn Fn(&str) -> Refusal,
-) -> Result<(), Refusal> {
-    let rest = key
-        .split_once(&format!("{name}."))
-        .map_or("", |(_, rest)| rest);
-    let (number, rest) = rest.split_once('.').ok_or_else(|| unknown(rest))?;
-    let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
-    match index.and_then(|index| list.get_mut(index)) {
-        Some(Value::Table(table)) => set(table, rest, value),
-        _ => Err(unknown(number)),
-    }
+    set_number(inner, within, last, value).ok_or_else(|| unknown(last))
 }
 
 /// Sets a number at a key; `None` if the key is a table.
-fn put(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
+fn set_number(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
     if matches!(table.get(key), Some(Value::Table(_))) {
         return None;
     }
     if within == Some("target") {
-        // A target is one of several keys.
+        // A target has only one of several keys.
         table.clear();
     }
     let whole = matches!(key, "seed" | "locked" | "count") && value.fract() == 0.0;

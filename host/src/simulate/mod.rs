@@ -1,24 +1,26 @@
 //! Scenes at the desk: run with progress, drawn, and varied.
 //!
-//! A file of these uses those before it only: run; read, picture, trace, runs, axes, sweep, schema.
+//! Each of these modules uses only earlier ones: run; read, picture, trace, runs, axes, sweep,
+//! schema.
 
-pub mod axes;
+pub(crate) mod axes;
 mod picture;
 mod read;
 mod run;
-pub mod runs;
-pub mod schema;
-pub mod sweep;
-pub mod trace;
+pub(crate) mod runs;
+pub(crate) mod schema;
+pub(crate) mod sweep;
+pub(crate) mod trace;
 
-/// Amplitude in m up to which a track counts as at rest: it has no k.
-pub const RESTING_AMPLITUDE: f64 = 1e-6;
+/// Largest amplitude in m of a track that counts as at rest, without k.
+pub(crate) const RESTING_AMPLITUDE: f64 = 1e-6;
 
-pub use kband_scene::{
-    DEFAULT, Distribution, Fidelity, Lot, Outcome, SETTLED, SceneFile, Watch, describe, kin,
-    within_reach, words,
+pub use kband_scene::{DEFAULT, Distribution, Fidelity, Outcome, SceneFile, Watch};
+pub(crate) use kband_scene::{
+    Lot, STATISTICS_START, describe, part_group, regime_text, within_reach,
 };
-pub use picture::{STATE_FILLS, draw, state_fill};
+pub(crate) use picture::{STATE_FILLS, draw, state_fill};
 pub(crate) use read::SceneText;
-pub use run::{run, run_on, watched};
+pub(crate) use run::run;
+pub use run::{run_on, run_watched};
 pub use runs::Runs;

@@ -2,15 +2,15 @@
 
 use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
-use kband_scene::{Curve, Outcome, Sketch, Struck, describe, kin};
+use kband_scene::{Curve, Outcome, Sketch, SketchImpact, describe, part_group};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::report::when;
 
-/// Most impacts that are drawn.
+/// Largest number of drawn impacts.
 const MAX_MARKERS: usize = 600;
 
-/// The fills of the controller's states with their names.
+/// Fills of the controller's states, with their names.
 pub const STATE_FILLS: [(Fill, &str); 6] = [
     (Fill::Rest, "off"),
     (Fill::HopAndRest, "starting, stopping, holding"),
@@ -20,7 +20,6 @@ pub const STATE_FILLS: [(Fill, &str); 6] = [
     (Fill::Fault, "fault"),
 ];
 
-/// The fill of a state in pictures.
 pub fn state_fill(state: State) -> Fill {
     match state {
         State::Off => Fill::Rest,
@@ -32,16 +31,12 @@ pub fn state_fill(state: State) -> Fill {
     }
 }
 
-/// Draws b, k with the band, the impact phases and what the controller did, over time.
+/// Draws b, k with the band, the impact phases and the controller's state, over time.
 ///
-/// `None` where the run was not watched for a picture.
+/// `None` if the run has no sketch.
 pub fn draw(outcome: &Outcome) -> Option<Picture> {
-    let sketch = outcome.record().sketch()?;
-    let end = if sketch.time() > 0.0 {
-        sketch.time()
-    } else {
-        1.0
-    };
+    let sketch = outcome.record().sketch.as_ref()?;
+    let end = if sketch.time > 0.0 { sketch.time } else { 1.0 };
     let time = || Axis::new("time", "s", 0.0, end);
     let in_mm = |curve: &Curve| -> Vec<(f64, f64)> {
         let points = curve.drawn().into_iter();
@@ -50,7 +45,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let (b, reference) = (in_mm(&sketch.amplitude), in_mm(&sketch.reference));
     let both = b.iter().chain(&reference).map(|point| point.1);
     let highest = both.fold(0.0, f64::max);
-    let states = sketch.states();
+    let states = &sketch.states;
     let ribbon = states.iter().enumerate().map(|(n, (from, state))| {
         let until = states.get(n + 1).map_or(end, |next| next.0);
         (*from, until, state_fill(*state))
@@ -63,19 +58,19 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let mut last = f64::NEG_INFINITY;
     for happened in outcome.events() {
         let at = happened.time;
-        // Several kicks in a row would write over each other; a fault is never left out.
-        let apart = at - last > 0.035 * end || happened.event == Event::Faulted;
-        if telling(happened.event) && apart {
-            amplitude = amplitude.mark(at, happened.words());
+        // Labels of close events would overlap; a fault always has its label.
+        let is_separate = at - last > 0.035 * end || happened.event == Event::Faulted;
+        if is_labelled(happened.event) && is_separate {
+            amplitude = amplitude.mark(at, happened.name());
             last = at;
         }
     }
     let k_last = outcome.k();
     let band = outcome.band();
-    // A drive that is off has no k: the band then says what is worth seeing.
-    let seen = [Some(k_last), band.map(|band| band.high())];
-    let seen = seen.into_iter().flatten().filter(|k| k.is_finite());
-    let top = seen.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
+    // k is infinite with the drive off; the range then follows from the band.
+    let levels = [Some(k_last), band.map(|band| band.high())];
+    let levels = levels.into_iter().flatten().filter(|k| k.is_finite());
+    let top = levels.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
     let mut k = sketch.k.drawn();
     for point in &mut k {
         if point.1 >= top {
@@ -83,55 +78,42 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         }
     }
     let mut throw = Panel::new(time(), Axis::new("k", "", 0.0, top)).height(190.0);
-    // Band and phase of the lock are those of one tone.
+    // Band and phase of the lock apply to one tone.
     let alone = outcome.last().shape.is_sine();
     let lock = band.filter(|_| alone);
     if let Some([low, high]) = outcome.last().gear_band {
         throw = throw.shelf("gear band", low.into(), high.into());
         if let Some(band) = lock {
-            throw = throw
-                .level(band.low(), "lock without scatter")
-                .level(band.high(), "");
+            throw = throw.level(band.low(), "lock without scatter");
+            throw = throw.level(band.high(), "");
         }
     } else if let Some(band) = lock {
-        throw = throw.shelf(
-            &format!(
-                "band of order {} for the whole lot{}",
-                band.order(),
-                when(outcome.file().scatters(), || ", did it not scatter")
-            ),
-            band.low(),
-            band.high(),
-        );
+        let scatters = when(outcome.file().scatters(), || ", did it not scatter");
+        let name = format!("band of order {} for the whole lot{scatters}", band.order());
+        throw = throw.shelf(&name, band.low(), band.high());
     }
     throw = throw.line("k measured", 0, k);
-    // The short hops of a chatter say nothing that its first ones do not; of the rest, an even
-    // choice.
-    let impacts = sketch.impacts().iter();
-    let fastest = impacts
-        .clone()
-        .map(|impact| impact.speed)
-        .fold(0.0, f64::max);
-    let marked: Vec<&Struck> = impacts
-        .filter(|impact| impact.speed > 0.05 * fastest)
-        .collect();
-    let mut phases = Panel::new(
-        time(),
-        Axis::new("phase at impact", "rad", 0.0, std::f64::consts::TAU).in_pi(),
-    )
-    .height(190.0);
+    // The short hops of chatter are left out; of the other impacts every `stride`-th is drawn.
+    let impacts = sketch.impacts.iter();
+    let speeds = impacts.clone().map(|impact| impact.speed);
+    let fastest = speeds.fold(0.0, f64::max);
+    let marked = impacts.filter(|impact| impact.speed > 0.05 * fastest);
+    let marked: Vec<&SketchImpact> = marked.collect();
+    let phase = Axis::new("phase at impact", "rad", 0.0, std::f64::consts::TAU).in_pi();
+    let mut phases = Panel::new(time(), phase).height(190.0);
     let stride = marked.len().div_ceil(MAX_MARKERS).max(1);
-    for (series, kin) in kin(&outcome.file().scene.parts).into_iter().enumerate() {
-        // An even choice of each part's own: parts that strike in turn are drawn alike.
-        let mut seen = [0_usize; PARTS];
+    let groups = part_group(&outcome.file().scene.parts);
+    for (series, part_group) in groups.into_iter().enumerate() {
+        // Counted part by part, because parts may strike in turn.
+        let mut counts = [0_usize; PARTS];
         let chosen = marked.iter().filter(|impact| {
-            let seen = &mut seen[usize::from(impact.part)];
-            *seen += 1;
-            kin.parts.contains(&impact.part) && (*seen - 1).is_multiple_of(stride)
+            let count = &mut counts[usize::from(impact.part)];
+            *count += 1;
+            part_group.parts.contains(&impact.part) && (*count - 1).is_multiple_of(stride)
         });
         let struck: Vec<(f64, f64)> = chosen.map(|impact| (impact.time, impact.phase)).collect();
         if !struck.is_empty() {
-            phases = phases.markers(&kin.name, series, struck);
+            phases = phases.markers(&part_group.name, series, struck);
         }
     }
     if let Some(expected) = outcome.expected_phase().filter(|_| alone) {
@@ -157,10 +139,8 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         .panel(phases);
     if outcome.file().scatters() {
         let share = Axis::new("share of time in gear", "", 0.0, 1.05);
-        let mut gear =
-            Panel::new(time(), share)
-                .height(140.0)
-                .line("estimated", 0, sketch.in_gear.drawn());
+        let gear = Panel::new(time(), share).height(140.0);
+        let mut gear = gear.line("estimated", 0, sketch.in_gear.drawn());
         if let Some(share) = outcome.in_gear() {
             gear = gear.level(share, "true, mean");
         }
@@ -177,7 +157,7 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     Some(picture)
 }
 
-/// What is on the track, in truth and as the board weighs it.
+/// Mass on the track: simulated, and estimated by the board.
 fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     let mut truth: Vec<(f64, f64)> = Vec::new();
     for (from, mass) in outcome.masses() {
@@ -185,7 +165,7 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
         truth.extend(before);
         truth.push((from, mass));
     }
-    truth.extend(truth.last().map(|last| (sketch.time(), last.1)));
+    truth.extend(truth.last().map(|last| (sketch.time, last.1)));
     let weighed = sketch.mass.drawn();
     let highest = highest(truth.iter().chain(&weighed));
     let mass = Axis::new("mass on the track", "g", 0.0, 1.15 * highest);
@@ -197,13 +177,13 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     }
 }
 
-/// What leaves the track, as the board weighs it.
+/// Flow off the track: simulated, and estimated by the board.
 fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> Panel {
-    let wanted = match outcome.target() {
+    let requested = match outcome.target() {
         Target::Flow(flow) => Some(f64::from(flow)),
         _ => None,
     };
-    let ends = [Some(truth), wanted];
+    let ends = [Some(truth), requested];
     let ends = ends.into_iter().flatten().map(|flow| (0.0, flow));
     let all: Vec<(f64, f64)> = weighed.iter().copied().chain(ends).collect();
     let lowest = all.iter().fold(0.0, |low, point| point.1.min(low));
@@ -212,21 +192,21 @@ fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> 
         .height(140.0)
         .line("weighed", 0, weighed)
         .level(truth, "true, at the end");
-    if let Some(wanted) = wanted.filter(|wanted| (wanted - truth).abs() > 0.1 * truth.abs()) {
-        panel = panel.level(wanted, "target");
+    let is_apart = |requested: &f64| (requested - truth).abs() > 0.1 * truth.abs();
+    if let Some(requested) = requested.filter(is_apart) {
+        panel = panel.level(requested, "target");
     }
     panel
 }
 
-/// The highest value of a curve, at least what an axis can show.
+/// Largest value of a curve; 1 if it is not positive.
 fn highest<'a>(points: impl IntoIterator<Item = &'a (f64, f64)>) -> f64 {
-    let highest = points
-        .into_iter()
-        .fold(0.0, |high, point| f64::max(high, point.1));
+    let values = points.into_iter().map(|point| point.1);
+    let highest = values.fold(0.0, f64::max);
     if highest > 0.0 { highest } else { 1.0 }
 }
 
-fn telling(event: Event) -> bool {
+fn is_labelled(event: Event) -> bool {
     !matches!(
         event,
         Event::KickEnded | Event::KickPlanned | Event::TargetSet | Event::Stopped

@@ -1,4 +1,4 @@
-//! The scene that the user names.
+//! The scene named by the user.
 
 use std::path::Path;
 
@@ -11,14 +11,13 @@ use crate::provenance;
 use crate::refusal::Refusal;
 
 pub(crate) struct SceneText {
-    /// Name of its file.
     pub name: String,
     text: String,
     pub table: Table,
 }
 
 impl SceneText {
-    /// Reads a file; without one it is the default scene.
+    /// Reads a file; without a path, the default scene.
     pub fn read(path: Option<&Path>) -> Result<Self, Refusal> {
         let (name, text) = match path {
             Some(path) => (path.display().to_string(), file::read_text(path)?),
@@ -28,9 +27,9 @@ impl SceneText {
         Ok(Self { name, text, table })
     }
 
-    /// The scene of its table with changes. The provenance of what comes of it names its values.
+    /// The scene of the table with changes. The provenance of its results contains its values.
     pub fn scene(&self, table: &Table) -> Result<SceneFile, Refusal> {
-        provenance::scene(table, |section, key| schema::unit(section, key).into());
+        provenance::scene(table, schema::unit);
         SceneFile::from_table(table.clone())
             .map_err(|refusal| at_line(refusal, &self.text).at(&self.name))
     }

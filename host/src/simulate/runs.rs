@@ -1,4 +1,4 @@
-//! Many runs of one scene with what differs from part to part and drive to drive drawn anew.
+//! Many runs of one scene with random parts, amplitude error and noise.
 
 use kband::arithmetic::Noise;
 use kband_control::{State, Target};
@@ -8,69 +8,71 @@ use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
-use crate::report::{Table, columns, fields};
+use crate::report::{Column, Table, Value, columns, fields, finite};
 
-/// What came of one run.
+/// Result of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Restitution drawn for the first part.
     pub restitution: f32,
     /// True sensitivity of the accelerometer over the configured one.
     pub sensitivity: f32,
-    /// Kicks that it took.
+    /// Number of kicks.
     pub attempts: u8,
-    /// What the parts really did at the end.
+    /// Simulated regime of the parts at the end.
     pub regime: String,
     /// State at the end.
     pub state: State,
-    /// When the wanted state was reached for good, in s, where the parts really were in it.
+    /// Time in s at which the requested state was entered and held to the end; `None` if the parts
+    /// were not in it.
     pub reached: Option<f64>,
     /// Amplitude b at the end in m.
     pub amplitude: f64,
     /// k at the end.
     pub k: f64,
-    /// Share of time in gear from [`SETTLED`](super::SETTLED) on, mean over the parts; `None` where
-    /// it was shorter.
+    /// Simulated share of time in gear from [`STATISTICS_START`](super::STATISTICS_START) on, mean
+    /// over the parts;
+    /// `None` after a shorter run.
     pub in_gear: Option<f64>,
     /// Estimated share of time in gear, mean over the cycles with an estimate; `None` without one.
     pub in_gear_estimated: Option<f64>,
     /// Share of the cycles with an estimate.
     pub in_gear_coverage: Option<f64>,
-    /// Mean conveying speed from [`SETTLED`](super::SETTLED) on in m/s, or at the end of a shorter
-    /// run.
+    /// Mean conveying speed from [`STATISTICS_START`](super::STATISTICS_START) on in m/s; of the
+    /// end, for a shorter run.
     pub speed: f64,
 }
 
 fields! {
     /// A run and its number.
-    pub fn rows(of: (usize, Run)) {
-        all RUN => of.0;
-        all RESTITUTION => f64::from(of.1.restitution);
-        all SENSOR_SENSITIVITY => f64::from(of.1.sensitivity);
-        all REACHED => of.1.reached;
-        all KICKS => u32::from(of.1.attempts);
-        all B => of.1.amplitude * 1e3;
-        all K => Some(of.1.k).filter(|k| k.is_finite());
-        all IN_GEAR => of.1.in_gear;
-        all IN_GEAR_ESTIMATED => of.1.in_gear_estimated;
-        all IN_GEAR_COVERAGE => of.1.in_gear_coverage;
-        all SPEED => of.1.speed * 1e3;
-        all STATE.words() => of.1.state.name();
-        all REGIME.words() => of.1.regime.clone();
+    pub fn rows(row: (usize, Run)) {
+        all RUN => row.0;
+        all RESTITUTION => f64::from(row.1.restitution);
+        all SENSOR_SENSITIVITY => f64::from(row.1.sensitivity);
+        all REACHED => row.1.reached;
+        all KICKS => u32::from(row.1.attempts);
+        all B => row.1.amplitude * 1e3;
+        all K => finite(row.1.k);
+        all IN_GEAR => row.1.in_gear;
+        all IN_GEAR_ESTIMATED => row.1.in_gear_estimated;
+        all IN_GEAR_COVERAGE => row.1.in_gear_coverage;
+        all SPEED => row.1.speed * 1e3;
+        all STATE.text() => row.1.state.name();
+        all REGIME.text() => row.1.regime.clone();
     }
 }
 
-/// The runs of one way to control.
+/// Runs with one method of control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Runs {
-    /// How it was controlled.
+    /// Name of the method.
     pub name: &'static str,
-    /// One after the other.
+    /// Runs in order.
     pub runs: Vec<Run>,
 }
 
 impl Runs {
-    /// `count` runs of `file`, drawn by the scene's seed and the number of the run alone.
+    /// `count` runs of `file`, drawn by the scene's seed and the number of the run.
     pub fn run(
         name: &'static str,
         file: &SceneFile,
@@ -78,34 +80,34 @@ impl Runs {
         fidelity: Fidelity,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
-        let runs = desk.try_map(name, count, |n| one(&drawn(file, n as u64), fidelity))?;
+        let runs = desk.try_map(name, count, |n| run_one(&drawn(file, n as u64), fidelity))?;
         Ok(Self { name, runs })
     }
 
-    /// Runs that have been run.
+    /// Completed runs.
     pub fn new(name: &'static str, runs: Vec<Run>) -> Self {
         Self { name, runs }
     }
 
-    /// Runs in which the wanted state was reached and real.
+    /// Number of runs that reached the requested state.
     pub fn reached(&self) -> usize {
         self.runs.iter().filter(|run| run.reached.is_some()).count()
     }
 
-    /// Times at which it was, in the order of time.
+    /// Times in s at which they reached it, ascending.
     pub fn times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.runs.iter().filter_map(|run| run.reached).collect();
         times.sort_by(f64::total_cmp);
         times
     }
 
-    /// Time within which so many of 100 runs that reached it had.
+    /// Time in s within which this percentage of those runs reached it.
     fn time_of(&self, percent: usize) -> Option<f64> {
         let times = self.times();
         times.get(times.len() * percent / 100).copied()
     }
 
-    /// Share of time in gear, mean over the runs; `None` where they were too short.
+    /// Share of time in gear, mean over the runs; `None` if one was too short.
     pub fn in_gear(&self) -> Option<f64> {
         self.mean(|run| run.in_gear)
     }
@@ -132,20 +134,19 @@ impl Runs {
         self.mean(|run| Some(run.speed))
     }
 
-    fn mean(&self, of: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
-        let sum = self.runs.iter().map(of).sum::<Option<f64>>()?;
+    fn mean(&self, value: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
+        let sum = self.runs.iter().map(value).sum::<Option<f64>>()?;
         (!self.runs.is_empty()).then(|| sum / self.runs.len() as f64)
     }
 
-    /// Share of runs that reached it, and the interval that holds the true share with 95 %
-    /// (Wilson).
+    /// Share of runs that reached it, and its 95 % confidence interval (Wilson).
     pub fn share(&self) -> (f64, f64, f64) {
         let n = self.runs.len().max(1) as f64;
         let p = self.reached() as f64 / n;
         let z = 1.959_964;
         let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
         let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-        // At the ends the interval reaches them, whatever rounding says.
+        // The interval includes 0 and 1 in spite of rounding.
         let low = if p == 0.0 { 0.0 } else { centre - half };
         let high = if p == 1.0 { 1.0 } else { centre + half };
         (p, low.max(0.0), high.min(1.0))
@@ -157,27 +158,26 @@ pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
     let mut drawn = file.clone();
     let scene = &mut drawn.scene;
     let settings = &scene.settings;
-    // Neighbouring numbers give unrelated streams; 2^32 runs of a seed have their own.
+    // Neighbouring numbers give unrelated streams, and seeds do not share streams for up to 2^32
+    // runs.
     let mut noise = Noise::new(scene.seed.rotate_left(32).wrapping_add(n));
     let lot = Distribution::Uniform {
         low: settings.restitution_low,
         high: settings.restitution_high,
     };
     let error = settings.amplitude_error;
-    drawn
-        .distribution
-        .unwrap_or(lot)
-        .draw_parts(scene, &mut noise);
+    let distribution = drawn.distribution.unwrap_or(lot);
+    distribution.draw_parts(scene, &mut noise);
     scene.sensor.sensitivity *= 1.0 + error * (2.0 * noise.uniform() - 1.0);
     scene.seed = u64::from(noise.bits());
     drawn
 }
 
-pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
-    // Nothing of a single run may print or stop by itself: the desk stops between runs.
+pub(super) fn run_one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
+    // A single run neither prints nor stops by itself: the desk stops between runs.
     let outcome = Outcome::run(file, fidelity, Watch::default(), &mut |_| Ok(()))?;
     let last = outcome.last();
-    let wanted = wanted(file.scene.target);
+    let target_state = target_state(file.scene.target);
     let regime = outcome.regime();
     let real = match file.scene.target {
         Target::Locked { order } => regime == format!("locked, order {order}"),
@@ -188,7 +188,7 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
         sensitivity: file.scene.sensor.sensitivity,
         attempts: last.attempts,
         state: last.state,
-        reached: outcome.reached(wanted).filter(|_| real),
+        reached: outcome.reached(target_state).filter(|_| real),
         amplitude: outcome.amplitude(),
         k: outcome.k(),
         in_gear: outcome.in_gear(),
@@ -199,22 +199,29 @@ pub(super) fn one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> 
     })
 }
 
-fn wanted(target: Target) -> State {
+fn target_state(target: Target) -> State {
     match target {
         Target::Locked { .. } => State::Locked,
         _ => State::Holding,
     }
 }
 
-/// The runs as a table, one row each.
 pub fn table(all: &[Runs]) -> Table {
+    let blocks = all.iter().map(|runs| (vec![runs.name.into()], runs));
+    table_of(vec![columns::CONTROL.text()], blocks)
+}
+
+/// A row for each run, which begins with the cells of its block under `columns`.
+pub(super) fn table_of<'a>(
+    mut columns: Vec<Column>,
+    blocks: impl Iterator<Item = (Vec<Value>, &'a Runs)>,
+) -> Table {
     let view = rows();
-    let mut columns = vec![columns::CONTROL.words()];
     columns.extend(view.columns());
     let mut table = Table::new(&columns);
-    for runs in all {
+    for (cells, runs) in blocks {
         for (n, run) in runs.runs.iter().enumerate() {
-            let mut row = vec![runs.name.into()];
+            let mut row = cells.clone();
             row.extend(view.row(&(n, run.clone())));
             table.push_row(row);
         }
@@ -223,9 +230,9 @@ pub fn table(all: &[Runs]) -> Table {
 }
 
 fields! {
-    /// What the runs of one way to control came to.
+    /// Summary of the runs of one method.
     pub fn summary(runs: Runs) {
-        all CONTROL.words() => runs.name;
+        all CONTROL.text() => runs.name;
         all RUNS => runs.runs.len();
         all RUNS_REACHED.titled("reached") => runs.reached();
         all SHARE.digits(4) => runs.share().0;
@@ -240,7 +247,7 @@ fields! {
     }
 }
 
-/// Draws the share of runs that have reached the wanted state over time.
+/// Draws the share of runs that reached the requested state over time.
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
     let mut panel = Panel::new(
@@ -294,22 +301,20 @@ mod tests {
         let one = runs(1, 3, Fidelity::Envelope, 1);
         let other = runs(1, 4, Fidelity::Envelope, 1);
         assert_ne!(one.runs[0], other.runs[0]);
-        // Of seeds from 2^32 on no digit is lost.
+        // Seeds from 2^32 on keep all their digits.
         let large = runs(1, 3 + (1 << 40), Fidelity::Envelope, 1);
         assert_ne!(one.runs[0], large.runs[0]);
     }
 
-    /// R = 0.3, s = 0.05 at k = 0.45: in gear for 0.811 of the time by an independent program
-    /// (regime/gear/mod.rs), in the plant of either fidelity, and the same bits for any number of
-    /// threads.
+    /// R = 0.3, s = 0.05 at k = 0.45: share in gear 0.811 by an independent program
+    /// (regime/gear/mod.rs). Both fidelities must agree with it, with the same bits for any number
+    /// of threads.
     #[test]
     fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
+        let actual = "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #";
         let text = super::super::DEFAULT
             .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
-            .replace(
-                "scatter = 0.04",
-                "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #",
-            );
+            .replace("scatter = 0.04", actual);
         let mut file = SceneFile::parse(&text).unwrap();
         file.scene.target = Target::K(0.45);
         file.duration = 60.0;
@@ -320,18 +325,15 @@ mod tests {
             };
             let runs = run(1);
             assert_eq!(runs, run(3));
-            // 18 parts for 2750 periods each, gear lost every 27 of them: the error of the mean is
-            // 0.01.
+            // 18 parts for 2750 periods each, with a loss of gear every 27: the standard error of
+            // the mean is 0.01.
             let share = runs.in_gear().unwrap();
             assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
             assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);
-            assert!(
-                runs.runs[0].regime.starts_with("in gear 0.8"),
-                "{:?}",
-                runs.runs[0]
-            );
+            let first = &runs.runs[0];
+            assert!(first.regime.starts_with("in gear 0.8"), "{first:?}");
         }
-        // Without scatter it is the lock or nothing; in lock, always.
+        // Without scatter a part in lock is always in gear.
         file.scene.scatter.clear();
         file.scene.target = Target::Locked { order: 1 };
         file.duration = 10.0;
@@ -362,11 +364,8 @@ mod tests {
         };
         let (share, low, high) = runs.share();
         // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.
-        assert!(
-            (share - 0.9).abs() < 1e-12
-                && (low - 0.8256).abs() < 1e-3
-                && (high - 0.9448).abs() < 1e-3
-        );
+        assert!((share - 0.9).abs() < 1e-12);
+        assert!((low - 0.8256).abs() < 1e-3 && (high - 0.9448).abs() < 1e-3);
         let none = Runs {
             name: "",
             runs: vec![run(None)],

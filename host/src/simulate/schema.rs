@@ -3,13 +3,16 @@
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
 use kband_scene::fields::{
-    ACTUAL_RESTITUTION, CHANGES, CONTROLLER, FLAGS, Field, MASS, OUTPUT_MINIMUM, PLANT, SCATTER,
-    SECTIONS, SENSOR, SENSOR_SETTINGS,
+    ACTUAL_RESTITUTION, CHANGES, CONTROLLER, FLAGS, Field, MASS, PLANT, SCATTER, SECTIONS, SENSOR,
+    SENSOR_SETTINGS,
 };
 use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
 
-/// The schema, in which `"@name"` stands for a value and the key `"@name"` for several properties.
+use crate::report::shortest;
+
+/// The schema, in which `"@name"` is a placeholder for a value, and the key `"@name"` for several
+/// properties.
 const TEMPLATE: &str = include_str!("scene.schema.json");
 
 fn setting(name: &str) -> Option<&'static Key> {
@@ -25,18 +28,12 @@ fn described(meaning: &str, unit: &str) -> String {
     }
 }
 
-/// The number with the shortest digits of an f32, not those of its nearest double.
-fn short(value: f32) -> Value {
-    let text = value.to_string();
-    text.parse::<f64>().map_or(Value::Null, Value::from)
-}
-
 fn of_setting(key: &Key) -> Value {
     json!({
         "type": "number",
-        "minimum": short(key.low),
-        "maximum": short(key.high),
-        "default": short(key.default),
+        "minimum": shortest(key.low),
+        "maximum": shortest(key.high),
+        "default": shortest(key.default),
         "description": described(key.meaning, key.unit),
     })
 }
@@ -45,13 +42,13 @@ fn of_field(field: &Field) -> Value {
     let [low, high] = field.range;
     json!({
         "type": "number",
-        "minimum": short(low),
-        "maximum": short(high),
+        "minimum": shortest(low),
+        "maximum": shortest(high),
         "description": described(field.meaning, field.unit),
     })
 }
 
-/// The properties that a name of the template stands for.
+/// Properties for a placeholder of the template.
 fn properties(name: &str) -> Map<String, Value> {
     let of_settings = |names: &[&'static str]| -> Map<String, Value> {
         let keys = names.iter().filter_map(|name| setting(name));
@@ -79,18 +76,17 @@ fn properties(name: &str) -> Map<String, Value> {
     }
 }
 
-/// The settings of a section, and how many of them are required.
+/// Settings of a section, and how many of them are required.
 fn section_of(name: &str) -> (&'static [&'static str], usize) {
-    let found = SECTIONS.into_iter().find(|(section, ..)| *section == name);
-    found.map_or((&[], 0), |(_, keys, required)| (keys, required))
+    let section = SECTIONS.into_iter().find(|(section, ..)| *section == name);
+    section.map_or((&[], 0), |(_, keys, required)| (keys, required))
 }
 
-/// The value that a name of the template stands for.
+/// Value for a placeholder of the template.
 fn value(name: &str, template: &Value) -> Value {
     let field = |name: &str| match name {
         "mass" => MASS,
-        "scatter" => SCATTER,
-        _ => OUTPUT_MINIMUM,
+        _ => SCATTER,
     };
     match name.split_once(' ').unwrap_or((name, "")) {
         ("setting", key) => setting(key).map_or(Value::Null, of_setting),
@@ -119,7 +115,7 @@ fn value(name: &str, template: &Value) -> Value {
     }
 }
 
-/// A part of the template with its names replaced.
+/// A part of the template with its placeholders replaced.
 fn filled(part: &Value, template: &Value) -> Value {
     match part {
         Value::String(text) => match text.strip_prefix('@') {
@@ -143,30 +139,27 @@ fn filled(part: &Value, template: &Value) -> Value {
     }
 }
 
-/// The schema of scenes (JSON Schema, draft 7), by which editors complete and check them.
+/// The schema of scenes (JSON Schema, draft 7) for completion and checks in editors.
 pub fn schema() -> Value {
-    // A template that is no JSON gives no schema, which the tests notice.
+    // An invalid template gives an empty schema, which the tests detect.
     let template = serde_json::from_str(TEMPLATE).unwrap_or_default();
     filled(&template, &template)
 }
 
-/// Unit of a key in a section of a scene; `–` for a pure number.
 pub fn unit(section: &str, key: &str) -> &'static str {
-    let known = |field: &&Field| field.key == key;
+    let has_key = |field: &&Field| field.key == key;
+    match (section, key) {
+        ("duration", _) | (_, "at") => return "s",
+        ("target", "amplitude") => return "mm",
+        ("target", "speed") => return "mm/s",
+        ("target", "flow") => return "g/s",
+        _ => {}
+    }
     let field = match section {
-        "disturbance" => CHANGES.iter().map(|(field, _)| field).find(known),
-        "plant" => PLANT.iter().map(|(field, _)| field).find(known),
-        _ => SENSOR.iter().map(|(field, _)| field).find(known),
+        "disturbance" => CHANGES.iter().map(|(field, _)| field).find(has_key),
+        "plant" => PLANT.iter().map(|(field, _)| field).find(has_key),
+        _ => SENSOR.iter().map(|(field, _)| field).find(has_key),
     };
-    let unit = field
-        .map(|field| field.unit)
-        .or(setting(key).map(|key| key.unit));
-    let unit = match (section, key) {
-        ("duration", _) | (_, "at") => Some("s"),
-        ("target", "amplitude") => Some("mm"),
-        ("target", "speed") => Some("mm/s"),
-        ("target", "flow") => Some("g/s"),
-        _ => unit,
-    };
-    unit.unwrap_or("")
+    let unit = field.map(|field| field.unit);
+    unit.or(setting(key).map(|key| key.unit)).unwrap_or("")
 }

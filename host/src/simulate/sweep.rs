@@ -1,4 +1,4 @@
-//! One scene over values of its keys, each many times.
+//! Many runs of one scene at each combination of values of its keys.
 
 use kband_scene::{Fidelity, SceneFile};
 use toml::Table;
@@ -8,36 +8,34 @@ use super::runs::{self, Run, Runs};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
-use crate::report::{Column, Field, Printout, Table as Rows, Value as Cell, View, fields};
+use crate::report::{Column, Field, Printout, Table as Rows, View, counted, fields};
 
-/// Largest number of runs of a sweep: all values and runs multiplied.
+/// Largest number of runs of a sweep, over all points.
 const MAX_RUNS: usize = 1_000_000;
 
-/// What came of one point of a sweep.
+/// Result of one point of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Values of the swept keys, in their order.
     pub values: Vec<f64>,
-    /// Its runs.
     pub runs: Runs,
 }
 
-/// A refusal with the point of the sweep that it is about, unless it names a swept key itself.
+/// A refusal with its point of the sweep, unless it names a swept key.
 fn at_point(refusal: Refusal, axes: &[Axes], values: &[f64]) -> Refusal {
     if axes.iter().any(|axis| refusal.key() == Some(&axis.key)) {
         return refusal;
     }
-    let point: Vec<String> = (axes.iter().zip(values))
-        .map(|(axis, value)| format!("{} = {value}", axis.key))
-        .collect();
+    let point = axes.iter().zip(values);
+    let point = point.map(|(axis, value)| format!("{} = {value}", axis.key));
+    let point: Vec<String> = point.collect();
     refusal.at(format!("--sweep at {}", point.join(", ")))
 }
 
-/// A sweep that was run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     axes: Vec<Axes>,
-    /// The last key runs fastest.
+    /// The last key varies fastest.
     points: Vec<Point>,
 }
 
@@ -57,8 +55,8 @@ fields! {
         all IN_GEAR_ESTIMATED.digits(3) => point.runs.in_gear_estimated();
         all IN_GEAR_COVERAGE.digits(3) => point.runs.in_gear_coverage();
         all SPEED.digits(4) => point.middle(|run| run.speed * 1e3);
-        all STATE => most(point.runs.runs.iter().map(|run| run.state.name()));
-        all REGIME => most(point.runs.runs.iter().map(|run| run.regime.as_str()));
+        all STATE => most_frequent(point.runs.runs.iter().map(|run| run.state.name()));
+        all REGIME => most_frequent(point.runs.runs.iter().map(|run| run.regime.as_str()));
     }
 }
 
@@ -72,9 +70,9 @@ impl Point {
 }
 
 impl Sweep {
-    /// Runs the scene of `table` `count` times at each point, changed by `prepare` before it is
-    /// checked. Where it is `drawn`, parts and noise of each run are drawn anew. Runs of one number have the
-    /// same random numbers at all points (common random numbers), so that points compare.
+    /// Runs the scene of `table` `count` times at each point; `prepare` changes it before it is
+    /// checked. With `drawn`, each run has its own parts and noise. Runs of the same number share
+    /// their random numbers at all points (common random numbers), to compare points.
     pub fn run(
         table: &Table,
         axes: &[Axes],
@@ -84,10 +82,9 @@ impl Sweep {
         fidelity: Option<Fidelity>,
         desk: &Desk,
     ) -> Result<Self, Refusal> {
-        let points = axes
-            .iter()
-            .try_fold(1_usize, |n, axis| n.checked_mul(axis.values.len()))
-            .filter(|points| points.saturating_mul(count) <= MAX_RUNS);
+        let mut counts = axes.iter().map(|axis| axis.values.len());
+        let points = counts.try_fold(1_usize, usize::checked_mul);
+        let points = points.filter(|points| points.saturating_mul(count) <= MAX_RUNS);
         let Some(points) = points else {
             return Err(Refusal::value(
                 "--sweep",
@@ -96,7 +93,7 @@ impl Sweep {
                 "give fewer values or fewer runs",
             ));
         };
-        // Every scene is read before the first is run: a value out of range costs no time.
+        // All scenes are checked before the first run, so an invalid value costs no time.
         let mut scenes = Vec::with_capacity(points);
         for n in 0..points {
             let mut left = n;
@@ -121,63 +118,44 @@ impl Sweep {
             let (_, file) = &scenes[n / count];
             let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
             if drawn {
-                runs::one(&runs::drawn(file, (n % count) as u64), fidelity)
+                runs::run_one(&runs::drawn(file, (n % count) as u64), fidelity)
             } else {
-                runs::one(file, fidelity)
+                runs::run_one(file, fidelity)
             }
         })?;
         let mut runs = runs.into_iter();
-        let points = scenes
-            .into_iter()
-            .map(|(values, _)| Point {
-                values,
-                runs: Runs::new("sweep", runs.by_ref().take(count).collect()),
-            })
-            .collect();
+        let points = scenes.into_iter().map(|(values, _)| Point {
+            values,
+            runs: Runs::new("sweep", runs.by_ref().take(count).collect()),
+        });
         Ok(Self {
+            points: points.collect(),
             axes: axes.to_vec(),
-            points,
         })
     }
 
-    /// The points, the last key's values running fastest.
-    pub fn points(&self) -> &[Point] {
-        &self.points
-    }
-
-    /// One row for each point: the share of runs in the wanted state, and the middle of what they
-    /// came to.
+    /// One row for each point: share of runs that reached the requested state, and averages over
+    /// the runs.
     pub fn summary(&self) -> Printout {
         let key = |(n, column)| Field::all(column, move |point: &Point| point.values[n]);
         let keys = self.key_columns().into_iter().enumerate().map(key);
-        View::of(keys.collect())
-            .and(summary())
-            .printout(&self.points)
+        let view = View::from_fields(keys.collect()).and(summary());
+        view.printout(&self.points)
     }
 
-    /// One row for each run.
     pub fn table(&self) -> Rows {
-        let mut columns = self.key_columns();
-        let view = runs::rows();
-        columns.extend(view.columns());
-        let mut table = Rows::new(&columns);
-        for point in &self.points {
-            for (n, run) in point.runs.runs.iter().enumerate() {
-                let mut row: Vec<Cell> = point.values.iter().map(|value| (*value).into()).collect();
-                row.extend(view.row(&(n, run.clone())));
-                table.push_row(row);
-            }
-        }
-        table
+        let cells = |point: &Point| point.values.iter().map(|value| (*value).into()).collect();
+        let blocks = self.points.iter().map(|point| (cells(point), &point.runs));
+        runs::table_of(self.key_columns(), blocks)
     }
 
     fn key_columns(&self) -> Vec<Column> {
-        // A column's name lives as long as the process: a few letters for each key typed.
-        let column = |axis: &Axes| Column::of_key(axis.key.clone().leak(), unit(&axis.key));
+        // A column's name is never freed: a few bytes for each swept key.
+        let column = |axis: &Axes| Column::new(axis.key.clone().leak(), unit(&axis.key));
         self.axes.iter().map(column).collect()
     }
 
-    /// The share of runs in the wanted state over the swept key, or over the first two.
+    /// Share of runs that reached the requested state over the swept key, or over the first two.
     pub fn draw(&self, file: &SceneFile) -> Picture {
         let count = self.points.first().map_or(0, |point| point.runs.runs.len());
         let picture = Picture::new("How sure the wanted state is").caption(format!(
@@ -194,7 +172,7 @@ impl Sweep {
         ));
         let axis = |axis: &Axes, cells: bool| {
             let (low, high) = bounds(&axis.values);
-            // A cell has its value in its middle; a marker at the end is not cut in two.
+            // Room for half a cell, or for a marker at the end.
             let room = if !cells {
                 0.02 * (high - low)
             } else if axis.values.len() > 1 {
@@ -208,7 +186,7 @@ impl Sweep {
         let share = |point: &Point| 100.0 * point.runs.share().0;
         match &self.axes[..] {
             [first, second, ..] => {
-                // Of further keys the mean over all their values.
+                // Further keys: mean over all their values.
                 let inner = self.axes[2..].iter();
                 let inner: usize = inner.map(|axis| axis.values.len()).product();
                 let (columns, rows) = (first.values.len(), second.values.len());
@@ -248,7 +226,6 @@ impl Sweep {
     }
 }
 
-/// Unit of a key of a scene, by its last part.
 fn unit(key: &str) -> &'static str {
     let last = key.rsplit('.').next().unwrap_or_default();
     super::schema::unit(key.split('.').next().unwrap_or_default(), last)
@@ -264,18 +241,12 @@ fn bounds(values: &[f64]) -> (f64, f64) {
     }
 }
 
-/// What occurs most often; of equals the first.
-fn most<'a>(words: impl Iterator<Item = &'a str>) -> String {
-    let mut counts: Vec<(&str, usize)> = Vec::new();
-    for word in words {
-        match counts.iter_mut().find(|(known, _)| *known == word) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((word, 1)),
-        }
-    }
-    let largest = counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
-    let found = counts.iter().find(|(_, count)| *count == largest);
-    found.map_or(String::new(), |(word, _)| (*word).into())
+/// The most frequent word; of equally frequent ones the first.
+fn most_frequent<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let counts = counted(names);
+    // Of equal ones `max_by_key` takes the last.
+    let entry = counts.iter().rev().max_by_key(|(_, count)| *count);
+    entry.map_or(String::new(), |(name, _)| (*name).into())
 }
 
 #[cfg(test)]
@@ -295,8 +266,8 @@ mod tests {
     fn a_sweep_of_two_keys_runs_every_pair() {
         let keys = ["part.restitution=0.15..0.25:2", "plant.gain=0.8..1.2:3"];
         let one = sweep(&keys, 2).unwrap();
-        assert_eq!(one.points().len(), 6);
-        assert_eq!(one.points()[4].values, [0.25, 1.0]);
+        assert_eq!(one.points.len(), 6);
+        assert_eq!(one.points[4].values, [0.25, 1.0]);
         assert_eq!(one.table().len(), 12);
     }
 
@@ -309,7 +280,7 @@ mod tests {
             "seed=1..3:3",
         ] {
             let swept = sweep(&[key], 1);
-            // A count alone is no distribution.
+            // A count alone defines no distribution.
             assert_eq!(swept.is_ok(), !key.contains("count"), "{key}");
         }
     }

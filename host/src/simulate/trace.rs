@@ -3,13 +3,13 @@
 use kband_control::{Event, UpperTone};
 use kband_plant::{Moment, Sample};
 
-use crate::report::{Value, fields};
+use crate::report::{Value, fields, finite};
 
-/// Bytes of a row of the trace as CSV, the mean over the default scene.
+/// Mean bytes of a row of the trace as CSV, for the default scene.
 pub const ROW_BYTES: u64 = 205;
 
 fields! {
-    /// The trace: a row of a cycle.
+    /// The trace: one row for each cycle.
     pub fn trace(moment: Moment) {
         data TIME => Value::Short(moment.time);
         data B => moment.report.amplitude * 1e3;
@@ -17,8 +17,8 @@ fields! {
         data REFERENCE => moment.report.reference * 1e3;
         data OUTPUT => moment.report.command.amplitude;
         data LEAD => moment.report.lead;
-        data STATE.words() => moment.report.state.name();
-        data FAULT.words() => moment.report.fault.map(|fault| fault.name());
+        data STATE.text() => moment.report.state.name();
+        data FAULT.text() => moment.report.fault.map(|fault| fault.name());
         data LIMITS => u32::from(moment.report.limits.bits());
         data IMPACTS_DETECTED => moment.report.rate;
         data PHASE_MEASURED => moment.report.phase;
@@ -41,12 +41,12 @@ fields! {
         data LOAD => Value::Short(moment.load);
         data MASS_WEIGHED => moment.report.load.map(|load| load.mass);
         data FLOW_WEIGHED => moment.report.load.map(|load| load.flow).filter(|flow| *flow != 0.0);
-        data EVENTS.words() => moment.report.events.iter().map(Event::name).collect::<Vec<_>>().join("; ");
+        data EVENTS.text() => moment.report.events.iter().map(Event::name).collect::<Vec<_>>().join("; ");
     }
 }
 
 fields! {
-    /// The scope: a row of a sample.
+    /// The scope: one row for each sample.
     pub fn scope(sample: Sample) {
         data TIME => Value::Short(sample.time);
         data OUTPUT => sample.output;
@@ -56,11 +56,7 @@ fields! {
     }
 }
 
-fn finite(value: f32) -> Option<f32> {
-    Some(value).filter(|value| value.is_finite())
-}
-
-/// Phase of a tone in rad, where there is one.
+/// Phase of a tone in rad; `None` without the tone.
 fn angle(tone: UpperTone) -> Option<f32> {
     (tone.ratio > 0.0).then_some(tone.phase)
 }

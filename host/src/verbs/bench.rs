@@ -1,8 +1,8 @@
 //! `kband bench`: run time against error of every arithmetic of the impact map.
 
-use crate::arguments::{self, Shown};
+use crate::arguments::{self, OutputArguments};
 use crate::bench::workload::{WORKLOADS, Workload};
-use crate::bench::{Errors, Time, contestants};
+use crate::bench::{Errors, Time, candidates};
 use crate::desk::{Desk, Progress};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
@@ -19,8 +19,7 @@ All kernels take turns on one core. impact_time is the CPU time of an impact, th
 rounds; impact_time_range is its interquartile range. The errors are those of the phase of the \
 next impact against f64, whose own are 0. Workloads: high (velocities up to 20), low (up to 3), \
 chatter (1e-6 to 1), sweep (orbits over k and restitution). batch runs in the widest registers of \
-this CPU. In a copy of the sources `cargo bench -p kband-host` also times orbits and two \
-tones.")]
+this CPU.")]
 pub struct Arguments {
     /// Number of measurement rounds.
     #[arg(long, value_name = "N", default_value = "41", value_parser = arguments::count(1, 1000))]
@@ -31,7 +30,7 @@ pub struct Arguments {
     launches: usize,
 
     #[command(flatten)]
-    shown: Shown,
+    output: OutputArguments,
 }
 
 /// Interquartile range over median above which a time is marked as doubtful.
@@ -59,23 +58,21 @@ fields! {
     }
 }
 
-/// Measures and prints.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.shown.output()?;
+    let output = arguments.output.check()?;
     let progress = Progress::new("bench", (WORKLOADS.len() * arguments.rounds) as u64);
     let mut lines = Vec::new();
     for workload in WORKLOADS {
         lines.extend(measure(workload, arguments, desk, &progress)?);
     }
     progress.finish();
-    let mut report = times()
-        .printout(&lines)
-        .heading("Run time against error, one core");
+    let report = times().printout(&lines);
+    let mut report = report.heading("Run time against error, one core");
     for (workload, _) in WORKLOADS {
         let time = |kernel: &str| {
-            let mut of = lines.iter().filter(|line| line.workload == workload);
-            of.find(|line| line.kernel == kernel)
-                .map_or(f64::NAN, |line| line.time.median)
+            let mut own = lines.iter().filter(|line| line.workload == workload);
+            let line = own.find(|line| line.kernel == kernel);
+            line.map_or(f64::NAN, |line| line.time.median)
         };
         report = report.note(format!(
             "{}: f64 is {} times as fast as the textbook, batch makes {} million impacts a second",
@@ -84,47 +81,45 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             number(1e3 / time("batch"), 3),
         ));
     }
-    if let Some(warning) = doubt(&lines) {
+    if let Some(warning) = scatter_warning(&lines) {
         eprintln!("{warning}");
     }
     output.show(&report, || picture(&lines))
 }
 
-/// Round by round, each contestant once.
+/// Each contestant once in a round.
 fn measure(
     (workload, launches): Workload,
     arguments: &Arguments,
     desk: &Desk,
     progress: &Progress,
 ) -> Result<Vec<Line>, Refusal> {
-    let mut contestants = contestants(&launches(arguments.launches));
-    let mut times = vec![Vec::new(); contestants.len()];
+    let mut candidates = candidates(&launches(arguments.launches));
+    let mut times = vec![Vec::new(); candidates.len()];
     for _ in 0..arguments.rounds {
-        for (contestant, times) in contestants.iter_mut().zip(&mut times) {
-            desk.go_on()?;
-            // Once untimed: caches and wide registers come up to speed after the others' turns.
-            contestant.pass();
-            times.push(contestant.pass());
+        for (candidate, times) in candidates.iter_mut().zip(&mut times) {
+            desk.check_stop()?;
+            // One untimed pass warms caches and wide registers.
+            candidate.pass();
+            times.push(candidate.pass());
         }
         progress.advance(1);
     }
-    let lines = contestants.iter_mut().zip(times);
-    Ok(lines
-        .map(|(contestant, times)| Line {
-            kernel: contestant.name(),
-            workload,
-            time: Time::of(times),
-            errors: Errors::of(&contestant.impacts()),
-        })
-        .collect())
+    let lines = candidates.iter_mut().zip(times);
+    let lines = lines.map(|(candidate, times)| Line {
+        kernel: candidate.name(),
+        workload,
+        time: Time::from_rounds(times),
+        errors: Errors::from_impacts(&candidate.impacts()),
+    });
+    Ok(lines.collect())
 }
 
-/// Warning where a time scatters too much over the rounds.
-fn doubt(lines: &[Line]) -> Option<String> {
+/// Warning about times with a large scatter over the rounds.
+fn scatter_warning(lines: &[Line]) -> Option<String> {
     let scatter = |line: &&Line| line.time.range / line.time.median;
-    let worst = lines
-        .iter()
-        .max_by(|a, b| scatter(a).total_cmp(&scatter(b)))?;
+    let lines = lines.iter();
+    let worst = lines.max_by(|a, b| scatter(a).total_cmp(&scatter(b)))?;
     let scatter = scatter(&worst);
     (scatter > DOUBTFUL_SCATTER).then(|| {
         format!(
@@ -138,35 +133,23 @@ fn doubt(lines: &[Line]) -> Option<String> {
     })
 }
 
-/// Time across, error up, both in decades; down and to the left is better. Each kernel is one kind of
-/// marker; a line joins those that nothing beats in both.
+/// Error over time, both in decades; lower left is better. Each kernel has its marker. A line joins
+/// the kernels that no other exceeds in both.
 fn picture(lines: &[Line]) -> Picture {
-    // An error of 0 is drawn at the foot.
-    const FOOT: f64 = 1e-18;
-    const GROUPS: [(&str, &[&str]); 3] = [
-        ("baselines", &["bracket", "textbook"]),
-        ("desk", &["f64", "batch"]),
-        (
-            "microcontrollers' arithmetic, run at the desk",
-            &["f32", "integer"],
-        ),
-    ];
-    let place = |line: &Line| (line.time.median, line.errors.median.max(FOOT));
-    let (mut fastest, mut slowest, mut coarsest) = (f64::INFINITY, 0.0_f64, FOOT);
+    // Errors of 0 are drawn at this level.
+    const MIN_DRAWN_ERROR: f64 = 1e-18;
+    let place = |line: &Line| (line.time.median, line.errors.median.max(MIN_DRAWN_ERROR));
+    let (mut fastest, mut slowest, mut coarsest) = (f64::INFINITY, 0.0_f64, MIN_DRAWN_ERROR);
     for (time, error) in lines.iter().map(place) {
         (fastest, slowest) = (fastest.min(time), slowest.max(time));
         coarsest = coarsest.max(error);
     }
     let panel = |workload: &str, heading: &str| {
         let time = Axis::new("Time of one impact", "ns", 0.5 * fastest, 2.0 * slowest);
-        let error = Axis::new(
-            "Median error of its phase",
-            "rad",
-            0.1 * FOOT,
-            10.0 * coarsest,
-        );
-        let of = || lines.iter().filter(move |line| line.workload == workload);
-        let mut points: Vec<(f64, f64)> = of().map(place).collect();
+        let ends = (0.1 * MIN_DRAWN_ERROR, 10.0 * coarsest);
+        let error = Axis::new("Median error of its phase", "rad", ends.0, ends.1);
+        let own = || lines.iter().filter(move |line| line.workload == workload);
+        let mut points: Vec<(f64, f64)> = own().map(place).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut front: Vec<(f64, f64)> = Vec::new();
         for point in points {
@@ -179,14 +162,9 @@ fn picture(lines: &[Line]) -> Picture {
         let mut panel = Panel::new(time.logarithmic(), error.logarithmic())
             .heading(heading)
             .height(300.0)
-            .line("front", 0, front);
-        for (series, (group, kernels)) in GROUPS.into_iter().enumerate() {
-            let members = || of().filter(|line| kernels.contains(&line.kernel));
-            panel = panel.markers(group, series + 1, members().map(place).collect());
-            for line in members() {
-                let (x, y) = place(line);
-                panel = panel.note(x, y, line.kernel);
-            }
+            .line("front", 6, front);
+        for (n, line) in own().enumerate() {
+            panel = panel.markers(line.kernel, n, vec![place(line)]);
         }
         panel
     };
@@ -209,10 +187,10 @@ mod tests {
                 median: 50.0,
                 range,
             },
-            errors: Errors::of(&[]),
+            errors: Errors::from_impacts(&[]),
         };
-        assert_eq!(doubt(&[line("f64", 4.9)]), None);
-        let warning = doubt(&[line("f64", 4.9), line("f32", 6.0)]).unwrap();
+        assert_eq!(scatter_warning(&[line("f64", 4.9)]), None);
+        let warning = scatter_warning(&[line("f64", 4.9), line("f32", 6.0)]).unwrap();
         assert!(warning.contains("12 % of the median for f32 on low"));
     }
 }

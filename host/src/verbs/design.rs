@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use kband_scene::design::{Ask, Conveyed, Design, Designed, Feeder, Ranges, Workers};
+use kband_scene::design::{CheckStop, Conveyed, Design, Designed, Feeder, Ranges, Workers};
 use serde_json::json;
 
-use crate::arguments::{self, Shown};
+use crate::arguments::{self, OutputArguments};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, Value, fields, number};
+use crate::report::{Printout, fields, finite, number};
 use crate::simulate::{SceneFile, SceneText};
 
 /// Find feeders for the drive of a scene: parts a minute against share in gear.
@@ -75,12 +75,12 @@ pub struct Arguments {
     seed: Option<usize>,
 
     #[command(flatten)]
-    shown: Shown,
+    output: OutputArguments,
 }
 
 impl Arguments {
     fn ranges(&self, file: &SceneFile) -> Ranges {
-        let scene = Ranges::of(file);
+        let scene = Ranges::from_scene(file);
         let [second, third] = scene.tones;
         Ranges {
             frequency: self.frequency.unwrap_or(scene.frequency),
@@ -105,15 +105,14 @@ impl Workers for Desk {
         &self,
         title: &str,
         count: usize,
-        work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+        work: impl Fn(usize, CheckStop<'_>) -> Result<T, Refusal> + Sync + Send,
     ) -> Result<Vec<T>, Refusal> {
-        self.try_map(title, count, |n| work(n, &|| self.go_on()))
+        self.try_map(title, count, |n| work(n, &|| self.check_stop()))
     }
 }
 
-/// Searches, prints and draws.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
-    let output = arguments.shown.output_or("kband-design.svg")?;
+    let output = arguments.output.check_or("kband-design.svg")?;
     let read = SceneText::read(arguments.scene.as_deref())?;
     let mut table = read.table.clone();
     if let Some(seed) = arguments.seed {
@@ -129,7 +128,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || picture(&converted, &design))
 }
 
-/// Conversion of feeders and speeds to the printed quantities.
+/// Conversion of feeders and speeds into the printed quantities.
 struct Conversion {
     gravity: f64,
     part_length: f64,
@@ -137,15 +136,15 @@ struct Conversion {
 
 impl Conversion {
     /// Parts a minute, for parts end to end.
-    fn rate(&self, of: Conveyed) -> f64 {
-        60.0 * of.speed / self.part_length
+    fn rate(&self, conveyed: Conveyed) -> f64 {
+        60.0 * conveyed.speed / self.part_length
     }
 
     fn amplitude(&self, feeder: &Feeder) -> f64 {
         feeder.amplitude(self.gravity)
     }
 
-    fn words(&self, feeder: &Feeder) -> String {
+    fn describe(&self, feeder: &Feeder) -> String {
         format!(
             "{} Hz, b = {} mm, angle of throw {} degrees",
             number(feeder.frequency, 3),
@@ -155,38 +154,29 @@ impl Conversion {
     }
 }
 
-/// A derivative to two digits.
-fn change(value: f64) -> Value {
-    if value.is_finite() {
-        value.into()
-    } else {
-        Value::Missing
-    }
-}
-
 fields! {
-    fn designed(of: Designed, converted: Conversion) {
-        all FREQUENCY.titled("Hz").digits(3) => of.feeder.frequency;
-        all B.digits(3) => converted.amplitude(&of.feeder);
-        all THROW_ANGLE.titled("throw (deg)").digits(3) => of.feeder.throw_angle;
-        all PHASE_LEAD.titled("lead (deg)").digits(3) => of.feeder.phase_lead;
-        all INCLINE.titled("incline (deg)").digits(3) => of.feeder.incline;
-        all K.digits(3) => of.feeder.k;
-        all E.titled("e").digits(2) => of.feeder.tones[0][0];
-        all TH.titled("th").digits(3) => of.feeder.tones[0][1];
-        all E3.titled("e3").digits(2) => of.feeder.tones[1][0];
-        data TH3 => of.feeder.tones[1][1];
-        all IN_GEAR.titled("in gear").digits(3) => of.simulated.share;
-        all PARTS_A_MINUTE.titled("parts/min").digits(4) => converted.rate(of.simulated);
-        data SPEED => of.simulated.speed;
-        all IN_GEAR_CLOSED_LOOP.titled("in gear, closed loop").digits(3) => of.closed.map(|closed| closed.share);
-        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => of.closed.map(|closed| converted.rate(closed));
-        all PARTS_BY_B.titled("% parts by 1 % b").digits(2) => change(100.0 * of.sensitivity.amplitude[0]);
-        all IN_GEAR_BY_B.titled("in gear by 1 % b").digits(2) => change(of.sensitivity.amplitude[1]);
-        all PARTS_BY_FREQUENCY.titled("% parts by 1 % Hz").digits(2) => change(100.0 * of.sensitivity.frequency[0]);
-        all IN_GEAR_BY_FREQUENCY.titled("in gear by 1 % Hz").digits(2) => change(of.sensitivity.frequency[1]);
-        all PARTS_BY_RESTITUTION.titled("% parts by 0.01 R").digits(2) => change(100.0 * of.sensitivity.restitution[0]);
-        all IN_GEAR_BY_RESTITUTION.titled("in gear by 0.01 R").digits(2) => change(of.sensitivity.restitution[1]);
+    fn designed(row: Designed, converted: Conversion) {
+        all FREQUENCY.titled("Hz").digits(3) => row.feeder.frequency;
+        all B.digits(3) => converted.amplitude(&row.feeder);
+        all THROW_ANGLE.titled("throw (deg)").digits(3) => row.feeder.throw_angle;
+        all PHASE_LEAD.titled("lead (deg)").digits(3) => row.feeder.phase_lead;
+        all INCLINE.titled("incline (deg)").digits(3) => row.feeder.incline;
+        all K.digits(3) => row.feeder.k;
+        all E.titled("e").digits(2) => row.feeder.tones[0][0];
+        all TH.titled("th").digits(3) => row.feeder.tones[0][1];
+        all E3.titled("e3").digits(2) => row.feeder.tones[1][0];
+        data TH3 => row.feeder.tones[1][1];
+        all IN_GEAR.titled("in gear").digits(3) => row.simulated.share;
+        all PARTS_A_MINUTE.titled("parts/min").digits(4) => converted.rate(row.simulated);
+        data SPEED => row.simulated.speed;
+        all IN_GEAR_CLOSED_LOOP.titled("in gear, closed loop").digits(3) => row.closed.map(|closed| closed.share);
+        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => row.closed.map(|closed| converted.rate(closed));
+        all PARTS_BY_B.titled("% parts by 1 % b").digits(2) => finite(100.0 * row.sensitivity.amplitude[0]);
+        all IN_GEAR_BY_B.titled("in gear by 1 % b").digits(2) => finite(row.sensitivity.amplitude[1]);
+        all PARTS_BY_FREQUENCY.titled("% parts by 1 % Hz").digits(2) => finite(100.0 * row.sensitivity.frequency[0]);
+        all IN_GEAR_BY_FREQUENCY.titled("in gear by 1 % Hz").digits(2) => finite(row.sensitivity.frequency[1]);
+        all PARTS_BY_RESTITUTION.titled("% parts by 0.01 R").digits(2) => finite(100.0 * row.sensitivity.restitution[0]);
+        all IN_GEAR_BY_RESTITUTION.titled("in gear by 0.01 R").digits(2) => finite(row.sensitivity.restitution[1]);
     }
 }
 
@@ -198,7 +188,7 @@ fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
         number(today.feeder.frequency, 3),
         converted.rate(closed),
         number(closed.share, 3),
-        converted.words(&today.feeder)
+        converted.describe(&today.feeder)
     );
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
@@ -206,7 +196,7 @@ fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
             "With the same drive and about this share: {:.0} parts a minute at share {} ({}), {:+.0} %.",
             converted.rate(run),
             number(run.share, 3),
-            converted.words(&best.feeder),
+            converted.describe(&best.feeder),
             100.0 * (run.speed / closed.speed - 1.0)
         ),
         _ => "No feeder of the front with the same drive has more parts a minute at this share."
@@ -218,31 +208,28 @@ fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
 fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout, Refusal> {
     let view = || {
         let mut view = designed(converted);
-        let tones = |n: usize| design.best.iter().any(|of| of.feeder.tones[n][0] > 0.0);
+        let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
         use crate::report::columns::{E, E3, INCLINE, PHASE_LEAD, TH};
-        let varies = |of: fn(&Feeder) -> f64| {
-            design
-                .best
-                .iter()
-                .any(|best| of(&best.feeder) != of(&design.best[0].feeder))
+        let varies = |value: fn(&Feeder) -> f64| {
+            let mut values = design.best.iter().map(|best| value(&best.feeder));
+            values.any(|other| other != value(&design.best[0].feeder))
         };
-        if !tones(0) {
-            view = view.without(E).without(TH);
-        }
-        if !tones(1) {
-            view = view.without(E3);
-        }
-        if !varies(|feeder| feeder.phase_lead) {
-            view = view.without(PHASE_LEAD);
-        }
-        if !varies(|feeder| feeder.incline) {
-            view = view.without(INCLINE);
+        for (shown, column) in [
+            (tones(0), E),
+            (tones(0), TH),
+            (tones(1), E3),
+            (varies(|feeder| feeder.phase_lead), PHASE_LEAD),
+            (varies(|feeder| feeder.incline), INCLINE),
+        ] {
+            if !shown {
+                view = view.without(column);
+            }
         }
         view
     };
     let all = designed(converted);
     let error = &design.error;
-    let rows = |best: &[Designed]| best.iter().map(|of| all.object(of)).collect::<Vec<_>>();
+    let rows = |best: &[Designed]| best.iter().map(|row| all.object(row)).collect::<Vec<_>>();
     let front = design.front.iter().map(|(feeder, simulated)| {
         json!({
             "frequency": feeder.frequency,
@@ -299,28 +286,25 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
 }
 
 fn picture(converted: &Conversion, design: &Design) -> Picture {
-    let simulated = |of: &Conveyed| (of.share, converted.rate(*of));
-    let front: Vec<(f64, f64)> = design.front.iter().map(|(_, of)| simulated(of)).collect();
+    let simulated = |run: &Conveyed| (run.share, converted.rate(*run));
+    let front: Vec<(f64, f64)> = design.front.iter().map(|(_, run)| simulated(run)).collect();
     let runs = |all: &[Designed]| -> Vec<(f64, f64)> {
-        let closed = all.iter().filter_map(|of| of.closed);
-        closed.map(|of| simulated(&of)).collect()
+        let closed = all.iter().filter_map(|row| row.closed);
+        closed.map(|run| simulated(&run)).collect()
     };
     let closed = runs(&design.best);
     let today = runs(design.today.as_slice());
     let all: Vec<(f64, f64)> = [&front[..], &closed, &today].concat();
-    let share = || Axis::around("share of time in gear", "", all.iter().map(|at| at.0));
-    let rate = Axis::around("parts a minute", "1/min", all.iter().map(|at| at.1));
-    let along = |of: &dyn Fn(&Feeder) -> f64| -> Vec<(f64, f64)> {
+    let share = || Axis::over_values("share of time in gear", "", all.iter().map(|at| at.0));
+    let rate = Axis::over_values("parts a minute", "1/min", all.iter().map(|at| at.1));
+    let panel = |label: &str, unit, value: &dyn Fn(&Feeder) -> f64| {
         let points = design.front.iter();
-        points.map(|(feeder, at)| (at.share, of(feeder))).collect()
-    };
-    let panel = |label: &str, unit, of: &dyn Fn(&Feeder) -> f64| {
-        let points = along(of);
+        let points = points.map(|(feeder, at)| (at.share, value(feeder)));
+        let points: Vec<(f64, f64)> = points.collect();
         let largest = points.iter().map(|at| at.1).fold(0.0, f64::max);
         let axis = Axis::new(label, unit, 0.0, 1.1 * largest);
-        Panel::new(share(), axis)
-            .height(130.0)
-            .markers("", 0, points)
+        let panel = Panel::new(share(), axis).height(130.0);
+        panel.markers("", 0, points)
     };
     Picture::new("Parts a minute against share in gear, with the same drive")
         .caption(format!(
@@ -333,7 +317,7 @@ fn picture(converted: &Conversion, design: &Design) -> Picture {
                 .markers("its feeders in the closed loop", 1, closed)
                 .markers("the scene's own feeder", 2, today),
         )
-        .panel(panel("drive frequency", "Hz", &|of| of.frequency))
-        .panel(panel("amplitude b", "mm", &|of| converted.amplitude(of)))
-        .panel(panel("angle of throw", "degrees", &|of| of.throw_angle))
+        .panel(panel("drive frequency", "Hz", &|f| f.frequency))
+        .panel(panel("amplitude b", "mm", &|f| converted.amplitude(f)))
+        .panel(panel("angle of throw", "degrees", &|f| f.throw_angle))
 }

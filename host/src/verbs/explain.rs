@@ -1,4 +1,4 @@
-//! `kband explain`: the manual's text on a word.
+//! `kband explain`: the manual's text on a term.
 
 mod manual;
 mod plain;
@@ -24,15 +24,13 @@ pub struct Arguments {
     words: Vec<String>,
 }
 
-/// A word that the manual explains in a paragraph or more.
+/// A term with a paragraph or more in the manual.
 struct Topic {
     name: &'static str,
-    /// Its meaning in a line.
     help: &'static str,
-    /// Its synonyms.
     others: &'static [&'static str],
     page: &'static str,
-    /// Begins of the headings of its sections.
+    /// Beginnings of the headings of its sections.
     headings: &'static [&'static str],
 }
 
@@ -67,14 +65,11 @@ topics! {
     "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
 }
 
-/// Prints the explanation of the word.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
-    if arguments.words.is_empty() {
-        report::print(&topics())?;
-        return Ok(Exit::Done);
-    }
-    let explained = text(&arguments.words)?;
-    report::print(&plain::plain(&explained))?;
+    report::print(&match arguments.words.as_slice() {
+        [] => topics(),
+        words => plain::plain(&text(words)?),
+    })?;
     Ok(Exit::Done)
 }
 
@@ -96,18 +91,17 @@ fn text(words: &[String]) -> Result<String, Refusal> {
     }
     let query = words.join(" ");
     let name = query.trim().to_lowercase().replace('_', " ");
-    // An option has hyphens: --second-tone.
+    // An option has hyphens, for example --second-tone.
     let spoken = name.trim_start_matches('-').replace('-', " ");
     explained(query.trim(), &name)
         .or_else(|| explained(&spoken, &spoken))
         .ok_or_else(|| unknown(query.trim(), &name))
 }
 
-/// The explanation of one word, as typed and in lower case; `None` without one.
+/// Explanation of one word, as typed and in lower case; `None` if unknown.
 fn explained(query: &str, name: &str) -> Option<String> {
-    let topic = TOPICS
-        .iter()
-        .find(|topic| topic.name == name || topic.others.contains(&name));
+    let mut topics = TOPICS.iter();
+    let topic = topics.find(|topic| topic.name == name || topic.others.contains(&name));
     let rows = glossary(query, name);
     let mut parts: Vec<String> = rows.iter().map(entry).collect();
     parts.extend(manual::state(name));
@@ -116,11 +110,8 @@ fn explained(query: &str, name: &str) -> Option<String> {
     match topic {
         Some(Topic { page, headings, .. }) => {
             let page = manual::page(page).unwrap_or_default();
-            parts.extend(
-                headings
-                    .iter()
-                    .flat_map(|heading| manual::sections(page, heading)),
-            );
+            let sections = |heading: &&str| manual::sections(page, heading);
+            parts.extend(headings.iter().flat_map(sections));
         }
         None => parts.extend(rows.iter().filter_map(Word::section)),
     }
@@ -140,22 +131,20 @@ fn output(name: &str) -> Option<String> {
     Some(format!("**{name}**: {meaning}{unit}\n"))
 }
 
-/// The matching words of the glossary: symbols by exact spelling, terms and names in any case.
+/// Matching words of the glossary: symbols by exact spelling, terms and names in any case.
 fn glossary(query: &str, name: &str) -> Vec<Word> {
-    let symbols: Vec<Word> = manual::words()
-        .filter(|word| word.symbols.iter().any(|symbol| symbol == query))
-        .collect();
+    let symbols = manual::words().filter(|word| word.symbols.iter().any(|symbol| symbol == query));
+    let symbols: Vec<Word> = symbols.collect();
     if !symbols.is_empty() {
         return symbols;
     }
     let is = |text: &str| text.to_lowercase().replace('_', " ") == name;
-    manual::words()
-        .filter(|word| {
-            is(&word.term)
-                || word.term.split(", ").any(is)
-                || word.symbols.iter().chain(&word.names).any(|text| is(text))
-        })
-        .collect()
+    let is_match = |word: &Word| {
+        is(&word.term)
+            || word.term.split(", ").any(is)
+            || word.symbols.iter().chain(&word.names).any(|text| is(text))
+    };
+    manual::words().filter(is_match).collect()
 }
 
 fn entry(word: &Word) -> String {
@@ -185,8 +174,8 @@ fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
         }
     };
     let faults = manual::page("faults.md").unwrap_or_default();
-    let found = manual::sections(faults, &format!("{heading}{number}:"));
-    found.into_iter().next().ok_or_else(|| {
+    let sections = manual::sections(faults, &format!("{heading}{number}:"));
+    sections.into_iter().next().ok_or_else(|| {
         Refusal::value(
             format!("number of the {}", kind.to_lowercase()),
             number,
@@ -212,12 +201,9 @@ fn unknown(query: &str, name: &str) -> Refusal {
         }
         None => "kband explain alone lists what is explained at length".into(),
     };
-    Refusal::value(
-        "WORD",
-        query,
-        format!("{}, and every word of the glossary", topics.join(", ")),
-        next,
-    )
+    let topics = topics.join(", ");
+    let accepted = format!("{topics}, and every word of the glossary");
+    Refusal::value("WORD", query, accepted, next)
 }
 
 #[cfg(test)]
@@ -242,8 +228,8 @@ mod tests {
         } in TOPICS
         {
             for heading in *headings {
-                let found = manual::sections(manual::page(page).unwrap(), heading);
-                assert!(!found.is_empty(), "{name}: {page} {heading}");
+                let sections = manual::sections(manual::page(page).unwrap(), heading);
+                assert!(!sections.is_empty(), "{name}: {page} {heading}");
             }
             for name in others.iter().chain([name]) {
                 let text = explanation(name).unwrap();

@@ -1,4 +1,4 @@
-//! Refusal of options without effect: a user who gives one expects an effect.
+//! Refusal of options without effect, because a user expects an effect.
 
 use std::path::PathBuf;
 
@@ -10,115 +10,108 @@ use crate::refusal::Refusal;
 /// Options that have no effect in a case.
 struct Idle {
     verbs: &'static [&'static str],
-    case: fn(&Given) -> bool,
-    said: &'static str,
-    /// The options, by their long names.
+    case: fn(&Args) -> bool,
+    condition: &'static str,
     options: &'static [&'static str],
     why: &'static str,
 }
 
 macro_rules! idle {
-    ($($verbs:expr, $case:expr, $said:literal, $options:expr, $why:literal;)*) => {
+    ($($verbs:expr, $case:expr, $condition:literal, $options:expr, $why:literal;)*) => {
         const IDLE: &[Idle] = &[
-            $(Idle { verbs: &$verbs, case: $case, said: $said, options: &$options, why: $why }),*
+            $(Idle { verbs: &$verbs, case: $case, condition: $condition, options: &$options, why: $why }),*
         ];
     };
 }
 
 idle! {
-    ["transport"], |given| given.has("friction"), "with --friction",
+    ["transport"], |args| args.has("friction"), "with --friction",
         ["starts", "part-length"], "each speed is that of a part from rest";
-    ["bands"], |given| given.has("second_tone") || given.has("third_tone"), "with --second-tone",
+    ["transport"], |args| !args.has("friction"), "without --friction",
+        ["second-tone", "third-tone"], "the paper's model has one tone";
+    ["bands"], |args| args.has("second_tone") || args.has("third_tone"), "with --second-tone",
         ["scatter"], "kband gear plans gear on tones";
-    ["gear"], |given| given.has("second_tone"), "with --second-tone",
+    ["gear"], |args| args.has("second_tone"), "with --second-tone",
         ["largest-second-tone"], "no other second tone is tried";
-    ["diagram"], |given| given.is("show", "regimes"), "with --show regimes",
+    ["diagram"], |args| args.is("show", "regimes"), "with --show regimes",
         ["starts", "impacts", "settle"],
         "it is a map over k and restitution, from rest and from next to the lock";
-    ["capture", "exponent"], |given| !given.has("b"), "without --b",
+    ["capture", "exponent"], |args| !args.has("b"), "without --b",
         ["frequency", "incline"], "k holds both already";
-    ["basins", "diagram", "impacts"], |given| !given.has("b"), "without --b",
+    ["basins", "diagram", "impacts"], |args| !args.has("b"), "without --b",
         ["incline"], "k holds it already";
-    ["basins", "diagram", "impacts"], |given| !given.has("b") && !given.has("contact"),
+    ["basins", "diagram", "impacts"], |args| !args.has("b") && !args.has("contact"),
         "without --b or --contact", ["frequency"], "k holds it already";
-    ["exponent"], |given| given.has("phase") && !given.has("band"), "with --phase and --velocity",
+    ["exponent"], |args| args.has("phase") && !args.has("band"), "with --phase and --velocity",
         ["order"], "the orbit starts where they say, not near a lock";
-    ["simulate"], |given| given.has("print_scene") || given.has("schema"), "with --print-scene and --schema",
+    ["simulate"], |args| args.has("print_scene") || args.has("schema"), "with --print-scene and --schema",
         ["fidelity", "restitution", "duration", "runs", "seed", "sweep", "image", "on", "out", "trace", "scope",
          "theme", "width", "font-size", "format"],
         "nothing is run";
-    ["simulate"], |given| given.has("on"), "with --on",
+    ["simulate"], |args| args.has("on"), "with --on",
         ["fidelity"], "a board gets every sample";
 }
 
-/// Verbs whose `--seed` is that of a scatter alone.
-const SCATTERED: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
-/// Verb that draws also without the name of a file.
-const DRAWS: &str = "simulate";
+/// Verbs whose `--seed` only affects the scatter.
+const SCATTER_VERBS: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
+/// Verb that draws a picture without the name of a file, too.
+const DRAWING_VERB: &str = "simulate";
 
-struct Given<'a>(&'a ArgMatches);
+struct Args<'a>(&'a ArgMatches);
 
-impl Given<'_> {
-    /// Whether an option was given on the command line; a flag, that it was set there.
-    fn has(&self, id: &str) -> bool {
-        self.0.try_contains_id(id).is_ok()
-            && self.0.value_source(id) == Some(ValueSource::CommandLine)
+impl Args<'_> {
+    /// Whether an option is on the command line; for a flag, whether it is set there.
+    fn has(&self, option: &str) -> bool {
+        let id = option.replace('-', "_");
+        self.0.try_contains_id(&id).is_ok()
+            && self.0.value_source(&id) == Some(ValueSource::CommandLine)
     }
 
     fn is(&self, id: &str, word: &str) -> bool {
-        let mut words = self.0.try_get_raw(id).ok().flatten().into_iter().flatten();
-        self.has(id) && words.any(|given| given == word)
+        let mut values = self.0.try_get_raw(id).ok().flatten().into_iter().flatten();
+        self.has(id) && values.any(|value| value == word)
     }
 
     fn draws(&self) -> bool {
         let out = self.0.try_get_one::<PathBuf>("out").ok().flatten();
         let ending = out.and_then(|out| out.extension());
-        ending.is_some_and(|ending| {
-            !["csv", "json"]
-                .iter()
-                .any(|text| ending.eq_ignore_ascii_case(text))
-        })
+        let is = |text: &str| ending.is_some_and(|ending| ending.eq_ignore_ascii_case(text));
+        ending.is_some() && !is("csv") && !is("json")
     }
 }
 
-/// Refuses the first option of a verb without effect.
+/// Refuses the first option without effect.
 pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
-    let given = Given(matches);
-    let refuse = |option: &str, said: &str, why: &str| {
+    let args = Args(matches);
+    let refuse = |option: &str, condition: &str, why: &str| {
         Err(Refusal::new(
-            format!("--{option} does nothing {said}: {why}"),
-            match said.strip_prefix("without ") {
+            format!("--{option} does nothing {condition}: {why}"),
+            match condition.strip_prefix("without ") {
                 Some(missing) => format!("give {missing}, or leave out --{option}"),
                 None => format!("leave out --{option}, or the option that excludes it"),
             },
         ))
     };
-    for idle in IDLE
-        .iter()
-        .filter(|idle| idle.verbs.contains(&verb) && (idle.case)(&given))
-    {
+    let idle = IDLE.iter().filter(|idle| idle.verbs.contains(&verb));
+    for idle in idle.filter(|idle| (idle.case)(&args)) {
         let mut options = idle.options.iter();
-        if let Some(option) = options.find(|option| given.has(&option.replace('-', "_"))) {
-            return refuse(option, idle.said, idle.why);
+        if let Some(option) = options.find(|option| args.has(option)) {
+            return refuse(option, idle.condition, idle.why);
         }
     }
-    let looks = [
-        ("theme", "theme"),
-        ("width", "width"),
-        ("font_size", "font-size"),
-    ];
-    let unseen = looks.into_iter().find(|(id, _)| given.has(id));
-    if let Some((_, option)) = unseen.filter(|_| verb != DRAWS && !given.draws()) {
-        return refuse(
-            option,
-            "without a picture",
-            "give --out FILE.svg, FILE.png or FILE.pdf",
-        );
+    let look = ["theme", "width", "font-size"].into_iter();
+    let mut given = look.filter(|option| args.has(option));
+    if let Some(option) = given
+        .next()
+        .filter(|_| verb != DRAWING_VERB && !args.draws())
+    {
+        let why = "give --out FILE.svg, FILE.png or FILE.pdf";
+        return refuse(option, "without a picture", why);
     }
     let scatter = matches.try_get_one::<f64>("scatter").ok().flatten();
-    // An explicit --scatter 0 says that nothing is drawn at random.
-    let drawn = given.has("scatter") || scatter != Some(&0.0);
-    if SCATTERED.contains(&verb) && given.has("seed") && !drawn {
+    // An explicit --scatter 0 means that nothing is random.
+    let drawn = args.has("scatter") || scatter != Some(&0.0);
+    if SCATTER_VERBS.contains(&verb) && args.has("seed") && !drawn {
         return refuse("seed", "without --scatter", "nothing is drawn at random");
     }
     Ok(())
@@ -130,17 +123,16 @@ mod tests {
     use crate::verbs::command;
 
     fn refused(line: &str) -> Option<String> {
-        let words = std::iter::once("kband").chain(line.split(' '));
-        let matches = command().try_get_matches_from(words).unwrap();
+        let args = std::iter::once("kband").chain(line.split(' '));
+        let matches = command().try_get_matches_from(args).unwrap();
         let (verb, matches) = matches.subcommand().unwrap();
-        check(verb, matches)
-            .err()
-            .map(|refusal| refusal.to_string())
+        let refusal = check(verb, matches).err();
+        refusal.map(|refusal| refusal.to_string())
     }
 
-    /// tests/wrong_inputs.txt has the refused ones.
+    /// tests/wrong_inputs.txt has the refused options.
     #[test]
-    fn options_that_do_something_are_taken() {
+    fn effective_options_are_accepted() {
         for line in [
             "cascade --theme dark --out a.svg",
             "cascade --width column --font-size 7 --out a.png",

@@ -1,43 +1,18 @@
-//! The command line: one file per verb.
+//! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
 //!
 //! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit, Refusal>`. The
 //! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
 //! the list below names the verb.
 
-mod backup;
-mod bands;
-mod basins;
 mod bench;
-mod capture;
-mod cascade;
-mod commission;
+pub mod board;
 mod design;
-mod diagram;
-mod disable;
-mod enable;
 mod explain;
-mod exponent;
-mod flash;
-mod gear;
-mod identify;
 mod idle;
-pub mod impacts;
-mod lock;
-mod man;
-mod margins;
-mod monitor;
-mod paper;
-pub mod recipe;
+pub mod map;
 mod registers;
 mod report;
-mod serve;
-pub mod settings;
 mod simulate;
-mod status;
-mod target;
-mod transport;
-mod unlock;
-mod update;
 
 use std::error::Error as _;
 use std::process::ExitCode;
@@ -45,6 +20,7 @@ use std::sync::LazyLock;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
+use kband_control::wire::{SCHEMA, VERSION};
 
 use crate::arguments;
 use crate::desk::Desk;
@@ -54,16 +30,16 @@ use crate::refusal::{Exit, Refusal};
 use crate::report::when;
 
 macro_rules! verbs {
-    ($($verb:ident => $module:ident,)*) => {
+    ($($verb:ident => $($module:ident)::+,)*) => {
         #[derive(Debug, clap::Subcommand)]
         enum Verb {
-            $($verb($module::Arguments),)*
+            $($verb($($module)::+::Arguments),)*
         }
 
         impl Verb {
             fn run(&self, desk: &Desk) -> Result<Exit, Refusal> {
                 match self {
-                    $(Self::$verb(arguments) => $module::run(arguments, desk),)*
+                    $(Self::$verb(arguments) => $($module)::+::run(arguments, desk),)*
                 }
             }
         }
@@ -71,38 +47,37 @@ macro_rules! verbs {
 }
 
 verbs! {
-    Bands => bands,
-    Basins => basins,
+    Bands => map::bands,
+    Basins => map::basins,
     Bench => bench,
-    Capture => capture,
-    Cascade => cascade,
-    Commission => commission,
+    Capture => map::capture,
+    Cascade => map::cascade,
+    Commission => board::commission,
     Design => design,
-    Diagram => diagram,
-    Disable => disable,
-    Enable => enable,
+    Diagram => map::diagram,
+    Disable => board::disable,
+    Enable => board::enable,
     Explain => explain,
-    Exponent => exponent,
-    Flash => flash,
-    Gear => gear,
-    Identify => identify,
-    Impacts => impacts,
-    Lock => lock,
-    Man => man,
-    Margins => margins,
-    Monitor => monitor,
-    Paper => paper,
-    Recipe => recipe,
+    Exponent => map::exponent,
+    Flash => board::flash,
+    Gear => map::gear,
+    Identify => board::identify,
+    Impacts => map::impacts,
+    Lock => board::lock,
+    Margins => map::margins,
+    Monitor => board::monitor,
+    Paper => map::paper,
+    Recipe => board::recipe,
     Registers => registers,
     Report => report,
-    Serve => serve,
-    Settings => settings,
+    Serve => board::serve,
+    Settings => board::settings,
     Simulate => simulate,
-    Status => status,
-    Target => target,
-    Transport => transport,
-    Unlock => unlock,
-    Update => update,
+    Status => board::status,
+    Target => board::target,
+    Transport => map::transport,
+    Unlock => board::unlock,
+    Update => board::update,
 }
 
 /// Simulate and operate vibratory feeders: parts on a vibrating track, and the drive that keeps
@@ -135,21 +110,17 @@ struct CommandLine {
     verb: Option<Verb>,
 }
 
-/// Version of the tool, and of the link that it speaks with boards.
+/// Version of the tool and of its link protocol.
 fn version() -> &'static str {
     static WORDS: LazyLock<String> = LazyLock::new(|| {
-        format!(
-            "{} (link version {}, schema {:08x})",
-            env!("CARGO_PKG_VERSION"),
-            kband_control::wire::VERSION,
-            kband_control::wire::SCHEMA
-        )
+        let version = env!("CARGO_PKG_VERSION");
+        format!("{version} (link version {VERSION}, schema {SCHEMA:08x})")
     });
     &WORDS
 }
 
-/// The command line as clap sees it, also for the manual pages.
-pub fn command() -> clap::Command {
+/// The command line.
+fn command() -> clap::Command {
     // A phase or an incline may be negative, in every verb.
     CommandLine::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
 }
@@ -178,13 +149,11 @@ pub fn main() -> ExitCode {
         None => (None, &matches),
     };
     provenance::begin(std::env::args_os(), verb.unwrap_or(&whole), given);
-    let checked = matches
-        .subcommand()
-        .map_or(Ok(()), |(verb, given)| idle::check(verb, given));
+    let checked = verb.map_or(Ok(()), |verb| idle::check(verb.get_name(), given));
     match checked.and_then(|()| run(&line)) {
         Ok(Exit::Done) => ExitCode::SUCCESS,
         Ok(Exit::CheckFailed) => ExitCode::from(1),
-        Err(_) if file::reader_is_gone() => ExitCode::SUCCESS,
+        Err(_) if file::is_reader_closed() => ExitCode::SUCCESS,
         Err(refusal) => {
             eprintln!("{refusal}");
             ExitCode::from(refusal.status())
@@ -194,38 +163,32 @@ pub fn main() -> ExitCode {
 
 /// An error of clap in the form of every refusal; `None` for help and version.
 fn refused(message: &clap::Error) -> Option<Refusal> {
-    let words = |kind| match message.get(kind) {
+    let context = |kind| match message.get(kind) {
         Some(ContextValue::String(word)) if !word.is_empty() => vec![word.as_str()],
-        Some(ContextValue::Strings(words)) => words.iter().map(String::as_str).collect(),
+        Some(ContextValue::Strings(context)) => context.iter().map(String::as_str).collect(),
         _ => Vec::new(),
     };
-    let near = |kind, otherwise: &str| match words(kind).last() {
-        // The last suggestion of clap is the nearest.
-        Some(near) => format!("did you mean {near}? {otherwise}"),
+    let closest = |kind, otherwise: &str| match context(kind).last() {
+        // The last suggestion of clap is the most similar.
+        Some(closest) => format!("did you mean {closest}? {otherwise}"),
         None => otherwise.into(),
     };
     if message.kind() == ErrorKind::InvalidSubcommand {
-        let given = words(ContextKind::InvalidSubcommand).concat();
-        let next = near(ContextKind::SuggestedSubcommand, "kband --help lists all");
+        let given = context(ContextKind::InvalidSubcommand).concat();
+        let next = closest(ContextKind::SuggestedSubcommand, "kband --help lists all");
         return Some(Refusal::new(format!("there is no verb '{given}'"), next));
     }
     if message.kind() == ErrorKind::MissingSubcommand {
-        let verb = words(ContextKind::InvalidSubcommand).concat();
-        return Some(
-            Refusal::new(
-                format!("{verb} alone does nothing"),
-                format!("{verb} --help shows more"),
-            )
-            .accepting(format!(
-                "{verb} {}",
-                words(ContextKind::ValidSubcommand).join("|")
-            )),
-        );
+        let verb = context(ContextKind::InvalidSubcommand).concat();
+        let actions = context(ContextKind::ValidSubcommand).join("|");
+        let (cause, next) = ("alone does nothing", "--help shows more");
+        let refusal = Refusal::new(format!("{verb} {cause}"), format!("{verb} {next}"));
+        return Some(refusal.accepting(format!("{verb} {actions}")));
     }
-    let all = words(ContextKind::InvalidArg);
+    let all = context(ContextKind::InvalidArg);
     let option = *all.first()?;
     let key = option.split(' ').next().unwrap_or(option);
-    let value = words(ContextKind::InvalidValue).concat();
+    let value = context(ContextKind::InvalidValue).concat();
     match message.kind() {
         ErrorKind::MissingRequiredArgument => {
             let are = if all.len() == 1 { "is" } else { "are" };
@@ -241,13 +204,13 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
         ErrorKind::ArgumentConflict => Some(Refusal::new(
             format!(
                 "{option} and {} exclude each other",
-                words(ContextKind::PriorArg).join(", ")
+                context(ContextKind::PriorArg).join(", ")
             ),
             "leave one of them out",
         )),
         ErrorKind::UnknownArgument => Some(Refusal::new(
             format!("there is no option or operand '{option}' here"),
-            near(
+            closest(
                 ContextKind::SuggestedArg,
                 "--help lists the options of this verb",
             ),

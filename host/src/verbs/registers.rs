@@ -1,8 +1,8 @@
-//! `kband registers`: the registers of a board on Modbus.
+//! `kband registers`: Modbus registers of a board.
 
 use kband_bus::registers::{self, Access, Form, Register, Words};
 
-use crate::arguments::Printed;
+use crate::arguments::FormatArguments;
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal};
 use crate::report::fields;
@@ -18,27 +18,24 @@ use crate::report::fields;
   kband registers --format json")]
 pub struct Arguments {
     #[command(flatten)]
-    printed: Printed,
+    printed: FormatArguments,
 }
 
-/// Prints the table.
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     let all: Vec<_> = registers::all().collect();
-    rows()
-        .printout(&all)
-        .folded()
-        .print(arguments.printed.format)?;
+    let report = rows().printout(&all).folded();
+    report.print(arguments.printed.format)?;
     Ok(Exit::Done)
 }
 
 fields! {
-    fn rows(of: (Register, Words)) {
-        all REGISTER => u64::from(of.0.address);
-        all QUANTITY.words() => of.1.name;
-        all UNIT.words() => of.1.unit;
-        all FORM.words() => form(&of.0);
-        all WRITABLE.words() => written(&of.0);
-        all MEANING.words() => meaning(&of.1);
+    fn rows(row: (Register, Words)) {
+        all REGISTER => u64::from(row.0.address);
+        all QUANTITY.text() => row.1.name;
+        all UNIT.text() => row.1.unit;
+        all FORM.text() => form(&row.0);
+        all WRITABLE.text() => written(&row.0);
+        all MEANING.text() => meaning(&row.1);
     }
 }
 
@@ -60,9 +57,9 @@ fn written(register: &Register) -> &'static str {
     }
 }
 
-fn meaning(words: &Words) -> String {
-    let meaning = words.meaning.trim();
-    match words.accepted.trim() {
+fn meaning(texts: &Words) -> String {
+    let meaning = texts.meaning.trim();
+    match texts.accepted.trim() {
         "" => meaning.to_owned(),
         accepted => format!("{meaning} {accepted}"),
     }
@@ -74,7 +71,7 @@ mod tests {
     use std::fmt::Write as _;
     use std::fs;
 
-    /// `KBAND_ACCEPT=1` writes the page's table.
+    /// `KBAND_ACCEPT=1` writes the table into the page.
     #[test]
     fn the_table_of_registers_is_that_of_the_bus() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/registers.md");
@@ -84,10 +81,10 @@ mod tests {
         let mut made = format!(
             "{before}| register | quantity | unit | form | written | meaning |\n|---|---|---|---|---|---|\n"
         );
-        for (register, words) in registers::all() {
-            let (address, name, unit) = (register.address, words.name, words.unit);
+        for (register, texts) in registers::all() {
+            let (address, name, unit) = (register.address, texts.name, texts.unit);
             let (form, written) = (form(&register), written(&register));
-            let meaning = meaning(&words);
+            let meaning = meaning(&texts);
             writeln!(
                 made,
                 "| {address} | {name} | {unit} | {form} | {written} | {meaning} |"

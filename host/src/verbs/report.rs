@@ -4,10 +4,6 @@ mod data;
 
 use std::path::{Path, PathBuf};
 
-use kband::feeder::Restitution;
-use toml::Value;
-
-use crate::arguments;
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::page::{self, Page};
@@ -22,7 +18,6 @@ use data::Feeder;
 #[command(after_help = "Examples:
   kband report
   kband report my.toml --out my.html
-  kband report --restitution 0.28..0.32 --scatter 0.06 --frequency 60 --out feeder.html
 
 The page is one file. It needs no other file and no network, can be printed, and follows the \
 browser's light or dark theme. The values behind its sliders are computed beforehand on a grid, and \
@@ -31,22 +26,6 @@ pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-
-    /// Restitution of the lot instead of the scene's. The simulated parts have its middle.
-    #[arg(long, value_name = "R|LO..HI", value_parser = arguments::restitution)]
-    restitution: Option<Restitution>,
-
-    /// Standard deviation of restitution from impact to impact instead of the scene's.
-    #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
-    scatter: Option<f64>,
-
-    /// Frequency of the drive and of its resonance in Hz instead of the scene's.
-    #[arg(long, value_name = "HZ", value_parser = arguments::within(5.0, 500.0, "Hz"))]
-    frequency: Option<f64>,
-
-    /// Incline of the track in degrees instead of the scene's.
-    #[arg(long, value_name = "DEG", value_parser = arguments::within(-60.0, 60.0, "degrees"))]
-    incline: Option<f64>,
 
     /// Page to write, .html [default: kband-report.html]. A named file is overwritten, the default
     /// only if kband wrote it.
@@ -58,54 +37,21 @@ const PAGE: &str = "kband-report.html";
 
 const FIGURES: &str = include_str!("report/figures.js");
 
-/// Computes and writes the page.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let read = SceneText::read(arguments.scene.as_deref())?;
-    let mut table = read.table.clone();
-    arguments.adapt(&mut table);
-    let scene = read.scene(&table)?;
+    let scene = read.scene(&read.table)?;
     let target = match &arguments.out {
         Some(path) => Destination::output(path, "html")?,
         None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
     target.ends_in("--out", &["html", "htm"])?;
     let outcome = simulate::run(&scene, desk)?;
-    let feeder = Feeder::of(&outcome)?;
-    let written = toml::to_string(&table).unwrap_or_default();
+    let feeder = Feeder::from_outcome(&outcome)?;
+    let written = toml::to_string(&read.table).unwrap_or_default();
     let page = page(&feeder, &outcome, &written, desk)?;
     target.write_bytes(page.to_html().as_bytes())?;
-    eprintln!("{}", target.told());
+    eprintln!("{}", target.describe_write());
     Ok(Exit::Done)
-}
-
-impl Arguments {
-    /// Replaces values of the scene's table by those of the command line.
-    fn adapt(&self, table: &mut toml::Table) {
-        let mut put = |section: &str, key: &str, value: Value| {
-            if let Some(Value::Table(section)) = table.get_mut(section) {
-                section.insert(key.into(), value);
-            }
-        };
-        if let Some(lot) = self.restitution {
-            let ends = [lot.low(), lot.high()].map(Value::Float);
-            put("part", "restitution", Value::Array(ends.into()));
-            put(
-                "part",
-                "actual",
-                Value::Array(vec![Value::Float(lot.middle())]),
-            );
-        }
-        if let Some(scatter) = self.scatter {
-            put("part", "scatter", Value::Float(scatter));
-        }
-        if let Some(frequency) = self.frequency {
-            put("track", "frequency", Value::Float(frequency));
-            put("drive", "resonance", Value::Float(frequency));
-        }
-        if let Some(incline) = self.incline {
-            put("track", "incline", Value::Float(incline));
-        }
-    }
 }
 
 fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Result<Page, Refusal> {
@@ -126,15 +72,13 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
                 .into(),
         );
     }
-    let words = page::paragraphs(&spoken)
+    let provenance = format!("{:#}", data["provenance"]);
+    let text = page::paragraphs(&spoken)
         + &page::table(&heads, &feeder.bands_in_words())
         + &page::folded("the scene", written)
-        + &page::folded(
-            "how this page was made",
-            &format!("{:#}", data["provenance"]),
-        );
+        + &page::folded("how this page was made", &provenance);
     Ok(Page::new(&format!("A feeder at {} Hz", number(feeder.frequency(), 6)), data, FIGURES)
-        .section("In plain words", &words)
+        .section("In plain words", &text)
         .section(
             "Where parts lock",
             &page::figure(

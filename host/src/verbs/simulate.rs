@@ -9,10 +9,11 @@ use kband::feeder::Restitution;
 use kband_control::Target;
 use kband_plant::{Moment, Sample};
 
-use crate::arguments::{self, LookArguments, PICTURES};
+use crate::arguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::Destination;
+use crate::picture::{Look, PICTURES};
 use crate::provenance;
 use crate::refusal::{Exit, Refusal};
 use crate::report::rows_file;
@@ -20,8 +21,8 @@ use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
 use crate::simulate::sweep::Sweep;
 use crate::simulate::{
-    DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, runs, schema,
-    trace, watched,
+    DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, run_watched, runs,
+    schema, trace,
 };
 
 /// Simulate the firmware's control loop with parts by the impact map, for one scene [the default
@@ -101,7 +102,7 @@ pub struct Arguments {
     scope: Option<PathBuf>,
 
     #[command(flatten)]
-    look: LookArguments,
+    look: Look,
 
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table)]
@@ -110,18 +111,13 @@ pub struct Arguments {
 
 const PICTURE: &str = "kband-simulate.svg";
 
-/// Whether a file with this beginning has the rows of a run, or of many.
-fn own_rows(begin: &str) -> bool {
-    begin.starts_with(provenance::FIRST)
-}
-
 const TRACE: &str = "kband-simulate.csv";
 /// Longest single run in s whose trace is written by default: 30 000 rows at 50 Hz.
 const MAX_TRACED_DURATION: f64 = 600.0;
 
 impl Arguments {
     /// Replaces values of the scene by those of the command line.
-    fn adapt(&self, file: &mut SceneFile) {
+    fn apply_to(&self, file: &mut SceneFile) {
         if let Some(lot) = self.restitution {
             let settings = &mut file.scene.settings;
             settings.restitution_low = lot.low() as f32;
@@ -149,16 +145,15 @@ impl Arguments {
     }
 }
 
-/// The summary of a run in plain words; the last line is the next step.
+/// Summary of a run in words; the last line is the next step.
 pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
-    let seen = summary::Seen::of(outcome);
-    let mut lines = seen.lines();
+    let observed = summary::Observed::from_outcome(outcome);
+    let mut lines = observed.lines();
     let next = lines.len() - 1;
-    lines.splice(next..next, crate::causes::describe(seen.causes()));
+    lines.splice(next..next, crate::causes::describe(&observed.causes));
     lines
 }
 
-/// Runs the scene.
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     if arguments.print_scene {
         report::print(DEFAULT)?;
@@ -180,7 +175,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         table.insert("seed".into(), toml::Value::Integer(seed as i64));
     }
     let mut file = read.scene(&table)?;
-    arguments.adapt(&mut file);
+    arguments.apply_to(&mut file);
     file.check()?;
     let picture = match &arguments.out {
         Some(path) => {
@@ -193,19 +188,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     };
     picture.ends_in("--out", &PICTURES)?;
     let many = arguments.runs.is_some() || !arguments.sweep.is_empty();
+    let own_table = |begin: &str| begin.starts_with(provenance::FIRST_COMMENT);
     let trace =
         match &arguments.trace {
             Some(path) => Some(Destination::output(path, "csv")?),
             None if many || file.duration <= MAX_TRACED_DURATION => Some(
-                Destination::default_name(Path::new(TRACE), own_rows, "--trace FILE.csv")?,
+                Destination::default_name(Path::new(TRACE), own_table, "--trace FILE.csv")?,
             ),
             None => None,
         };
-    let scope = arguments
-        .scope
-        .as_deref()
-        .map(|path| Destination::output(path, "csv"))
-        .transpose()?;
+    let scope = arguments.scope.as_deref();
+    let scope = scope.map(|path| Destination::output(path, "csv"));
+    let scope = scope.transpose()?;
     for (option, target) in [("--trace", &trace), ("--scope", &scope)] {
         if let Some(target) = target {
             rows_file::check(option, target)?;
@@ -220,23 +214,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         let all = many_runs(&file, count, fidelity, desk)?;
         arguments.look.write(&picture, &runs::draw(&all, &file))?;
         let report = runs::summary().printout(&all);
-        return tell_many(
-            report,
-            &runs::table(&all),
-            &picture,
-            trace,
-            arguments.format,
-        );
+        let table = runs::table(&all);
+        return print_runs(report, &table, &picture, trace, arguments.format);
     }
     if let Some(trace) = trace.filter(|trace| trace.ending() == "csv") {
         let cycles = file.duration * f64::from(file.scene.settings.frequency);
-        report::state_size(trace, cycles as u64 * trace::ROW_BYTES);
+        report::state_size(trace.path().display(), cycles as u64 * trace::ROW_BYTES);
     }
     let (traced, scoped) = (trace::trace(), trace::scope());
     let outcome = rows_file::write(trace, &traced.columns(), |cycles| {
         rows_file::write(scope.as_ref(), &scoped.columns(), |samples| {
             let (mut cycle, mut sample);
-            let mut watch = Watch::DRAWN;
+            let mut watch = Watch::FOR_PICTURE;
             if let Some(rows) = cycles {
                 cycle = |moment: &Moment| rows.row(&traced.row(moment));
                 watch.cycle = Some(&mut cycle);
@@ -247,11 +236,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             }
             match &arguments.on {
                 Some(on) => {
-                    let line =
-                        Address::of(on, arguments.image.as_deref()).open(Emulated::AtRest)?;
-                    run_on(line, &file, watch, desk)
+                    let address = Address::new(on, arguments.image.as_deref());
+                    run_on(address.open(Emulated::AtRest)?, &file, watch, desk)
                 }
-                None => watched(&file, fidelity, watch, desk),
+                None => run_watched(&file, fidelity, watch, desk),
             }
         })
     })?;
@@ -286,33 +274,28 @@ fn sweep(
     let swept = Sweep::run(
         table,
         &arguments.sweep,
-        &|file| arguments.adapt(file),
+        &|file| arguments.apply_to(file),
         arguments.runs.unwrap_or(1),
-        // A single run per point is the scene itself. Of several, each draws its own parts and
+        // A single run per point uses the scene unchanged. Of several, each draws its own parts and
         // noise.
         arguments.runs.is_some(),
         arguments.fidelity,
         desk,
     )?;
     arguments.look.write(picture, &swept.draw(file))?;
-    tell_many(
-        swept.summary(),
-        &swept.table(),
-        picture,
-        trace,
-        arguments.format,
-    )
+    let (report, table) = (swept.summary(), swept.table());
+    print_runs(report, &table, picture, trace, arguments.format)
 }
 
 /// Writes the rows of many runs and prints their summary.
-fn tell_many(
+fn print_runs(
     report: Printout,
     table: &Table,
     picture: &Destination,
     trace: Option<&Destination>,
     format: Format,
 ) -> Result<Exit, Refusal> {
-    rows_file::write(trace, table.columns(), |rows| match rows {
+    rows_file::write(trace, &table.columns, |rows| match rows {
         Some(rows) => table.write_rows(rows),
         None => Ok(()),
     })?;
@@ -322,10 +305,10 @@ fn tell_many(
     Ok(Exit::Done)
 }
 
-/// The controller's runs, and those of an amplitude set from the band alone.
+/// Runs of the controller, and runs of an amplitude set from the band alone.
 ///
-/// For a target of gear that is the band of the lock, which does not depend on the scatter. Without
-/// a target that kicks both are the same.
+/// For a target of gear that is the lock's band, which does not depend on the scatter. Without a
+/// target that kicks, both are the same.
 fn many_runs(
     file: &SceneFile,
     count: usize,
@@ -346,7 +329,6 @@ fn many_runs(
     Ok([planned, alone])
 }
 
-/// Whether a target brings the parts onto a lock by kicks.
 fn kicks(target: Target) -> bool {
     matches!(
         target,

@@ -1,4 +1,4 @@
-//! Readings and events at mosquitto, which is killed and started again.
+//! Readings and events through the broker mosquitto, which is killed and restarted.
 
 use std::io::{BufRead, BufReader};
 use std::net::{TcpListener, TcpStream};
@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value as Json;
 
-use super::{LIMIT, Master, Served, register, status};
+use super::{Master, Server, TIMEOUT, register, status};
 
-/// A program that ends with the test.
+/// A process that is killed with the test.
 struct Program(Child);
 
 impl Drop for Program {
@@ -26,7 +26,7 @@ fn free_port() -> u16 {
     free.local_addr().unwrap().port()
 }
 
-/// A broker that keeps sessions in this folder; it listens on return.
+/// A broker that stores sessions in this folder; it accepts clients on return.
 fn broker(folder: &Path, port: u16) -> Program {
     let file = folder.join("mosquitto.conf");
     let text = format!(
@@ -38,7 +38,7 @@ fn broker(folder: &Path, port: u16) -> Program {
     let mut command = Command::new("mosquitto");
     command.arg("-c").arg(file).stderr(Stdio::null());
     let program = Program(command.spawn().expect("tests/setup.sh installs it"));
-    let end = Instant::now() + LIMIT;
+    let end = Instant::now() + TIMEOUT;
     while TcpStream::connect(("127.0.0.1", port)).is_err() {
         assert!(Instant::now() < end, "mosquitto does not listen");
         std::thread::sleep(Duration::from_millis(50));
@@ -46,8 +46,8 @@ fn broker(folder: &Path, port: u16) -> Program {
     program
 }
 
-/// A subscriber to everything, for whom the broker keeps messages, and what it receives: topic and
-/// message.
+/// A subscriber to all topics, for which the broker stores messages, and its received pairs of
+/// topic and message.
 fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
     let port = port.to_string();
     let mut child = Command::new("mosquitto_sub")
@@ -68,11 +68,11 @@ fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
     (Program(child), received)
 }
 
-/// The next message of a topic that fits.
+/// The next message of a topic that satisfies `fits`.
 #[track_caller]
 fn next(received: &Receiver<(String, String)>, topic: &str, fits: impl Fn(&str) -> bool) -> String {
     loop {
-        let (other, message) = received.recv_timeout(LIMIT).expect(topic);
+        let (other, message) = received.recv_timeout(TIMEOUT).expect(topic);
         if other == format!("line3/feeder/{topic}") && fits(&message) {
             return message;
         }
@@ -86,7 +86,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     let first = broker(folder.path(), port);
     let (reader, received) = subscriber(port);
     let address = format!("127.0.0.1:{port}");
-    let mut served = Served::start(&["--mqtt", &address, "--topic", "line3/feeder"]);
+    let mut server = Server::start(&["--mqtt", &address, "--topic", "line3/feeder"]);
     next(&received, "status", |message| message == "online");
     let reading = |received: &Receiver<_>, state: &str| -> Json {
         let fits = |message: &str| message.contains(&format!("\"state\":\"{state}\""));
@@ -94,7 +94,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     };
     let at_rest = reading(&received, "off");
     assert_eq!(at_rest["output"], 0.0);
-    let mut plc = Master::connect(&served);
+    let mut plc = Master::connect(&server);
     plc.wait(status::READY_TO_START, status::RUNS);
     plc.start();
     next(&received, "event", |message| {
@@ -104,7 +104,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     assert!(running["b"].as_f64().unwrap() > 0.05, "{running}");
     assert!(running["cycle"].as_u64() > at_rest["cycle"].as_u64());
     drop((first, reader));
-    // The clients of Modbus do not notice; an event waits for the broker.
+    // Modbus clients are not affected. An event waits for the broker.
     plc.write(register::CONTROL, &[0]).unwrap();
     plc.wait(0, status::RUNS);
     std::thread::sleep(Duration::from_secs(2));
@@ -115,7 +115,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
         message.contains("\"event\":\"stopped\"")
     });
     reading(&received, "off");
-    served.child.kill().unwrap();
+    server.child.kill().unwrap();
     next(&received, "status", |message| message == "offline");
 }
 
@@ -126,8 +126,8 @@ fn the_farewell_of_an_orderly_end_is_offline() {
     let _broker = broker(folder.path(), port);
     let (_reader, received) = subscriber(port);
     let address = format!("127.0.0.1:{port}");
-    let words = ["--mqtt", &address, "--topic", "line3/feeder", "--for", "3"];
-    let (ended, _) = Served::start(&words).end();
+    let args = ["--mqtt", &address, "--topic", "line3/feeder", "--for", "3"];
+    let (ended, _) = Server::start(&args).end();
     assert!(ended.success());
     next(&received, "status", |message| message == "online");
     next(&received, "status", |message| message == "offline");

@@ -1,8 +1,8 @@
-//! Errors of the estimated share of time in gear, for one part and for many
+//! Errors of the estimated share of time in gear, for one and for several parts
 //! (docs/theory-real-parts.md#t10.7).
 //!
-//! It runs lots at given amplitudes. The configured amplitude has an error of up to 2 %, another
-//! one in each run.
+//! It runs lots at fixed amplitudes. The configured amplitude has an error of up to 2 %, different
+//! in each run.
 
 use std::f64::consts::TAU;
 
@@ -12,9 +12,9 @@ use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
 use rayon::prelude::*;
 
-/// Drive cycles of a run, and of the initial ones left out: 60 s and 5 s at 50 Hz.
+/// Drive cycles of a run, and excluded initial cycles: 60 s and 5 s at 50 Hz.
 const CYCLES: u32 = 3000;
-const SETTLED: u32 = 250;
+const SETTLING_CYCLES: u32 = 250;
 
 /// A lot, its k and its number of parts.
 #[derive(Clone, Copy)]
@@ -26,15 +26,15 @@ pub struct Row {
 }
 
 #[derive(Clone, Copy, Default)]
-struct Heard {
+struct Estimates {
     truth: f64,
-    /// Number of cycles with an estimate; its mean and its mean estimated error over them.
-    told: f64,
-    heard: f64,
+    /// Number of cycles with an estimate; mean of the estimates, and of their standard errors.
+    with_estimate: f64,
+    estimate: f64,
     error: f64,
 }
 
-fn run(row: &Row, seed: u64) -> Heard {
+fn run(row: &Row, seed: u64) -> Estimates {
     let mut noise = Noise::new(seed);
     let [low, high] = row.lot;
     let mut scene = Scene {
@@ -56,9 +56,9 @@ fn run(row: &Row, seed: u64) -> Heard {
     let mut watches: Vec<_> = (0..row.parts)
         .map(|_| GearWatch::build(1).expect("order 1 is one"))
         .collect();
-    let mut all = Heard::default();
+    let mut all = Estimates::default();
     for cycle in 0..CYCLES {
-        if cycle == SETTLED {
+        if cycle == SETTLING_CYCLES {
             watches
                 .iter_mut()
                 .for_each(|watch| watch.begin(f64::from(cycle) * TAU));
@@ -73,22 +73,22 @@ fn run(row: &Row, seed: u64) -> Heard {
             }
             watch.add_landing(landed, flight);
         }
-        if cycle >= SETTLED && report.in_gear_error.is_finite() {
-            all.told += 1.0;
-            all.heard += f64::from(report.in_gear);
+        if cycle >= SETTLING_CYCLES && report.in_gear_error.is_finite() {
+            all.with_estimate += 1.0;
+            all.estimate += f64::from(report.in_gear);
             all.error += f64::from(report.in_gear_error);
         }
     }
-    let told = all.told.max(1.0);
-    all.heard /= told;
-    all.error /= told;
+    let with_estimate = all.with_estimate.max(1.0);
+    all.estimate /= with_estimate;
+    all.error /= with_estimate;
     for watch in &watches {
         all.truth += watch.share(f64::from(CYCLES) * TAU).share() / row.parts as f64;
     }
     all
 }
 
-/// The rows that the constants of the estimate were chosen on (`set`), or those only for checking.
+/// Rows used to choose the constants of the estimator (`set`), or rows for verification only.
 pub fn rows(which: &str) -> Vec<Row> {
     let lots: &[([f32; 2], f32, f32)] = if which == "set" {
         &[
@@ -129,7 +129,7 @@ pub fn rows(which: &str) -> Vec<Row> {
     lots.iter().flat_map(row).collect()
 }
 
-fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
+fn estimate_shares(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Estimates>> {
     rows.par_iter()
         .map(|row| {
             let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r));
@@ -139,23 +139,26 @@ fn hear(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Heard>> {
 }
 
 /// Mean error of the estimate over the runs with one, and its standard error.
-fn apart(runs: &[Heard]) -> [f64; 2] {
-    let told = runs.iter().filter(|run| run.told > 0.0);
-    let count = told.clone().count().max(1) as f64;
-    let differences = told.map(|run| run.heard - run.truth);
+fn deviation(runs: &[Estimates]) -> [f64; 2] {
+    let with_estimate = runs.iter().filter(|run| run.with_estimate > 0.0);
+    let count = with_estimate.clone().count().max(1) as f64;
+    let differences = with_estimate.map(|run| run.estimate - run.truth);
     let mean = differences.clone().sum::<f64>() / count;
-    let square = differences.map(|apart| apart * apart).sum::<f64>() / count;
+    let square = differences
+        .map(|deviation| deviation * deviation)
+        .sum::<f64>()
+        / count;
     let spread = ((square - mean * mean).max(0.0) / (count - 1.0).max(1.0)).sqrt();
     [mean, spread]
 }
 
-/// The rows of the manual's table: a line for each lot, a column for each number of parts.
+/// Rows of the manual's table: one for each lot, with a column for each number of parts.
 pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
-    let found = hear(rows, runs, seed);
+    let shares = estimate_shares(rows, runs, seed);
     let mut lines = Vec::new();
     let mut first = 0;
     for lot in rows.chunk_by(|a, b| (a.lot, a.scatter, a.k) == (b.lot, b.scatter, b.k)) {
-        let found = &found[first..first + lot.len()];
+        let shares = &shares[first..first + lot.len()];
         first += lot.len();
         let Row {
             lot: [low, high],
@@ -168,20 +171,23 @@ pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
         } else {
             format!("{low}..{high}")
         };
-        let truth = found[0].iter().map(|run| run.truth).sum::<f64>() / runs as f64;
-        let cells: Vec<String> = found
+        let truth = shares[0].iter().map(|run| run.truth).sum::<f64>() / runs as f64;
+        let cells: Vec<String> = shares
             .iter()
             .map(|runs| {
-                let [mean, spread] = apart(runs);
+                let [mean, spread] = deviation(runs);
                 format!("{mean:+.3} ({spread:.3})")
             })
             .collect();
-        let errors = found.iter().flatten().filter(|run| run.told > 0.0);
+        let errors = shares
+            .iter()
+            .flatten()
+            .filter(|run| run.with_estimate > 0.0);
         let errors = errors.map(|run| run.error);
-        let least = errors.clone().fold(f64::INFINITY, f64::min);
-        let most = errors.fold(0.0, f64::max);
+        let min_error = errors.clone().fold(f64::INFINITY, f64::min);
+        let max_error = errors.fold(0.0, f64::max);
         lines.push(format!(
-            "| {lot} | {scatter} | {} | {truth:.2} | {} | {least:.3}..{most:.3} |",
+            "| {lot} | {scatter} | {} | {truth:.2} | {} | {min_error:.3}..{max_error:.3} |",
             k,
             cells.join(" | ")
         ));

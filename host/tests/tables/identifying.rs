@@ -1,22 +1,22 @@
 //! Accuracy of identification for lots with random restitution (docs/commissioning.md).
 //!
-//! An answer is false if its error exceeds three of its estimated errors.
+//! A result is false if its error exceeds three of its estimated standard errors.
 
 use std::ops::Range;
 
 use kband_control::{Identification, Settings, Target};
 use kband_plant::{ClosedLoop, Scene};
 
-/// Drive cycles: upper bound of an identification.
-const LONGEST: usize = 4100;
+/// Largest number of drive cycles of an identification.
+const MAX_CYCLES: usize = 4100;
 
-/// A lot: restitution, scatter and number of its parts.
+/// A lot: restitution, scatter and number of parts.
 pub type Lot = (f32, f32, usize);
 
-/// Drive frequency in Hz and decay time of the track's ringing in ms, of the built-in feeder.
-pub const BUILT_IN: [f32; 2] = [50.0, 1.0];
+/// Drive frequency in Hz and decay time of the track's ringing in ms, of the default feeder.
+pub const BUILT_IN_TRACK: [f32; 2] = [50.0, 1.0];
 
-fn heard(lot: Lot, track: [f32; 2], seed: u64) -> Identification {
+fn identify(lot: Lot, track: [f32; 2], seed: u64) -> Identification {
     let (restitution, scatter, parts) = lot;
     let [frequency, decay] = track;
     let mut scene = Scene {
@@ -36,34 +36,34 @@ fn heard(lot: Lot, track: [f32; 2], seed: u64) -> Identification {
     scene.drive.resonance = frequency;
     scene.sensor.ringing_decay = decay;
     let mut closed = ClosedLoop::build(&scene).expect("the lots are feeders");
-    let mut told = (0..LONGEST).map(|_| closed.cycle().report.identification);
-    told.find(|told| {
-        !matches!(
-            told,
-            Identification::Idle | Identification::Listening { .. }
-        )
-    })
-    .expect("an identification ends")
+    let mut result = (0..MAX_CYCLES).map(|_| closed.cycle().report.identification);
+    result
+        .find(|result| {
+            !matches!(
+                result,
+                Identification::Idle | Identification::Listening { .. }
+            )
+        })
+        .expect("an identification ends")
 }
 
-/// A cell of the manual's tables: the number of answers where some are missing, and the largest
-/// error.
+/// A cell of the manual's tables: the largest error, and the number of results if some are missing.
 ///
-/// It panics on a false answer, whose error exceeds three of its estimated errors.
+/// It panics on a false result, whose error exceeds three of its estimated standard errors.
 pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>) -> String {
     let runs = seeds.end - seeds.start;
     let (mut answers, mut largest) = (0, 0.0_f32);
     for seed in seeds {
-        let Identification::Found(found) = heard(lot, track, seed) else {
+        let Identification::Found(result) = identify(lot, track, seed) else {
             continue;
         };
         answers += 1;
-        let apart = (found.restitution - lot.0).abs();
+        let error = (result.restitution - lot.0).abs();
         assert!(
-            apart < 3.0 * found.deviation,
-            "{lot:?} {track:?}: {found:?}"
+            error < 3.0 * result.deviation,
+            "{lot:?} {track:?}: {result:?}"
         );
-        largest = largest.max(apart);
+        largest = largest.max(error);
     }
     match answers {
         0 => "-".into(),

@@ -1,24 +1,22 @@
-//! The tables of the manual are what the commands say.
+//! Checks that the tables of the manual agree with the output of the commands.
 //!
-//! A table after `<!-- table: NAME -->` is made here from runs of `kband`. The test makes it anew
-//! and compares every row; `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes what it
-//! finds into the pages.
+//! `<!-- table: NAME -->`: this test computes the table after it by `kband` and compares every row.
+//! `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes the computed rows into the pages.
 //!
-//! One after `<!-- long: NAME, SUM -->` takes longer than a test run may, and is made by the
-//! ignored test of that name. SUM is of its text and of what a little of the same way comes to. A
-//! test run makes that little anew: where it has become another, so may have the table, and where a
-//! number of the table was changed by hand, that is seen, too.
+//! `<!-- long: NAME, SUM -->`: the ignored test of that name computes the table, in minutes. SUM is
+//! a checksum of the table's text and of a short computation by the same code. Each test run
+//! repeats the short computation. So it detects changed code and a table changed by hand.
 //!
-//! One after `<!-- reference: WHERE -->` holds values that were computed apart from the code, which
-//! the tests there compare with it; one after `<!-- test: NAME -->` is compared by that unit test.
-//! `docs/numbers.sh` makes all of them anew, and the pictures.
+//! `<!-- reference: WHERE -->`: the values are from independent programs, and the tests in that
+//! place compare the code with them. `<!-- test: NAME -->`: that unit test compares the table.
+//! `docs/numbers.sh` computes all tables and pictures again.
 
-#[path = "../came/mod.rs"]
-mod came;
 mod closed_loop;
 mod hearing;
 mod identifying;
 mod long;
+#[path = "../outcome/mod.rs"]
+mod outcome;
 mod shapes;
 mod short;
 mod weighing;
@@ -28,7 +26,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-/// The page of tables behind chapter 10 of the theory, as seen from docs/.
+/// Page with the tables for chapter 10 of the theory, relative to docs/.
 const REAL_PARTS: &str = "../tests/real_parts.md";
 
 struct Table {
@@ -38,12 +36,12 @@ struct Table {
     rows: fn() -> Vec<String>,
 }
 
-/// What `kband` says in JSON.
-fn kband(words: &str) -> Value {
-    // Default place of the picture of simulate.
+/// JSON output of `kband`.
+fn kband(args: &str) -> Value {
+    // Simulate writes its picture there.
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let words = words.split_whitespace().chain(["--format", "json"]);
-    came::run(folder, "3600", &words.collect::<Vec<_>>()).json()
+    let args = args.split_whitespace().chain(["--format", "json"]);
+    outcome::run(folder, "3600", &args.collect::<Vec<_>>()).json()
 }
 
 fn list(value: &Value) -> &[Value] {
@@ -54,7 +52,7 @@ fn number(value: &Value) -> f64 {
     value.as_f64().expect("a number")
 }
 
-fn words(value: &Value) -> String {
+fn cell_text(value: &Value) -> String {
     value.as_str().expect("a text").replace('|', "\\|")
 }
 
@@ -82,8 +80,8 @@ fn page(name: &str) -> PathBuf {
         .collect()
 }
 
-/// A page, and where in it a table stands under its marker, of which the text begins so.
-fn found(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
+/// Text of a page, and the range of the table after the line that begins with `marker`.
+fn locate(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
     let text = fs::read_to_string(page(table.page)).expect("the page is read");
     let start = text
         .find(marker)
@@ -95,17 +93,17 @@ fn found(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
     (text, start..start + length)
 }
 
-fn made(table: &Table) -> String {
+fn new_text(table: &Table) -> String {
     let columns = table.head.matches(" |").count();
     let rule = format!("|{}", "---|".repeat(columns));
     format!("{}\n{rule}\n{}\n", table.head, (table.rows)().join("\n"))
 }
 
-/// The lines in which a table as it is printed is not as it was made.
-fn apart(made: &str, printed: &str) -> String {
+/// Lines that differ between the computed and the printed table.
+fn difference(new_text: &str, printed: &str) -> String {
     let mut lines = Vec::new();
     let mut printed = printed.lines();
-    for now in made.lines() {
+    for now in new_text.lines() {
         let before = printed.next().unwrap_or("nothing");
         if now != before {
             lines.push(format!("  printed {before}\n  now     {now}\n"));
@@ -115,25 +113,25 @@ fn apart(made: &str, printed: &str) -> String {
     lines.concat()
 }
 
-fn accepts() -> bool {
+fn accepts_new() -> bool {
     std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1")
 }
 
 #[test]
-fn every_table_is_what_the_commands_say() {
+fn every_table_equals_the_output_of_its_commands() {
     let mut wrong = Vec::new();
     for table in short::TABLES {
-        let made = made(table);
-        let (mut text, place) = found(table, &short_marker(table.name));
-        if text[place.clone()] == made {
+        let new_text = new_text(table);
+        let (mut text, place) = locate(table, &short_marker(table.name));
+        if text[place.clone()] == new_text {
             continue;
         }
-        if accepts() {
-            text.replace_range(place, &made);
+        if accepts_new() {
+            text.replace_range(place, &new_text);
             fs::write(page(table.page), text).expect("the page is written");
         } else {
-            let apart = apart(&made, &text[place]);
-            wrong.push(format!("{}: {}\n{apart}", table.page, table.name));
+            let difference = difference(&new_text, &text[place]);
+            wrong.push(format!("{}: {}\n{difference}", table.page, table.name));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
@@ -147,7 +145,7 @@ fn long_marker(name: &str) -> String {
     format!("<!-- long: {name}, ")
 }
 
-/// Of a long table as it is printed, and of its little (FNV-1a, 32 bits).
+/// Checksum of a printed long table and its short computation (FNV-1a, 32 bits).
 fn sum(printed: &str, little: &[String]) -> String {
     let all = printed
         .bytes()
@@ -163,7 +161,7 @@ fn no_long_table_is_of_an_older_kband() {
     let mut older = Vec::new();
     for long::Long { table, little } in long::TABLES {
         let marker = long_marker(table.name);
-        let (text, place) = found(table, &marker);
+        let (text, place) = locate(table, &marker);
         let sum = sum(&text[place], &little());
         if !text.contains(&format!("{marker}{sum} -->\n")) {
             older.push(format!("{}: {} (now {sum})", table.page, table.name));
@@ -181,23 +179,27 @@ fn whole(name: &str) {
         .find(|long| long.table.name == name)
         .expect("a long table");
     let marker = long_marker(name);
-    let made = made(table);
-    let (mut text, place) = found(table, &marker);
-    if accepts() {
+    let new_text = new_text(table);
+    let (mut text, place) = locate(table, &marker);
+    if accepts_new() {
         let line = text[..place.start - 1].rfind('\n').map_or(0, |at| at + 1);
-        let told = format!("{marker}{} -->\n{made}", sum(&made, &little()));
-        text.replace_range(line..place.end, &told);
+        let marked = format!("{marker}{} -->\n{new_text}", sum(&new_text, &little()));
+        text.replace_range(line..place.end, &marked);
         fs::write(page(table.page), text).expect("the page is written");
     } else {
-        let apart = apart(&made, &text[place]);
-        assert!(apart.is_empty(), "{}: {name}\n{apart}", table.page);
+        let difference = difference(&new_text, &text[place]);
+        assert!(
+            difference.is_empty(),
+            "{}: {name}\n{difference}",
+            table.page
+        );
     }
 }
 
-/// Decimals from which on a table is one of numbers.
-const NUMBERS: usize = 8;
+/// Smallest number of decimal numbers in a table that must name their source.
+const MIN_DECIMALS: usize = 8;
 
-/// Pages whose numbers are of runs.
+/// Pages whose tables need a source.
 fn theory() -> impl Iterator<Item = (String, String)> {
     let entries = fs::read_dir(page("")).expect("docs/ is there").flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
@@ -212,7 +214,7 @@ fn theory() -> impl Iterator<Item = (String, String)> {
 }
 
 #[test]
-fn every_table_of_numbers_says_where_they_are_from() {
+fn every_table_of_numbers_names_its_source() {
     let mut silent = Vec::new();
     for (name, text) in theory() {
         let lines: Vec<&str> = text.lines().collect();
@@ -226,16 +228,16 @@ fn every_table_of_numbers_says_where_they_are_from() {
                 .flat_map(|line| line.as_bytes().windows(3))
                 .filter(|w| w[0].is_ascii_digit() && w[1] == b'.' && w[2].is_ascii_digit())
                 .count();
-            let said = lines[n - 1];
-            let short = short::TABLES
-                .iter()
-                .any(|table| table.page == name && format!("{said}\n") == short_marker(table.name));
+            let comment = lines[n - 1];
+            let short = short::TABLES.iter().any(|table| {
+                table.page == name && format!("{comment}\n") == short_marker(table.name)
+            });
             let long = long::TABLES.iter().any(|long::Long { table, .. }| {
-                table.page == name && said.starts_with(&long_marker(table.name))
+                table.page == name && comment.starts_with(&long_marker(table.name))
             });
             let elsewhere = ["<!-- reference: ", "<!-- test: "];
-            let told = short || long || elsewhere.iter().any(|kind| said.starts_with(kind));
-            if decimals >= NUMBERS && !told {
+            let marked = short || long || elsewhere.iter().any(|kind| comment.starts_with(kind));
+            if decimals >= MIN_DECIMALS && !marked {
                 silent.push(format!("{name}:{}", n + 1));
             }
         }

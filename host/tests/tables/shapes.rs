@@ -1,14 +1,15 @@
-//! Track shape that keeps parts with random restitution in gear longest, under one peak
+//! Track shape with the largest share in gear for parts with random restitution, under one peak
 //! acceleration.
 //!
-//! Method: random search over shapes of one, two and three tones, then local random refinement of
-//! the best. Their shares of time in gear come from fresh runs.
+//! The method is random search over shapes of one, two and three tones, then local random
+//! refinement of the best ones. Fresh runs estimate their shares in gear.
 
 use std::error::Error;
 use std::f64::consts::TAU;
 
 use kband::impact::{ContactTime, Scatter, Tone, Wave, WaveMap};
 use kband::regime::gear::{Share, shares_from_rest};
+use kband_host::random::SplitMix;
 
 /// k, e, th, e3, th3.
 type Shape = [f64; 5];
@@ -22,7 +23,7 @@ fn peak([k, e, th, e3, th3]: Shape) -> f64 {
     (0..720).map(|n| push(n).abs()).fold(0.0, f64::max) / k
 }
 
-/// The share of time in gear of `parts`, the last three quarters of `periods` from rest.
+/// Share of time in gear of `parts`, over the last three quarters of `periods` from rest.
 fn share(
     [k, e, th, e3, th3]: Shape,
     [restitution, deviation]: [f64; 2],
@@ -47,65 +48,52 @@ fn share(
     Ok(sum.share())
 }
 
-/// Random numbers (SplitMix64), always the same ones.
-struct Random(u64);
-
-impl Random {
-    fn between(&mut self, from: f64, to: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        from + (to - from) * ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
-
-/// The best shape of `tones` tones under a peak acceleration, by random search.
+/// Best shape of `tones` tones under a peak acceleration, by random search.
 ///
-/// The best of `tries` random shapes are refined by `moves` random moves each.
+/// `moves` random moves refine each of the best of `tries` random shapes.
 fn best(
     tones: usize,
     lot: [f64; 2],
-    most: f64,
+    max_peak: f64,
     [tries, moves]: [usize; 2],
 ) -> Result<Shape, Box<dyn Error>> {
-    let mut random = Random(tones as u64);
-    let mut found: Vec<(f64, Shape)> = Vec::new();
-    while found.len() < tries {
-        let mut shape = [random.between(0.2, 0.9), 0.0, 0.0, 0.0, 0.0];
+    let mut random = SplitMix(tones as u64);
+    let mut candidates: Vec<(f64, Shape)> = Vec::new();
+    while candidates.len() < tries {
+        let mut shape = [random.within(0.2, 0.9), 0.0, 0.0, 0.0, 0.0];
         if tones > 1 {
-            (shape[1], shape[2]) = (random.between(0.0, 0.4), random.between(1.5, 3.5));
+            (shape[1], shape[2]) = (random.within(0.0, 0.4), random.within(1.5, 3.5));
         }
         if tones > 2 {
-            (shape[3], shape[4]) = (random.between(0.0, 0.15), random.between(0.0, TAU));
+            (shape[3], shape[4]) = (random.within(0.0, 0.15), random.within(0.0, TAU));
         }
-        if peak(shape) <= most {
-            found.push((share(shape, lot, 1, 4, 250.0)?, shape));
+        if peak(shape) <= max_peak {
+            candidates.push((share(shape, lot, 1, 4, 250.0)?, shape));
         }
     }
     let by_share = |a: &(f64, Shape), b: &(f64, Shape)| b.0.total_cmp(&a.0);
-    found.sort_by(by_share);
-    found.truncate((tries / 100).max(4));
-    for (value, shape) in &mut found {
+    candidates.sort_by(by_share);
+    candidates.truncate((tries / 100).max(4));
+    for (value, shape) in &mut candidates {
         *value = share(*shape, lot, 1000, 16, 500.0)?;
     }
-    found.sort_by(by_share);
-    found.truncate(4);
-    // Each is refined by ever smaller moves, judged by the same longer runs.
-    for (value, shape) in &mut found {
+    candidates.sort_by(by_share);
+    candidates.truncate(4);
+    // Moves become smaller; all are judged by the same longer runs.
+    for (value, shape) in &mut candidates {
         *value = share(*shape, lot, 2000, 32, 1000.0)?;
         for n in 0..moves {
             let reach = 0.06 * 0.96_f64.powi(n as i32);
-            let moved = [1.0, 1.0, 4.0, 0.5, 8.0].map(|by| by * random.between(-reach, reach));
+            let moved = [1.0, 1.0, 4.0, 0.5, 8.0].map(|by| by * random.within(-reach, reach));
             let mut other = *shape;
             for place in 0..2 * tones - 1 {
                 other[place] += moved[place];
             }
-            for (place, least) in [(0, 0.1), (1, 0.0), (3, 0.0)] {
-                other[place] = f64::max(other[place], least);
+            for (place, min) in [(0, 0.1), (1, 0.0), (3, 0.0)] {
+                other[place] = f64::max(other[place], min);
             }
             other[4] = other[4].rem_euclid(TAU);
-            if peak(other) <= most {
+            if peak(other) <= max_peak {
                 let share = share(other, lot, 2000, 32, 1000.0)?;
                 if share > *value {
                     (*value, *shape) = (share, other);
@@ -113,12 +101,12 @@ fn best(
             }
         }
     }
-    found.sort_by(by_share);
-    let best = found.first().map(|best| best.1);
+    candidates.sort_by(by_share);
+    let best = candidates.first().map(|best| best.1);
     best.ok_or_else(|| "no shape stays under this acceleration".into())
 }
 
-/// Restitution, its scatter, and the largest acceleration in g across the track.
+/// Restitution, scatter, and largest acceleration in g across the track.
 pub const LOTS: [[f64; 3]; 6] = [
     [0.3, 0.10, 3.2],
     [0.3, 0.10, 4.2],
@@ -128,20 +116,20 @@ pub const LOTS: [[f64; 3]; 6] = [
     [0.5, 0.15, 4.3],
 ];
 
-/// The head of the table.
+/// Head of the table.
 pub const HEAD: &str =
     "| R | s | at most | one tone: k | two tones: k, e, th | three tones: k, e, th, e3, th3 |";
 
-/// Random moves of each of the best.
-pub const MOVES: usize = 60;
+/// Number of random moves for each of the best shapes.
+pub const RANDOM_MOVES: usize = 60;
 
-/// The rows of the manual's table.
+/// Rows of the manual's table.
 pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<dyn Error>> {
-    let row = |&[restitution, deviation, most]: &[f64; 3]| {
+    let row = |&[restitution, deviation, max_peak]: &[f64; 3]| {
         let lot = [restitution, deviation];
-        let mut cells = format!("| {restitution} | {deviation:.2} | {most} g |");
+        let mut cells = format!("| {restitution} | {deviation:.2} | {max_peak} g |");
         for tones in 1..=3 {
-            let shape = best(tones, lot, most, effort)?;
+            let shape = best(tones, lot, max_peak, effort)?;
             let fresh = share(shape, lot, 9000, 64, 1000.0)?;
             let places = shape[..2 * tones - 1].iter().zip([3, 3, 2, 3, 2]);
             let places: Vec<String> = places

@@ -1,8 +1,8 @@
-//! Tables that a test run makes anew.
+//! Tables that every test run computes.
 
 use serde_json::Value;
 
-use super::{REAL_PARTS, Table, digits, kband, list, number, percent, words};
+use super::{REAL_PARTS, Table, cell_text, digits, kband, list, number, percent};
 
 const fn table(
     name: &'static str,
@@ -50,64 +50,51 @@ pub const TABLES: &[Table] = &[
         "| R = 0.2 | band k2..k1 | locks from rest at k between | share of the band | peak acceleration there |",
         bands_on_two_tones,
     ),
-    table(
-        "friction",
-        REAL_PARTS,
-        "| 1/k | eta | mu | alpha (degrees) | R | second tone | regime | W | mm/s at 50 Hz |",
-        friction,
-    ),
 ];
 
-/// The rows of `kband paper` in which the print does not hold as it stands.
-fn paper(of: fn(&str) -> bool, name: &str) -> Vec<String> {
-    let found = kband("paper");
-    let of = |row: &&Value| row["equation"].as_str().is_some_and(of) && row["verdict"] != "agrees";
+/// Rows of `kband paper` whose printed form does not hold.
+fn paper(selects: fn(&str) -> bool, name: &str) -> Vec<String> {
+    let result = kband("paper");
+    let selected =
+        |row: &&Value| row["equation"].as_str().is_some_and(selects) && row["verdict"] != "agrees";
     let row = |row: &Value| {
         let off = match &row["printed_error"] {
             Value::Null => String::new(),
             off => digits(off, 2),
         };
-        let cells = [name, "printed", "recomputed", "verdict"].map(|key| words(&row[key]));
+        let cells = [name, "printed", "recomputed", "verdict"].map(|key| cell_text(&row[key]));
         format!("| {} | {off} |", cells.join(" | "))
     };
-    list(&found).iter().filter(of).map(row).collect()
+    list(&result).iter().filter(selected).map(row).collect()
 }
 
 fn findings() -> Vec<String> {
-    let found = kband("paper");
-    let of = |row: &&Value| row["equation"] == "finding";
+    let result = kband("paper");
+    let selected = |row: &&Value| row["equation"] == "finding";
     let row = |row: &Value| {
-        let cells = ["subject", "recomputed"].map(|key| words(&row[key]));
+        let cells = ["subject", "recomputed"].map(|key| cell_text(&row[key]));
         format!("| {} |", cells.join(" | "))
     };
-    list(&found).iter().filter(of).map(row).collect()
+    list(&result).iter().filter(selected).map(row).collect()
 }
 
 fn bands() -> Vec<String> {
-    let found = kband("bands --restitution 0.2");
+    let result = kband("bands --restitution 0.2");
     let row = |row: &Value| {
         let [k2, k1] = ["k2", "k1"].map(|key| number(&row[key]));
         format!("| {} | {k2:.6} | {k1:.6} |", row["order"])
     };
-    list(&found).iter().map(row).collect()
-}
-
-/// The option of a second tone, if there is one.
-fn second_tone(tone: &str) -> String {
-    match tone {
-        "" => String::new(),
-        tone => format!("--second-tone {tone}"),
-    }
+    list(&result).iter().map(row).collect()
 }
 
 fn capture() -> Vec<String> {
     let row = |lot: &str| {
-        let found = kband(&format!("capture --restitution {lot} --runs 1000 --seed 1"));
+        let result = kband(&format!("capture --restitution {lot} --runs 1000 --seed 1"));
         let share = |value: &Value| percent(number(value));
-        let kicks = list(&found["captured"]);
+        let kicks = list(&result["captured"]);
         format!(
             "| {lot} | {} | {} | {} |",
-            share(&found["captured_alone"]),
+            share(&result["captured_alone"]),
             share(&kicks[0]),
             share(&kicks[kicks.len() - 1])
         )
@@ -116,61 +103,29 @@ fn capture() -> Vec<String> {
     lots.split(' ').map(row).collect()
 }
 
-fn friction() -> Vec<String> {
-    const GEAR: &str = "0.15,2.356";
-    let cases = [
-        (0.6, "1.7320508", 0.8, 3, 0.2, ""),
-        (0.9, "1.7320508", 0.8, 3, 0.2, ""),
-        (1.0, "1.7320508", 0.3, 0, 0.2, ""),
-        (0.9, "2", 0.2, 0, 0.2, ""),
-        (1.2, "1.5", 0.3, 3, 0.0, ""),
-        (1.2, "1.5", 0.3, 3, 0.2, ""),
-        (2.0, "1.5", 0.3, 3, 0.2, ""),
-        (2.0, "1.5", 0.1, 3, 0.2, ""),
-        (0.6, "1.5", 0.3, 3, 0.2, GEAR),
-        (1.2, "1.5", 0.3, 3, 0.2, GEAR),
-        (2.0, "1.5", 0.3, 3, 0.2, GEAR),
-        (3.0, "1.5", 0.3, 3, 0.2, GEAR),
-    ];
-    cases
-        .into_iter()
-        .map(|(throw, eta, mu, incline, restitution, tone)| {
-            let given = second_tone(tone);
-            let found = kband(&format!(
-                "transport --throw {throw} --amplitude-ratio {eta} --friction {mu} --incline {incline} \
-                 --restitution {restitution} {given}"
-            ));
-            let row = &list(&found["rows"])[0];
-            format!(
-                "| {throw} | {eta} | {mu} | {incline} | {restitution} | {tone} | {} | {} | {} |",
-                words(&row["regime"]),
-                digits(&row["velocity"], 6),
-                digits(&row["speed"], 5)
-            )
-        })
-        .collect()
-}
-
 fn bands_on_two_tones() -> Vec<String> {
     ["", "0.05,2.487", "0.10,2.487", "0.15,2.356"]
         .into_iter()
         .map(|tone| {
-            let given = second_tone(tone);
-            let found = kband(&format!("bands --restitution 0.2 --orders 1 {given}"));
-            let row = &list(&found)[0];
-            let of = |key: &str| number(&row[key]);
-            let [low, high, share] = if tone.is_empty() {
-                [of("k2"), of("reachable_edge"), of("reachable_share")]
-            } else {
-                ["from_rest_low", "from_rest_high", "from_rest_share"].map(of)
+            let given = match tone {
+                "" => String::new(),
+                tone => format!("--second-tone {tone}"),
             };
-            let peak = |k: f64| of("peak") * of("setpoint") / k;
+            let result = kband(&format!("bands --restitution 0.2 --orders 1 {given}"));
+            let row = &list(&result)[0];
+            let get = |key: &str| number(&row[key]);
+            let [low, high, share] = if tone.is_empty() {
+                [get("k2"), get("reachable_edge"), get("reachable_share")]
+            } else {
+                ["from_rest_low", "from_rest_high", "from_rest_share"].map(get)
+            };
+            let peak = |k: f64| get("peak") * get("setpoint") / k;
             let named = tone.split_once(',');
             let named = named.map_or("e = 0".into(), |(e, th)| format!("e = {e}, th = {th}"));
             format!(
                 "| {named} | {:.3}..{:.3} | {low:.3}..{high:.3} | {} | {:.1} to {:.1} g |",
-                of("k2"),
-                of("k1"),
+                get("k2"),
+                get("k1"),
                 percent(share),
                 peak(high),
                 peak(low),

@@ -1,9 +1,9 @@
-//! Mass flow in g/s over random feeders without a scale: estimated against true
+//! Mass flow in g/s of random feeders without a scale: estimated and simulated
 //! (docs/theory-real-parts.md#t10.5).
 //!
-//! Each feeder has another frequency, Q, restitution, scatter, incline, friction and number of
-//! parts. The parts weigh 2 to 20 % of the track. They fall onto it within a second; the controller
-//! brings them into gear.
+//! Each feeder has its own frequency, Q, restitution, scatter, incline, friction and number of
+//! parts. The mass of the parts is 2 to 20 % of the track's. They fall onto it within 1 s; the
+//! controller brings them into gear.
 
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;
@@ -11,11 +11,11 @@ use kband_control::{Report, Target};
 use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
 use rayon::prelude::*;
 
-/// The head of the table.
+/// Head of the table.
 pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |";
 
-/// Times in s: when the parts fall, when the evaluation begins, and the end.
-const TIMES: [f64; 3] = [2.0, 8.0, 28.0];
+/// Times of the fall of the parts, of the start of the evaluation, and of the end, s.
+const PHASE_TIMES: [f64; 3] = [2.0, 8.0, 28.0];
 
 fn feeder(noise: &mut Noise) -> Scene {
     let mut between = |low: f32, high: f32| low + (high - low) * noise.uniform();
@@ -55,7 +55,7 @@ fn feeder(noise: &mut Noise) -> Scene {
     scene.masses = weights.iter().map(|weight| weight / sum * all).collect();
     scene.waiting = count as u8;
     let dump = Disturbance {
-        at: TIMES[0],
+        at: PHASE_TIMES[0],
         change: Change::Dump(1.0),
     };
     scene.disturbances = std::iter::once(dump).collect();
@@ -65,7 +65,7 @@ fn feeder(noise: &mut Noise) -> Scene {
 
 #[derive(Default)]
 struct Weighed {
-    told: f64,
+    estimated: f64,
     mass: f64,
     flow: f64,
     speed: f64,
@@ -77,31 +77,31 @@ fn run(scene: &Scene) -> Result<Weighed, OutOfRange> {
     let mut all = Weighed::default();
     let mut began = None;
     let mut take = |moment: &Moment| {
-        if moment.time < TIMES[1] {
+        if moment.time < PHASE_TIMES[1] {
             return true;
         }
-        let (time, way) = *began.get_or_insert((moment.time, moment.displacement));
+        let (time, origin) = *began.get_or_insert((moment.time, moment.displacement));
         let report: &Report = &moment.report;
         all.cycles += 1.0;
         all.gear += f64::from(report.in_gear);
         if let Some(load) = report.load {
-            all.told += 1.0;
+            all.estimated += 1.0;
             all.mass += f64::from(load.mass);
             all.flow += f64::from(load.flow);
         }
-        all.speed = (moment.displacement - way) / (moment.time - time).max(1e-9) * 1e3;
-        moment.time < TIMES[2]
+        all.speed = (moment.displacement - origin) / (moment.time - time).max(1e-9) * 1e3;
+        moment.time < PHASE_TIMES[2]
     };
     let mut closed = ClosedLoop::build(scene)?;
     while take(&closed.cycle()) {}
-    all.mass /= all.told;
-    all.flow /= all.told;
+    all.mass /= all.estimated;
+    all.flow /= all.estimated;
     all.gear /= all.cycles;
-    all.told /= all.cycles;
+    all.estimated /= all.cycles;
     Ok(all)
 }
 
-/// The rows of the manual's table; it panics on an error of mass or flow above 4 %.
+/// Rows of the manual's table; panics if the error of mass or flow exceeds 4 %.
 pub fn table(feeders: usize, seed: u64) -> Result<Vec<String>, OutOfRange> {
     let mut noise = Noise::new(seed);
     let scenes: Vec<Scene> = (0..feeders).map(|_| feeder(&mut noise)).collect();
@@ -109,26 +109,26 @@ pub fn table(feeders: usize, seed: u64) -> Result<Vec<String>, OutOfRange> {
 }
 
 fn row(scene: &Scene) -> Result<String, OutOfRange> {
-    let found = run(scene)?;
+    let result = run(scene)?;
     let mass: f64 = scene.masses.iter().map(|mass| f64::from(*mass)).sum();
-    let flow = mass * found.speed / f64::from(scene.settings.track_length);
+    let flow = mass * result.speed / f64::from(scene.settings.track_length);
     let settings = &scene.settings;
-    let percent = |told: f64, truth: f64| {
-        let error = told / truth - 1.0;
-        assert!(error.abs() < 0.04, "{told} for {truth}: {scene:?}");
+    let percent = |estimated: f64, truth: f64| {
+        let error = estimated / truth - 1.0;
+        assert!(error.abs() < 0.04, "{estimated} for {truth}: {scene:?}");
         format!("{:+.1} %", error * 100.0)
     };
-    let told = if found.told > 0.0 {
+    let estimated = if result.estimated > 0.0 {
         [
-            format!("{:.0}", found.mass),
-            percent(found.mass, mass),
-            format!("{:.1}", found.flow),
-            percent(found.flow, flow),
+            format!("{:.0}", result.mass),
+            percent(result.mass, mass),
+            format!("{:.1}", result.flow),
+            percent(result.flow, flow),
         ]
     } else {
         ["-", "-", "-", "-"].map(String::from)
     };
-    let [weighed, off, flows, away] = told;
+    let [weighed, off, flows, away] = estimated;
     Ok(format!(
         "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",
         settings.frequency,
@@ -137,7 +137,7 @@ fn row(scene: &Scene) -> Result<String, OutOfRange> {
         settings.scatter,
         scene.parts.len(),
         mass * 0.1 / f64::from(settings.track_mass),
-        found.gear,
-        found.told,
+        result.gear,
+        result.estimated,
     ))
 }

@@ -31,17 +31,15 @@ pub fn answer(adu: &[u8], image: &str, answer: &mut Answer) -> Result<(), Except
     };
     let count = chosen.len() as u8;
     let full = |_| Exception::Value;
-    answer
-        .extend_from_slice(&[unit, 43, READ_DEVICE, code, CONFORMITY, 0, 0, count])
-        .map_err(full)?;
+    let head = [unit, 43, READ_DEVICE, code, CONFORMITY, 0, 0, count];
+    answer.extend_from_slice(&head).map_err(full)?;
     for (number, object) in (0_u8..).zip(objects) {
         if chosen.contains(&usize::from(number)) {
             let text = object.as_bytes();
             let text = &text[..text.len().min(MAX_OBJECT_BYTES)];
-            answer
-                .extend_from_slice(&[number, text.len() as u8])
-                .and_then(|()| answer.extend_from_slice(text))
-                .map_err(full)?;
+            let head = [number, text.len() as u8];
+            answer.extend_from_slice(&head).map_err(full)?;
+            answer.extend_from_slice(text).map_err(full)?;
         }
     }
     Ok(())

@@ -1,18 +1,18 @@
 //! The registers of a feeder drive on Modbus, and the server that answers for them.
 //!
 //! [`Server::answer`] takes a request without checksum and header: unit, function and data. The
-//! transports wrap it: [`rtu`] for a serial line, [`tcp`] for a network. What the registers mean is
-//! one table ([`registers`]), which also writes the manual's page.
+//! transports wrap it: [`rtu`] for a serial line, [`tcp`] for a network. One table, [`registers`],
+//! defines the meaning of each register and generates the manual's page.
 //!
-//! The server holds no drive. It reads and commands one through [`Machine`].
+//! The server contains no drive. It reads and commands one through [`Machine`].
 //!
 //! ```
 //! use kband_bus::{Answer, Server, rtu};
-//! # use kband_bus::{Exception, Machine, Seen};
+//! # use kband_bus::{Exception, Machine, Snapshot};
 //! # use kband_control::{Settings, Target, wire::Record};
-//! # struct Desk;
-//! # impl Machine for Desk {
-//! #     fn seen(&self) -> Seen<'_> { Seen::default() }
+//! # struct TestDrive;
+//! # impl Machine for TestDrive {
+//! #     fn snapshot(&self) -> Snapshot<'_> { Snapshot::default() }
 //! #     fn settings(&self) -> Settings { Settings::default() }
 //! #     fn event(&self, _: u32) -> Option<Record> { None }
 //! #     fn command(&mut self, _: bool, _: bool) {}
@@ -24,7 +24,7 @@
 //! let request = [17, 3, 0, 5, 0, 1, 0x96, 0x9b];
 //! let mut server = Server::default();
 //! let mut answer = Answer::new();
-//! assert!(rtu::answer(&mut server, 17, &request, &mut Desk, &mut answer));
+//! assert!(rtu::answer(&mut server, 17, &request, &mut TestDrive, &mut answer));
 //! assert_eq!(answer[..5], [17, 3, 2, 0, 0]);
 //! ```
 #![no_std]
@@ -44,6 +44,6 @@ mod target;
 pub mod tcp;
 mod write;
 
-pub use machine::{Authority, Machine, SaveProgress, Seen};
+pub use machine::{Authority, Machine, SaveProgress, Snapshot};
 pub use protocol::{Answer, Counters, Exception, MAX_ADU_BYTES};
 pub use server::Server;

@@ -1,15 +1,15 @@
-//! What the server needs of a drive.
+//! Interface of the server to a drive.
 
 use kband_control::wire::{Record, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
 use crate::protocol::Exception;
 
-/// What the bus may do: the setting `bus`, where the bus is in control.
+/// Rights of the bus: the setting `bus`, if the bus is in control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Authority {
-    /// Read only: something else is in control.
+    /// Read only: the bus is not in control.
     #[default]
     Read = 0,
     /// Run the drive, and set target and settings.
@@ -19,7 +19,7 @@ pub enum Authority {
 }
 
 impl Authority {
-    /// The authority that these settings give the bus of a board.
+    /// Rights that these settings give the bus of a board.
     pub fn of(settings: &Settings) -> Self {
         match settings.bus {
             _ if !settings.bus_controls() => Self::Read,
@@ -36,7 +36,7 @@ pub enum SaveProgress {
     /// None was requested since the start.
     #[default]
     None = 0,
-    /// It is not done yet.
+    /// It is not finished yet.
     Pending = 1,
     /// Settings and target are saved.
     Done = 2,
@@ -44,14 +44,14 @@ pub enum SaveProgress {
     Failed = 3,
 }
 
-/// What a drive shows at the time of a request.
+/// State of a drive at the time of a request.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct Snapshot<'a> {
     /// The last drive cycle.
     pub telemetry: Telemetry,
     /// Inputs and outputs.
     pub status: Status,
-    /// What the bus may do.
+    /// Rights of the bus.
     pub authority: Authority,
     /// The configured target.
     pub target: Target,
@@ -59,17 +59,17 @@ pub struct Seen<'a> {
     pub recipe: u16,
     /// Progress of the last save.
     pub save: SaveProgress,
-    /// Number of events since the start: the newest has this number less one.
+    /// Number of events since the start; the newest event has this number minus one.
     pub events: u32,
     /// Drive cycles since the start with a missed control deadline.
     pub missed: u32,
-    /// Whether settings may be changed: neither a strap nor a PIN keeps them.
+    /// Whether settings may be changed: neither a strap nor a PIN protects them.
     pub writable: bool,
     /// Name, version and build of the image.
     pub image: &'a str,
 }
 
-impl Default for Seen<'_> {
+impl Default for Snapshot<'_> {
     fn default() -> Self {
         Self {
             telemetry: Telemetry::default(),
@@ -86,7 +86,7 @@ impl Default for Seen<'_> {
     }
 }
 
-impl Seen<'_> {
+impl Snapshot<'_> {
     /// Whether the drive is off or in fault, so that settings may be changed and saved.
     pub fn at_rest(&self) -> bool {
         let state = self.telemetry.state;
@@ -94,12 +94,10 @@ impl Seen<'_> {
     }
 
     pub(crate) fn status_word(&self) -> u16 {
-        let Self {
-            telemetry, status, ..
-        } = self;
-        let off = telemetry.state == State::Off.number();
+        let (telemetry, status) = (&self.telemetry, &self.status);
+        let is_off = telemetry.state == State::Off.number();
         let fault = telemetry.fault != 0;
-        let ready = off && !fault && status.inputs.enable && status.permitted;
+        let ready = is_off && !fault && status.inputs.enable && status.permitted;
         [
             (0, ready),
             (1, !self.at_rest()),
@@ -116,46 +114,46 @@ impl Seen<'_> {
 
 /// A drive on the bus.
 ///
-/// The server has checked authority and addresses before it calls a command. An error is the answer
-/// of the bus: `Value`, `NotInControl` or `Busy`.
+/// The server has checked authority and addresses before it calls a command. An error is the
+/// exception that the bus answers: `Value`, `NotInControl` or `Busy`.
 pub trait Machine {
-    /// What the drive shows now.
-    fn seen(&self) -> Seen<'_>;
+    /// The present state of the drive.
+    fn snapshot(&self) -> Snapshot<'_>;
 
     /// The settings in use.
     fn settings(&self) -> Settings;
 
-    /// The event of this number; `None` if it is overwritten or did not happen yet.
+    /// The event of this number; `None` if it is overwritten or has not happened yet.
     fn event(&self, number: u32) -> Option<Record>;
 
-    /// Takes the run bit, and whether the acknowledge bit has risen.
+    /// Sets the run bit, and reports whether the acknowledge bit has risen.
     ///
-    /// The machine decides what follows: after power-on and after a fault the run bit must be 0
-    /// once, and nothing starts without the enable input.
+    /// The machine decides whether it starts. After power-on and after a fault the run bit must be
+    /// 0 once, and without the enable input nothing starts.
     fn command(&mut self, run: bool, acknowledge: bool);
 
     /// Sets another target.
     ///
     /// # Errors
-    /// The drive refuses it and keeps the previous one.
+    /// The drive refuses the target and keeps the previous one.
     fn set_target(&mut self, target: Target) -> Result<(), Exception>;
 
     /// Sets other settings.
     ///
     /// # Errors
-    /// The drive refuses them and keeps the previous ones.
+    /// The drive refuses the settings and keeps the previous ones.
     fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception>;
 
-    /// Requests that settings and target are saved; [`Seen::save`] shows the progress.
+    /// Requests that settings and target are saved; [`Snapshot::save`] shows the progress.
     ///
     /// # Errors
-    /// The drive runs, or the previous save is not done.
+    /// The drive runs, or the previous save is not finished.
     fn save(&mut self) -> Result<(), Exception>;
 
     /// Selects a recipe.
     ///
     /// # Errors
-    /// There is no such recipe. Without recipes only 0 is accepted.
+    /// The recipe does not exist. Without recipes only 0 is accepted.
     fn select_recipe(&mut self, recipe: u16) -> Result<(), Exception> {
         match recipe {
             0 => Ok(()),

@@ -2,13 +2,13 @@
 
 use heapless::Vec;
 
+use crate::tcp::HEADER_BYTES;
+
 /// Largest request or answer, bytes: unit, function and 252 bytes of data.
 pub const MAX_ADU_BYTES: usize = 254;
-/// Bytes before the unit in the frames of TCP.
-pub(crate) const HEADER: usize = 6;
 
-/// Room for an answer, with the header of TCP or the checksum of RTU.
-pub type Answer = Vec<u8, { MAX_ADU_BYTES + HEADER }>;
+/// Buffer for an answer, with the header of TCP or the checksum of RTU.
+pub type Answer = Vec<u8, { MAX_ADU_BYTES + HEADER_BYTES }>;
 
 /// Function codes that are answered.
 pub(crate) mod function {
@@ -24,13 +24,13 @@ pub(crate) mod function {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exception {
-    /// The function is not answered.
+    /// The function is not supported.
     Function = 1,
-    /// There is no such register, it is not writable, or only a part of it was written.
+    /// The register does not exist, is not writable, or was written only in part.
     Address = 2,
     /// A number is out of range.
     Value = 3,
-    /// The authority does not suffice, or the link is in control.
+    /// The authority is not sufficient, or the link is in control.
     NotInControl = 4,
     /// The drive runs, or the memory is busy.
     Busy = 6,
@@ -39,9 +39,9 @@ pub enum Exception {
 /// Counters of a server since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Requests that were answered.
+    /// Answered requests.
     pub requests: u32,
-    /// Of these, requests that were answered by an exception.
+    /// Requests answered by an exception, which also count as requests.
     pub exceptions: u32,
     /// Frames with a wrong checksum or length.
     pub damaged: u32,

@@ -8,7 +8,7 @@ use crate::server::Server;
 pub const MAX_FRAME_BYTES: usize = crate::MAX_ADU_BYTES + CHECK_BYTES;
 /// Size of the checksum, bytes.
 const CHECK_BYTES: usize = 2;
-/// Unit to which a master speaks to all boards at once; it is not answered, and not obeyed.
+/// Unit address of broadcasts; they are neither answered nor carried out.
 pub const BROADCAST: u8 = 0;
 
 /// Bits of a character with start, parity and stop.
@@ -25,7 +25,7 @@ pub fn silence_us(baud: u32) -> u32 {
 
 /// Answers a frame to `unit`, checksum included; returns whether there is an answer.
 ///
-/// Frames to other units and to all of them are not answered.
+/// Frames to other units and broadcasts are not answered.
 pub fn answer(
     server: &mut Server,
     unit: u8,
@@ -38,8 +38,8 @@ pub fn answer(
         server.count_damaged();
         return false;
     };
-    let to_this = adu.first().is_some_and(|first| *first == unit) && unit != BROADCAST;
-    if !(to_this && server.answer(adu, machine, answer)) {
+    let is_addressed = adu.first().is_some_and(|first| *first == unit) && unit != BROADCAST;
+    if !(is_addressed && server.answer(adu, machine, answer)) {
         return false;
     }
     let check = crc(answer);

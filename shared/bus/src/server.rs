@@ -1,4 +1,4 @@
-//! The server: takes a request, refuses what is not one, answers the rest.
+//! The server: takes a request, rejects invalid ones, answers the rest.
 
 use crate::access::access;
 use crate::identification;
@@ -32,9 +32,9 @@ impl Server {
         bytes: &mut [u8],
         machine: &impl Machine,
     ) -> Result<(), Exception> {
-        let (seen, settings) = (machine.seen(), machine.settings());
+        let (snapshot, settings) = (machine.snapshot(), machine.settings());
         let picture = Picture {
-            seen: &seen,
+            snapshot: &snapshot,
             settings: &settings,
             counters: &self.counters,
             control: self.control.unwrap_or(0),
@@ -50,10 +50,10 @@ impl Server {
         Ok(())
     }
 
-    /// Answers a request of unit, function and data; returns whether there is an answer, which then
+    /// Answers a request of unit, function and data. Returns whether there is an answer, which then
     /// has the same parts.
     ///
-    /// The caller has compared the unit. A function above 127 is no request: it has no answer.
+    /// The caller has compared the unit. A function above 127 is not a request and gets no answer.
     // A board calls it from its bus and from its link: one copy saves 3 KiB of flash.
     #[inline(never)]
     pub fn answer(&mut self, adu: &[u8], machine: &mut impl Machine, answer: &mut Answer) -> bool {
@@ -71,14 +71,14 @@ impl Server {
             | function::WRITE_ONE
             | function::WRITE_SEVERAL => access(self, adu, machine, answer),
             function::DIAGNOSTICS => echo(adu, answer),
-            function::ENCAPSULATED => identification::answer(adu, machine.seen().image, answer),
+            function::ENCAPSULATED => identification::answer(adu, machine.snapshot().image, answer),
             _ => Err(Exception::Function),
         };
         self.counters.requests = self.counters.requests.wrapping_add(1);
         if let Err(exception) = result {
             self.counters.exceptions = self.counters.exceptions.wrapping_add(1);
             answer.clear();
-            // Three bytes always fit.
+            // Three bytes always fit into the answer.
             let _ = answer.extend_from_slice(&[unit, function | 0x80, exception as u8]);
         }
         true

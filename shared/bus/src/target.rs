@@ -39,8 +39,7 @@ pub fn has_number(kind: u16) -> bool {
     (K..CHAOS).contains(&kind)
 }
 
-/// The target of this kind and number; `None` without one. The number of a kind that has none is
-/// not used.
+/// The target of this kind and number; `None` without one. Some kinds ignore the number.
 pub fn decode(kind: u16, number: f32) -> Option<Target> {
     let order = |base: u16| {
         let order = kind.checked_sub(base)?;
@@ -79,8 +78,8 @@ mod tests {
             }
         }
         assert_eq!(known, 8 + 8 + 5 + 1);
-        for bad in [f32::NAN, f32::INFINITY] {
-            assert!((32..48).all(|kind| decode(kind, bad).is_none()));
+        for invalid in [f32::NAN, f32::INFINITY] {
+            assert!((32..48).all(|kind| decode(kind, invalid).is_none()));
         }
     }
 }

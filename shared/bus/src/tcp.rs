@@ -1,17 +1,15 @@
 //! Modbus TCP: the header of a frame (MBAP).
 
-use crate::machine::Machine;
 use crate::protocol::{Answer, MAX_ADU_BYTES};
-use crate::server::Server;
 
 /// Size of the header before the unit, bytes: transaction, protocol, length.
 pub const HEADER_BYTES: usize = 6;
 
-/// Length of the frame that begins with these bytes, bytes; `None` with fewer than a header. A
-/// stream whose header is refused cannot be resumed: close it.
+/// Length of the frame that begins with these bytes; `None` with fewer bytes than a header. A
+/// stream with a refused header cannot be resumed: close it.
 ///
 /// # Errors
-/// The header is not of Modbus TCP.
+/// The header is not a Modbus TCP header.
 pub fn frame_length(bytes: &[u8]) -> Result<Option<usize>, NotModbus> {
     let Some(header) = bytes.first_chunk::<HEADER_BYTES>() else {
         return Ok(None);
@@ -24,33 +22,18 @@ pub fn frame_length(bytes: &[u8]) -> Result<Option<usize>, NotModbus> {
     }
 }
 
-/// A header that is not of Modbus TCP.
+/// Error: the header is not a Modbus TCP header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotModbus;
 
-/// Answers a whole frame, header included; returns whether there is an answer. It is of any unit.
-pub fn answer(
-    server: &mut Server,
-    frame: &[u8],
-    machine: &mut impl Machine,
-    answer: &mut Answer,
-) -> bool {
-    let Some(adu) = adu(frame) else {
-        server.count_damaged();
-        answer.clear();
-        return false;
-    };
-    server.answer(adu, machine, answer) && wrap(frame, answer)
-}
-
-/// Unit, function and data of a whole frame; `None` where its length is wrong.
+/// Unit, function and data of a whole frame; `None` if its length is wrong.
 pub fn adu(frame: &[u8]) -> Option<&[u8]> {
     let (_, adu) = frame.split_first_chunk::<HEADER_BYTES>()?;
     (frame_length(frame) == Ok(Some(frame.len()))).then_some(adu)
 }
 
-/// Puts the header of an answer to `frame` before unit, function and data; returns false where it
-/// has no room.
+/// Puts the header of an answer to `frame` before unit, function and data; returns false if there
+/// is no room for it.
 pub fn wrap(frame: &[u8], answer: &mut Answer) -> bool {
     let Some(header) = frame.first_chunk::<HEADER_BYTES>() else {
         return false;

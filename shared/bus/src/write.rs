@@ -1,4 +1,4 @@
-//! Writing registers: the whole request is checked before any of it is carried out.
+//! Writing registers: the whole request is checked before any of it takes effect.
 
 use kband_control::{Settings, Target};
 
@@ -31,9 +31,9 @@ pub fn write(
     words: &[u8],
     machine: &mut impl Machine,
 ) -> Result<(), Exception> {
-    let seen = machine.seen();
-    let (authority, at_rest, target) = (seen.authority, seen.at_rest(), seen.target);
-    let writable = seen.writable;
+    let snapshot = machine.snapshot();
+    let (authority, at_rest, target) = (snapshot.authority, snapshot.at_rest(), snapshot.target);
+    let writable = snapshot.writable;
     let written = read_request(address, words, &machine.settings())?;
     if authority < Authority::Command {
         return Err(Exception::NotInControl);
@@ -51,7 +51,7 @@ pub fn write(
         Some(_) => return Err(Exception::Value),
     }
     if let Some(settings) = &written.settings {
-        let own = [
+        let bus_keys = [
             "bus",
             "bus_address",
             "bus_baud",
@@ -59,7 +59,7 @@ pub fn write(
             "bus_timeout",
         ];
         let now = machine.settings();
-        if !writable || own.iter().any(|key| settings.get(key) != now.get(key)) {
+        if !writable || bus_keys.iter().any(|key| settings.get(key) != now.get(key)) {
             return Err(Exception::NotInControl);
         }
         if !at_rest {
@@ -93,9 +93,9 @@ fn read_request(address: u16, bytes: &[u8], settings: &Settings) -> Result<Writt
             .filter(|register| register.address == address && register.access != Access::Read)
             .ok_or(Exception::Address)?;
         let length = usize::from(register.form.registers());
-        let (own, rest) = words.split_at_checked(length).ok_or(Exception::Address)?;
+        let (number, rest) = words.split_at_checked(length).ok_or(Exception::Address)?;
         let high = u16::from_be_bytes(*first);
-        let low = own.last().map_or(0, |word| u16::from_be_bytes(*word));
+        let low = number.last().map_or(0, |word| u16::from_be_bytes(*word));
         let float = f32::from_bits(u32::from(high) << 16 | u32::from(low));
         take(&mut written, &register, high, float, settings)?;
         (address, words) = (register.end(), rest);
@@ -132,9 +132,9 @@ fn rises(before: Option<u16>, word: u16) -> bool {
     word & ACKNOWLEDGE != 0 && before.is_some_and(|before| before & ACKNOWLEDGE == 0)
 }
 
-/// The target that a request sets; `None` where it is the present one.
+/// The target that a request sets; `None` if it is the present one.
 ///
-/// A kind with a number takes no number of another kind: 0.8 of k must not become 0.8 mm.
+/// A kind with a number never reuses the number of another kind: k = 0.8 must not become 0.8 mm.
 fn new_target(present: Target, written: &Written) -> Result<Option<Target>, Exception> {
     let (kind_now, number_now) = target::encode(present);
     let kind = match (written.kind, written.number) {

@@ -26,12 +26,19 @@ pub fn radians_of(phase: Phase) -> f32 {
 /// ```
 /// use kband_control::{SAMPLE_RATE, phase_step};
 /// let step = phase_step(50.0);
-/// // So many turns in a second.
+/// // Turns per second:
 /// let frequency = f64::from(step) / 4_294_967_296.0 * f64::from(SAMPLE_RATE);
 /// assert!((frequency - 50.0).abs() < 2.4e-6);
 /// ```
 pub fn phase_step(frequency: f32) -> u32 {
     (f64::from(frequency) * (Phase::TURN / f64::from(SAMPLE_RATE)) + 0.5) as u32
+}
+
+/// Time of an impact in 2^-32 cycles, from cycle number and phase of the output, and the track's
+/// lead over that phase.
+pub fn impact_time(count: u32, phase: Phase, lead: Phase) -> u64 {
+    (u64::from(count) << 32 | u64::from(phase.bits()))
+        .wrapping_add_signed(i64::from(lead.bits() as i32))
 }
 
 #[cfg(test)]

@@ -5,18 +5,18 @@ use serde::{Deserialize, Serialize};
 /// Cause of the controller's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StartCause {
-    /// A user requested it: an enable input that is on counts.
+    /// A user requested it: an enable input that is already on counts.
     #[default]
     Ordinary,
-    /// The watchdog or a brown-out reset the board: off until enabled anew.
+    /// The watchdog or a brown-out reset the board: off until enabled again.
     Reset,
     /// The stored settings were refused: off, with the default settings.
     Refused,
-    /// Power came on: off until the enable input, which may be on, was off once.
+    /// Power was switched on: off until the enable input, which may be on, was off once.
     PowerOn,
     /// The board was reset three times in a row: off until acknowledged.
     Repeated,
-    /// The program in the flash differs from the written one: off for good.
+    /// The program in the flash differs from the written one: off permanently.
     ImageDamaged,
 }
 
@@ -30,13 +30,13 @@ pub struct BusCommand {
 }
 
 impl BusCommand {
-    /// Whether the drive may run: an unwritten run bit is none.
+    /// Whether the drive may run; an unwritten run bit does not permit it.
     pub(crate) fn runs(self) -> bool {
         self.run == Some(true)
     }
 }
 
-/// Inputs of the board in a cycle. The link does not send those that the firmware itself sets.
+/// Inputs of the board in a cycle. The link does not send the inputs that the firmware itself sets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs {
     /// The enable input.
@@ -50,7 +50,7 @@ pub struct Inputs {
     /// Whether the link withholds the drive, although the enable input is on.
     #[serde(skip)]
     pub withheld: bool,
-    /// Commands of the fieldbus, where it is in control.
+    /// Commands of the fieldbus, if it is in control.
     #[serde(skip)]
     pub bus: Option<BusCommand>,
     /// The over-temperature input.
@@ -65,6 +65,6 @@ pub struct Inputs {
     pub control_late: bool,
     /// Whether the supply is below what the chip needs.
     pub supply_low: bool,
-    /// Whether the clock is another than the crystal's.
+    /// Whether the clock is not the crystal's.
     pub clock_failed: bool,
 }

@@ -1,8 +1,8 @@
 //! The controller of a feeder drive: measurement, estimation, decision, control.
 //!
-//! Two calls make a drive. [`Signal::sample`] runs in the sample interrupt at [`SAMPLE_RATE`], and
+//! A drive needs two calls. [`Signal::sample`] runs in the sample interrupt at [`SAMPLE_RATE`], and
 //! [`Controller::cycle`] once per drive cycle. The signal path latches its command at the next wrap
-//! of the phase. [`Controller::plan_step`] plans in idle time. All of it is single precision,
+//! of the phase. [`Controller::plan_step`] plans in idle time. The code uses single precision,
 //! integers and the impact map. Desk, emulator and board compute the same bits.
 //!
 //! | folder | holds |
@@ -49,7 +49,7 @@ pub use angle::{SAMPLE_RATE, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
 pub use drive::LoopMargins;
 pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
-pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Overtone, Sampled, Signal};
+pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Sampled, Signal};
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};
 pub use recipe::{Recipe, RecipeName};
@@ -62,8 +62,9 @@ pub use target::Target;
 /// Stages of the signal path, for a simulated feeder that computes them cycle by cycle.
 pub mod signal_path {
     pub use crate::hear::{
-        DetectedImpact, EnergyHistogram, Fold, HighPass, MAX_BLANKED_SHARE, MAX_IMPACTS_PER_CYCLE,
-        OnsetDetector, SECTORS, SECTORS_HANDED, Sectors, last_cycle_gain, push_weight,
+        DetectedImpact, EnergyHistogram, HighPass, MAX_BLANKED_SHARE, MAX_IMPACTS_PER_CYCLE,
+        OnsetDetector, SECTORS, SECTORS_PER_CYCLE, Sectors, SynchronousAverage, impulse_weight,
+        last_cycle_gain,
     };
 }
 pub mod wire;

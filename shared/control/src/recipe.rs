@@ -19,20 +19,20 @@ impl RecipeName {
     /// Accepted names, in words.
     pub const ACCEPTED: &'static str = "1 to 14 printable characters of ASCII";
 
-    /// The name with this text; `None` for a text that is not accepted.
+    /// The name with this text; `None` if the text is not accepted.
     pub fn parse(text: &str) -> Option<Self> {
         let mut name = [0; NAME_BYTES];
         name.get_mut(..text.len())?.copy_from_slice(text.as_bytes());
         Self::from_bytes(name)
     }
 
-    /// The name in these bytes, padded with zeros; `None` for bytes that are no name.
+    /// The name in these bytes, padded with zeros; `None` if they are not a name.
     pub fn from_bytes(bytes: [u8; NAME_BYTES]) -> Option<Self> {
         let end = bytes.iter().position(|byte| *byte == 0);
         let (text, rest) = bytes.split_at(end.unwrap_or(NAME_BYTES));
         let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
-        let sound = !text.is_empty() && printable && rest.iter().all(|byte| *byte == 0);
-        sound.then_some(Self(bytes))
+        let is_valid = !text.is_empty() && printable && rest.iter().all(|byte| *byte == 0);
+        is_valid.then_some(Self(bytes))
     }
 
     /// Its bytes, padded with zeros.
@@ -115,11 +115,11 @@ mod tests {
 
     #[test]
     fn a_name_is_printable_ascii_of_at_most_14_characters() {
-        for good in ["M3", "caps 0.5 mm ~!", "12345678901234"] {
-            assert_eq!(RecipeName::parse(good).unwrap().text(), good);
+        for valid in ["M3", "caps 0.5 mm ~!", "12345678901234"] {
+            assert_eq!(RecipeName::parse(valid).unwrap().text(), valid);
         }
-        for bad in ["", "123456789012345", "M3\n", "caf\u{e9}", "a\0b"] {
-            assert_eq!(RecipeName::parse(bad), None, "{bad:?}");
+        for invalid in ["", "123456789012345", "M3\n", "caf\u{e9}", "a\0b"] {
+            assert_eq!(RecipeName::parse(invalid), None, "{invalid:?}");
         }
     }
 
@@ -142,28 +142,22 @@ mod tests {
             ..Settings::default()
         };
         let recipe = Recipe::of(Target::K(0.4), &parts);
-        let wanted = Settings {
-            restitution_low: 0.5,
-            restitution_high: 0.6,
-            scatter: 0.02,
-            soft_start: 1.5,
-            part_length: 12.0,
-            contact: 0.4,
-            ..machine
-        };
-        assert_eq!(recipe.applied_to(&machine), Ok(wanted));
-        let mut reversed = recipe;
-        reversed.values[0] = 0.7;
-        let refused = reversed.applied_to(&machine).unwrap_err();
-        assert_eq!(refused.parameter, "restitution_high");
-        // 1.2 ms are 7.2 % of a cycle at the machine's 60 Hz.
-        let mut long = recipe;
-        long.values[7] = 1.2;
-        let refused = long.applied_to(&machine).unwrap_err();
-        assert_eq!(refused.parameter, "contact");
-        let mut outside = recipe;
-        outside.values[5] = 0.0;
-        let found = outside.applied_to(&machine).unwrap_err().parameter;
-        assert_eq!(found, "soft_stop");
+        let applied = recipe.applied_to(&machine).unwrap();
+        for key in Settings::KEYS {
+            let of_parts = Recipe::KEYS.contains(&key.name);
+            let source = if of_parts { &parts } else { &machine };
+            assert_eq!(applied.get(key.name), source.get(key.name), "{}", key.name);
+        }
+        // A contact of 1.2 ms is 7.2 % of a cycle at the machine's 60 Hz.
+        for (index, value, parameter) in [
+            (0, 0.7, "restitution_high"),
+            (7, 1.2, "contact"),
+            (5, 0.0, "soft_stop"),
+        ] {
+            let mut other = recipe;
+            other.values[index] = value;
+            let refused = other.applied_to(&machine).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
     }
 }

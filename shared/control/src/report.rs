@@ -18,11 +18,11 @@ pub struct Report {
     pub amplitude: f32,
     /// Measured phase lead of the track before the output, in rad, -pi..pi.
     pub lead: f32,
-    /// Measured shape of the track's motion; a sine where the settings allow no upper tone.
+    /// Measured shape of the track's motion; a sine if the settings allow no upper tone.
     pub shape: Shape,
     /// Reference amplitude at the end of the cycle after next, in m.
     pub reference: f32,
-    /// Amplitude of the target's setpoint, in m; 0 where there is none.
+    /// Amplitude of the target's setpoint, in m; 0 if there is none.
     pub setpoint: f32,
     /// Detected impacts per cycle, averaged over the last 16 cycles.
     pub rate: f32,
@@ -34,13 +34,13 @@ pub struct Report {
     pub regime: Option<Verdict>,
     /// Drive frequency in Hz.
     pub frequency: f32,
-    /// Confidence that the parts are in the wanted lock, 0..1.
+    /// Confidence that the parts are in the requested lock, 0..1.
     pub confidence: f32,
     /// Estimated share of the parts' time in gear, 0..=1, over some 256 cycles.
     pub in_gear: f32,
-    /// Standard error of that share; infinite where it is only a lower bound.
+    /// Standard error of that share; infinite if it is only a lower bound.
     pub in_gear_error: f32,
-    /// Order (symbol r) of that gear: of the wanted lock or gear, else 1.
+    /// Order (symbol r) of the requested lock or gear, to which these values refer; else 1.
     pub gear: u8,
     /// Mean drive cycles in gear until its loss: of one part, or predicted.
     pub to_loss: f32,

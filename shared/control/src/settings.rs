@@ -28,8 +28,8 @@ macro_rules! settings {
     ($($(#[doc = $doc:literal])+ $name:ident = $default:literal, $low:literal..$high:literal $unit:literal;)+) => {
         /// The controller's settings, in SI units unless the key says otherwise.
         ///
-        /// A number each, so that flash and link keep and move them per key. Nothing is used before
-        /// [`Settings::check`] has accepted every one.
+        /// Each setting is a number, so that flash and link store and transfer them by key.
+        /// [`Settings::check`] must accept all of them before use.
         ///
         /// ```
         /// use kband_control::Settings;
@@ -47,7 +47,7 @@ macro_rules! settings {
         }
 
         impl Settings {
-            /// Every key, in the order of [`Settings::get`] and [`Settings::set`].
+            /// All keys, in the order of [`Settings::get`] and [`Settings::set`].
             pub const KEYS: &'static [Key] = &[$(Key {
                 name: stringify!($name),
                 unit: $unit,
@@ -94,7 +94,8 @@ settings! {
     restitution_low = 0.18, 0.0..1.0 "";
     /// High bound of the parts' restitution.
     restitution_high = 0.22, 0.0..1.0 "";
-    /// Standard deviation of a part's restitution from impact to impact (symbol s), for the gear target.
+    /// Standard deviation of a part's restitution from impact to impact (symbol s), for the gear
+    /// target.
     scatter = 0.05, 0.0..0.3 "";
     /// Restitution along the track (symbol Rt), for the speed target.
     tangential_restitution = 0.3, 0.0..0.99 "";
@@ -134,25 +135,32 @@ settings! {
     link_timeout = 2.0, 0.0..3600.0 "s";
     /// Half width of the band in which the drive frequency may follow the resonance; 0: off.
     tracking = 0.0, 0.0..50.0 "Hz";
-    /// Largest second tone that the drive affords, its amplitude over that of the first (symbol e); 0: none.
+    /// Largest second tone that the drive affords, its amplitude over that of the first (symbol e);
+    /// 0: none.
     second_tone = 0.0, 0.0..0.5 "";
-    /// Track amplitude at twice the drive frequency for full output; 0: as the one resonance has it.
+    /// Track amplitude at twice the drive frequency for full output; 0: as the one resonance has
+    /// it.
     second_gain = 0.5, 0.0..100.0 "mm";
     /// Lag of the track behind the output at twice the drive frequency.
     second_lag = 90.0, -180.0..180.0 "degrees";
-    /// Largest third tone that the drive affords, its amplitude over that of the first (symbol e3); 0: none. Needs a second tone.
+    /// Largest third tone that the drive affords, its amplitude over that of the first (symbol e3);
+    /// 0: none. Needs a second tone.
     third_tone = 0.0, 0.0..0.5 "";
-    /// Track amplitude at three times the drive frequency for full output; 0: as the one resonance has it.
+    /// Track amplitude at three times the drive frequency for full output; 0: as the one resonance
+    /// has it.
     third_gain = 0.25, 0.0..100.0 "mm";
     /// Lag of the track behind the output at three times the drive frequency.
     third_lag = 90.0, -180.0..180.0 "degrees";
-    /// Mass that swings with the track (symbol M), 1 + eta^2 times its kilograms, for weighing the parts and for holding the amplitude under them; 0: unknown.
+    /// Mass that swings with the track (symbol M), 1 + eta^2 times its kilograms, for weighing the
+    /// parts and for holding the amplitude under them; 0: unknown.
     track_mass = 0.0, 0.0..100000.0 "kg";
     /// Length of the track on which parts are, for grams per second; 0: unknown.
     track_length = 0.0, 0.0..100000.0 "mm";
-    /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured, and not tested.
+    /// Mean voltage of the accelerometer at rest, as measured at commissioning; 0: not measured,
+    /// and not tested.
     sensor_rest = 0.0, 0.0..5.0 "V";
-    /// Factor by which measured and expected amplitude may differ in the test swing of each start; 2.5: none is made.
+    /// Factor by which measured and expected amplitude may differ in the test swing of each start;
+    /// 2.5: none is made.
     gain_tolerance = 2.5, 1.1..2.5 "";
     /// Factor by which they may differ while the drive runs, also under the heaviest load.
     load_tolerance = 2.5, 1.1..2.5 "";
@@ -160,7 +168,8 @@ settings! {
     current_sensitivity = 0.0, 0.0..10.0 "V/A";
     /// Track amplitude at resonance per ampere of current; 0: not measured, and not tested.
     current_gain = 0.0, 0.0..100.0 "mm/A";
-    /// Authority of the fieldbus: 0 reads only; 1 also runs the drive and sets target and settings; 2 also acknowledges faults. Above 0 the bus is in control, and the link reads only.
+    /// Authority of the fieldbus: 0 reads only; 1 also runs the drive and sets target and settings;
+    /// 2 also acknowledges faults. Above 0 the bus is in control, and the link reads only.
     bus = 0.0, 0.0..2.0 "";
     /// Address of the board on the fieldbus (Modbus RTU); 0: off.
     bus_address = 0.0, 0.0..247.0 "";
@@ -168,9 +177,11 @@ settings! {
     bus_baud = 19200.0, 9600.0..115200.0 "baud";
     /// Parity of the fieldbus: 0 none, with two stop bits; 1 odd; 2 even.
     bus_parity = 2.0, 0.0..2.0 "";
-    /// Silence of the fieldbus in control after which the drive goes to its safe amplitude; 0: never.
+    /// Silence of the fieldbus in control after which the drive goes to its safe amplitude; 0:
+    /// never.
     bus_timeout = 2.0, 0.0..3600.0 "s";
-    /// Duration of an impact, from touching the track until the part is back where it touched it; 0: none.
+    /// Duration of an impact, from touching the track until the part is back where it touched it;
+    /// 0: none.
     contact = 0.0, 0.0..14.0 "ms";
     /// Length of a part along the track, for parts a minute; 0: not configured.
     part_length = 0.0, 0.0..10000.0 "mm";
@@ -179,13 +190,11 @@ settings! {
 impl Settings {
     /// The configured lot of parts.
     pub fn lot(&self) -> Result<Restitution, OutOfRange> {
-        Restitution::interval(
-            f64::from(self.restitution_low),
-            f64::from(self.restitution_high),
-        )
+        let [low, high] = [self.restitution_low, self.restitution_high].map(f64::from);
+        Restitution::interval(low, high)
     }
 
-    /// The configured duration of an impact; none where it is out of range.
+    /// The configured duration of an impact; none if it is out of range.
     #[inline(never)]
     pub fn contact_time(&self) -> ContactTime {
         ContactTime::from_milliseconds(f64::from(self.contact), f64::from(self.frequency))
@@ -248,71 +257,51 @@ impl Settings {
         for (key, value) in Self::KEYS.iter().zip(self.values()) {
             key.accept(value)?;
         }
-        let refuse = |parameter, value: f32, accepted| {
+        let value = |parameter| self.get(parameter).unwrap_or_default();
+        let refuse = |parameter, accepted| {
             Err(OutOfRange {
                 parameter,
-                value: f64::from(value),
+                value: f64::from(value(parameter)),
                 accepted,
             })
         };
         if self.restitution_high < self.restitution_low {
-            return refuse(
-                "restitution_high",
-                self.restitution_high,
-                "restitution_low..1: the interval is reversed",
-            );
+            let accepted = "restitution_low..1: the interval is reversed";
+            return refuse("restitution_high", accepted);
         }
         if self.safe_amplitude > self.largest_safe_amplitude() {
-            return refuse(
-                "safe_amplitude",
-                self.safe_amplitude,
-                "0..what amplitude_limit and acceleration_limit allow at frequency + tracking",
-            );
+            let accepted =
+                "0..what amplitude_limit and acceleration_limit allow at frequency + tracking";
+            return refuse("safe_amplitude", accepted);
         }
         // 7 % of a cycle in ms, times the highest frequency.
         if self.contact * (self.frequency + self.tracking) > 70.0 {
-            return refuse(
-                "contact",
-                self.contact,
-                "0..7 % of a drive cycle at frequency + tracking, in ms",
-            );
+            let accepted = "0..7 % of a drive cycle at frequency + tracking, in ms";
+            return refuse("contact", accepted);
         }
         let lowest = (self.frequency - self.tracking).max(5.0);
         if (self.frequency + self.tracking - lowest) * self.quality > 200.0 * lowest {
-            return refuse(
-                "tracking",
-                self.tracking,
-                "0 to a band of 200 widths of the resonance, the lowest frequency over quality",
-            );
+            let accepted =
+                "0 to a band of 200 widths of the resonance, the lowest frequency over quality";
+            return refuse("tracking", accepted);
         }
         if self.third_tone > 0.0 && self.second_tone == 0.0 {
-            return refuse(
-                "third_tone",
-                self.third_tone,
-                "0 without a second tone: set second_tone first",
-            );
+            let accepted = "0 without a second tone: set second_tone first";
+            return refuse("third_tone", accepted);
         }
         if self.sensor_zero >= self.converter_reference {
-            return refuse("sensor_zero", self.sensor_zero, "below converter_reference");
+            return refuse("sensor_zero", "below converter_reference");
         }
         if self.sensor_rest >= self.converter_reference {
-            return refuse("sensor_rest", self.sensor_rest, "below converter_reference");
+            return refuse("sensor_rest", "below converter_reference");
         }
         if self.current_gain > 0.0 && self.current_sensitivity == 0.0 {
-            return refuse(
-                "current_gain",
-                self.current_gain,
-                "0 without a current sensor: set current_sensitivity first",
-            );
+            let accepted = "0 without a current sensor: set current_sensitivity first";
+            return refuse("current_gain", accepted);
         }
-        for (parameter, value) in [
-            ("bus", self.bus),
-            ("bus_address", self.bus_address),
-            ("bus_baud", self.bus_baud),
-            ("bus_parity", self.bus_parity),
-        ] {
-            if value != libm::truncf(value) {
-                return refuse(parameter, value, "a whole number");
+        for parameter in ["bus", "bus_address", "bus_baud", "bus_parity"] {
+            if value(parameter) != libm::truncf(value(parameter)) {
+                return refuse(parameter, "a whole number");
             }
         }
         Ok(())

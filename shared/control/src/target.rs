@@ -1,4 +1,4 @@
-//! Targets: the wanted behaviour of the parts.
+//! Targets: the requested behaviour of the parts.
 
 use serde::{Deserialize, Serialize};
 

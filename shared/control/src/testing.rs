@@ -1,9 +1,9 @@
-//! What tests share: the seed of property-based ones, and a changed value.
+//! Helpers of the tests: the seed of property-based tests, and a changed value.
 
 use proptest::prelude::ProptestConfig;
 use proptest::test_runner::RngSeed;
 
-/// Draws with the seed `KBAND_SEED`, else with a fixed one.
+/// Configuration with the seed `KBAND_SEED`, else with a fixed one.
 pub fn seeded() -> ProptestConfig {
     let seed = std::env::var("KBAND_SEED").map_or(1, |text| text.parse().expect("a whole number"));
     ProptestConfig {

@@ -1,9 +1,9 @@
 //! A board without an operating system: the controller in a sample interrupt and a main loop.
 //!
-//! The controller needs a converter reading every 50 us, an output with memory, and the inputs once
-//! a drive cycle. The simulated feeder replaces these three here; the rest runs on a
-//! microcontroller unchanged. There `static` replaces `let`, and the mailbox is behind a critical
-//! section.
+//! The controller needs a converter reading every 50 us, an output that holds its value, and the
+//! inputs once a drive cycle. The simulated feeder replaces these three here; the rest runs
+//! unchanged on a microcontroller. There `static` replaces `let`, and a critical section guards the
+//! mailbox.
 //!
 //! `cargo run --release -p kband-plant --example board`
 
@@ -17,13 +17,13 @@ use kband_plant::{Bench, Scene};
 /// Data exchanged between the interrupt and the main loop.
 #[derive(Default)]
 struct Mailbox {
-    /// A drive cycle that the main loop has not taken yet.
+    /// A drive cycle not yet taken by the main loop.
     cycle: Option<Cycle>,
-    /// A command that the interrupt has not taken yet.
+    /// A command not yet taken by the interrupt.
     command: Option<Command>,
 }
 
-/// The converter and the power stage: on a microcontroller, its registers.
+/// The converter and the power stage; on a microcontroller, their registers.
 struct Hardware {
     feeder: Bench,
 }
@@ -43,7 +43,7 @@ fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut 
     }
 }
 
-/// Runs for ever on a board; here until the parts are locked, at most `seconds`.
+/// Runs without end on a board; here until the parts are locked, at most `seconds`.
 fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
     let mut hardware = Hardware {
         feeder: Bench::build(&Scene::default())?,

@@ -160,8 +160,8 @@ mod tests {
                 );
                 let whole: Fixed<56, i64> = x.whole(y);
                 assert_eq!(whole.0 as f64, exact * steps(56), "{a} {b}");
-                let wide = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
-                assert_eq!(wide(x).times::<58, 56>(wide(y)), whole, "{a} {b}");
+                let widened = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
+                assert_eq!(widened(x).times::<58, 56>(widened(y)), whole, "{a} {b}");
             }
             let x = Fixed::<28>::from_constant(a);
             assert_eq!(

@@ -1,8 +1,8 @@
-//! Number systems: binary angles with sine and cosine, fixed-point and twofold numbers, SIMD lanes.
+//! Number systems: binary angles with sine and cosine, fixed-point and double-double (twofold)
+//! numbers, SIMD vectors; square roots and random numbers with the same bits on every CPU.
 
 pub(crate) mod fixed;
 mod gauss;
-pub(crate) mod lane;
 pub(crate) mod node;
 mod noise;
 mod phase;
@@ -11,6 +11,7 @@ pub(crate) mod positive;
 mod root;
 pub(crate) mod trigonometry;
 pub(crate) mod twofold;
+pub(crate) mod vector;
 
 pub use fixed::Velocity;
 pub(crate) use gauss::gauss;

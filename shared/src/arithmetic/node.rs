@@ -71,7 +71,7 @@ pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
     let mut j = 0;
     while j <= COUNT / 4 {
         let Twofold { high, low } = TWOFOLD_NODES[j][0];
-        // Below 1 the first is a whole number of steps, or off by less than a step.
+        // Below 1 `high` is a whole number of steps, or differs from one by less than a step.
         let whole = (high * STEPS) as u64;
         let rest = (high * STEPS - whole as f64) + low * STEPS;
         table[j] =

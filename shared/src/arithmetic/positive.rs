@@ -84,9 +84,9 @@ impl Positive {
     #[inline(always)]
     pub fn inverse_single(self, single: f32) -> f32 {
         // Error at most 1.5 of its last places.
-        let nearly = (1.0 / single).to_bits();
+        let estimate = (1.0 / single).to_bits();
         let first = 1 << 23;
-        let last = first | nearly & (first - 1);
+        let last = first | estimate & (first - 1);
         let mantissa = (self.mantissa >> 11) as i64;
         // Residual of the product against a power of 2 above 2^64; below two units of the f64's
         // last place.
@@ -100,7 +100,7 @@ impl Positive {
         // -1 if the next number is nearer.
         let up = (mantissa - 2 * rest) >> 63;
         let down = (below + 2 * rest) >> 63;
-        f32::from_bits(nearly.wrapping_sub(up as u32).wrapping_add(down as u32))
+        f32::from_bits(estimate.wrapping_sub(up as u32).wrapping_add(down as u32))
     }
 
     /// Nearest f32 to the product with an integer.
@@ -120,16 +120,16 @@ impl Positive {
 #[inline(always)]
 pub(crate) fn root(x: u64) -> u64 {
     // Root of x in 32 bits, of which 23 are correct.
-    let nearly = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
-    let start = nearly as u32;
-    let rate = 2_147_483_648.0 / nearly;
+    let estimate = square_root_single((x >> 32) as u32 as f32) * 65_536.0;
+    let start = estimate as u32;
+    let rate = 2_147_483_648.0 / estimate;
     let square = u64::from(start) * u64::from(start);
     // Below 2^42; the error of the root is below 2^10.
-    let miss = x.wrapping_sub(square) as i64;
-    let step = ((miss >> 12) as i32 as f32 * rate) as i32;
+    let residual = x.wrapping_sub(square) as i64;
+    let step = ((residual >> 12) as i32 as f32 * rate) as i32;
     let better = (u64::from(start) << 32).wrapping_add_signed(i64::from(step) << 12);
-    let miss = x.wrapping_sub(upper(better, better)) as i64;
-    let step = (miss as i32 as f32 * rate) as i32;
+    let residual = x.wrapping_sub(upper(better, better)) as i64;
+    let step = (residual as i32 as f32 * rate) as i32;
     better.wrapping_add_signed(i64::from(step))
 }
 

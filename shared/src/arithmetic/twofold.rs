@@ -86,7 +86,7 @@ impl Twofold {
         )
     }
 
-    /// Division by a number of few bits.
+    /// Division by a number with few bits.
     pub const fn over(self, divisor: f64) -> Self {
         let high = self.high / divisor;
         let rest = self.minus(Self::product(high, divisor));

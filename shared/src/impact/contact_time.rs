@@ -12,12 +12,12 @@ use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::{Wave, in_turn};
 
-/// Duration of an impact (symbol c): the part is on the track from touching it until it is back
-/// where it touched it.
+/// Duration of an impact (symbol c). The impact lasts from touching the track until the part is
+/// back at the height of the touch.
 ///
-/// The contact is a linear spring and dashpot that pushes and never pulls. A part that arrives at
-/// phase t with speed s leaves at `t + c` with the relative speed
-/// `psi = R s + rho(R) c (A(t + c) - k)`. A part whose speed is then not above 0 rests.
+/// The contact is a linear spring and dashpot that pushes and never pulls. A part arrives at phase
+/// t with speed s. It leaves at `t + c` with the relative speed `psi = R s + rho(R) c (A(t + c) -
+/// k)`. A part whose speed is then not above 0 rests.
 ///
 /// ```
 /// use kband::impact::{ContactTime, PartState};
@@ -40,7 +40,7 @@ impl ContactTime {
 
     /// A contact of this duration in rad of the drive's phase, 0 to 7 % of a cycle (0.44 rad).
     ///
-    /// Errors: `OutOfRange`, where the first order no longer holds.
+    /// Errors: `OutOfRange` if the first order no longer holds.
     pub fn build(radians: f64) -> Result<Self, OutOfRange> {
         accept_in(
             "contact",
@@ -74,22 +74,23 @@ impl ContactTime {
         self.radians == 0.0
     }
 
-    /// State after the contact of a part that touched the track in the state `struck` (phase,
-    /// and R s as its velocity), on a track with this k; `None` is a sine.
+    /// State after the contact of a part that touched the track in the state `impact_state`. The
+    /// state holds the phase, and R s as the velocity. `k` is the track's; without a `wave` the
+    /// track moves sinusoidally.
     ///
-    /// Velocity 0 where the part rests.
+    /// The velocity is 0 if the part rests.
     pub fn launch(
         self,
         restitution: f64,
-        struck: PartState,
+        impact_state: PartState,
         k: f64,
         wave: Option<&Wave>,
     ) -> PartState {
-        let phase = in_turn(struck.phase + self.radians);
+        let phase = in_turn(impact_state.phase + self.radians);
         let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.motion(phase)[2]);
         PartState::new(
             phase,
-            self.launch_speed(restitution, struck.velocity, k - push),
+            self.launch_speed(restitution, impact_state.velocity, k - push),
         )
     }
 
@@ -116,7 +117,7 @@ impl ContactTime {
         }
     }
 
-    /// Launch speed in `b w` at the end of the contact; 0 where the part rests.
+    /// Launch speed in `b w` at the end of the contact; 0 if the part rests.
     ///
     /// `speed` is R s in `b w`, `pull` is `k - A` at the end of the contact in `b w^2`.
     #[inline]
@@ -131,9 +132,9 @@ impl ContactTime {
 
     /// `q c`: velocity along the track in `b w` gained by an acceleration along it of `b w^2`.
     ///
-    /// Friction holds the part to the track until the force ends. Then it flies, for a share q of
-    /// the contact. q is a fit to integrated contacts with friction. With it the speed in lock errs
-    /// by at most 0.03, 0.17 and 0.44 % for contacts of 0.25, 1 and 2 % of the cycle.
+    /// Friction holds the part to the track until the force ends. Then the part flies, for a share
+    /// q of the contact. q is a fit to integrated contacts with friction. Largest error of the
+    /// speed in lock: 0.03, 0.17 and 0.44 % for contacts of 0.25, 1 and 2 % of the cycle.
     pub fn gain_along(self, restitution: f64) -> f64 {
         let r = restitution;
         let free = (1.0 - r) / (1.0 + 3.45 * r + 0.7 * libm::sqrt(r));
@@ -169,10 +170,10 @@ pub(crate) mod spring {
     impl Spring {
         /// The contact with this restitution (0.01..1) and duration in rad, without other forces.
         ///
-        /// With decay rate over frequency x, the force ends after `pi - 2 atan x` of the
-        /// oscillation, `-ln R = x (pi - 2 atan x)`, and the part is back at 0 after
-        /// `2 x/(1 + x^2)` more. Below `R = exp(-2)` the contact is overdamped; then q is the
-        /// ratio of its rates, and `R = q^((1+q)/(1-q))`.
+        /// Let x be the decay rate over the frequency. The force ends after `pi - 2 atan x` of the
+        /// oscillation, `-ln R = x (pi - 2 atan x)`. The part is back at 0 after `2 x/(1 + x^2)`
+        /// more. Below `R = exp(-2)` the contact is overdamped; then q is the ratio of its rates,
+        /// and `R = q^((1+q)/(1-q))`.
         pub(crate) fn new(restitution: f64, duration: f64) -> Self {
             let solve = |high: f64, falls: bool, of: &dyn Fn(f64) -> f64| {
                 let (mut low, mut high) = (1e-12, high);
@@ -197,16 +198,16 @@ pub(crate) mod spring {
                 };
             }
             let q = solve(1.0 - 1e-9, false, &|q| libm::pow(q, (1.0 + q) / (1.0 - q)));
-            let slow = (1.0 + q - 2.0 * q * libm::log(q) / (1.0 - q)) / duration;
+            let mean_rate = (1.0 + q - 2.0 * q * libm::log(q) / (1.0 - q)) / duration;
             Self {
-                stiffness: slow * slow / q,
-                damping: slow + slow / q,
+                stiffness: mean_rate * mean_rate / q,
+                damping: mean_rate + mean_rate / q,
                 duration,
             }
         }
 
         /// The launch after an arrival with `speed` at `phase`, and the contact's duration; `None`
-        /// where the part stays for three contact times. `track` gives S, S' and A at a phase.
+        /// if the part stays for three contact times. `track` gives S, S' and A at a phase.
         ///
         /// Fourth-order Runge-Kutta steps of 1/400 of the contact, then the free flight back to 0.
         pub(crate) fn launch(
@@ -325,7 +326,7 @@ mod tests {
     #[test]
     fn first_order_is_that_of_the_integrated_contact() {
         let second = Wave::build(Tone::new(0.15, 2.356), Tone::default()).unwrap();
-        for (wave, [largest, rms, bias, late]) in [
+        for (wave, [largest, rms, bias, max_delay]) in [
             (Wave::sine(), [6.5, 0.8, 0.3, 0.6]),
             (second, [16.0, 1.3, 0.5, 1.0]),
         ] {
@@ -349,14 +350,14 @@ mod tests {
                             let speed = TAU * k / (1.0 + restitution);
                             let exact = spring.launch(&track, k, phase, speed);
                             let pull = k - wave.motion(phase + c)[2];
-                            let found =
+                            let actual =
                                 contact.launch_speed(restitution, restitution * speed, pull);
-                            let error = found - exact.map_or(0.0, |(launch, _)| launch.velocity);
-                            let late = exact.map_or(0.0, |(_, duration)| duration - c);
+                            let error = actual - exact.map_or(0.0, |(launch, _)| launch.velocity);
+                            let added = exact.map_or(0.0, |(_, duration)| duration - c);
                             max = max.max(error.abs());
                             sum += error;
                             squares += error * error;
-                            delays += late * late;
+                            delays += added * added;
                             count += 1.0;
                         }
                     }
@@ -372,7 +373,7 @@ mod tests {
                     "{percent}"
                 );
                 assert!((sum / count).abs() < bias * square, "{percent}");
-                assert!(delay < late * square, "{percent}");
+                assert!(delay < max_delay * square, "{percent}");
             }
         }
     }

@@ -1,8 +1,8 @@
 //! The impact map in integers alone, by steps that cannot pass an impact.
 //!
-//! From each place the height above the track is at least its Taylor polynomial of the second
-//! degree minus `h^3/6`, because its third derivative is at most 1. Each step leads to the first
-//! zero of that bound. Near a simple impact the steps converge as Newton's.
+//! The third derivative of the height above the track is at most 1. So from each place the height
+//! is at least its Taylor polynomial of the second degree minus `h^3/6`. Each step leads to the
+//! first zero of that bound. Near a simple impact the steps converge like Newton's.
 
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN_FINE, sine_cosine_exact};
@@ -51,9 +51,9 @@ const TOP_VELOCITY: Velocity = Velocity::from_bits(Fixed::<26, u32>::from_consta
 /// The impact map in integers (`integer`), the map in fixed point.
 ///
 /// It is the slowest map and the simplest: no table of branches, no f32, one way to every impact.
-/// Measured against the f64 map from the same 80 000 states, k 0.02..0.98, the phase is right to
-/// half its step (7.4e-10 rad), the velocity to two of its own (3e-8). The first impact is the
-/// right one down to a gap of 1e-8 over a hump; gaps below 4e-9 are flagged.
+/// Its errors are measured against the f64 map from the same 80 000 states, k 0.02..0.98. The phase
+/// is right to half its step (7.4e-10 rad), the velocity to two of its steps (3e-8). The first
+/// impact is the right one down to a gap of 1e-8 over a hump; gaps below 4e-9 are flagged.
 ///
 /// Range as [`Single`](crate::impact::Single).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,9 +152,9 @@ impl<'a> Flight<'a> {
     /// Times between which the part is above the highest place of the track.
     fn above_track(&self) -> [Turns; 2] {
         let rise = i128::from(self.rise.0);
-        let room = Fixed::<60, i64>(1 << 60) - self.sine;
+        let margin = Fixed::<60, i64>(1 << 60) - self.sine;
         // Squared speed there, in steps of 2^-112.
-        let square = rise * rise - ((i128::from(self.map.k.0) * i128::from(room.0)) >> 7);
+        let square = rise * rise - ((i128::from(self.map.k.0) * i128::from(margin.0)) >> 7);
         if rise <= 0 || square <= 0 {
             return [Fixed(i64::MAX); 2];
         }
@@ -172,35 +172,35 @@ impl<'a> Flight<'a> {
         let [sine, cosine] = sine_cosine_exact(self.phase + time);
         let fall = self.map.half_turn_fall.times(time);
         let mean = self.rise - fall;
-        let way: Fixed<60, i64> = mean.times(time);
+        let distance: Fixed<60, i64> = mean.times(time);
         let slope = mean - fall - cosine.to();
         Place {
-            height: way.times::<60, 60>(RADIANS_PER_TURN_FINE) + self.sine - sine,
+            height: distance.times::<60, 60>(RADIANS_PER_TURN_FINE) + self.sine - sine,
             slope,
-            bend: (sine - self.map.k).scaled::<61>().to(),
+            quadratic: (sine - self.map.k).scaled::<61>().to(),
             fall: -slope,
         }
     }
 
-    /// The height divided by the time `d` in rad, which keeps its digits down to `d = 0`:
-    /// `psi + d ((S - k)/2 - S d^2/24) + C d^2/6 (1 - d^2/20)`. Its third derivative is at most
+    /// The height divided by the time `d` in rad, which keeps its digits down to `d = 0`. It is
+    /// `psi + d ((S - k)/2 - S d^2/24) + C d^2/6 (1 - d^2/20)`, with a third derivative of at most
     /// 1/4.
     fn near_launch(&self, d: Fixed<60, i64>) -> Place {
         let product = |a: Fixed<60, i64>, b| -> Fixed<60, i64> { a.times(b) };
         let over = |x: Fixed<60, i64>, n: i64| Fixed(x.0 / n);
         let square = product(d, d);
-        let less = |n: i64| product(self.cosine, Fixed::<60, i64>(1 << 60) - over(square, n));
+        let factor = |n: i64| product(self.cosine, Fixed::<60, i64>(1 << 60) - over(square, n));
         let push = product(self.sine, square);
         let half_push = (self.sine - self.map.k).scaled::<61>().to::<60>();
         let height = self.velocity.to::<60>()
             + product(d, half_push - over(push, 24))
-            + over(product(square, less(20)), 6);
-        let slope = half_push - over(push, 8) + over(product(d, less(10)), 3);
-        let bend = over(less(3), 6) - over(product(self.sine, d), 8);
+            + over(product(square, factor(20)), 6);
+        let slope = half_push - over(push, 8) + over(product(d, factor(10)), 3);
+        let quadratic = over(factor(3), 6) - over(product(self.sine, d), 8);
         Place {
             height,
             slope: slope.to(),
-            bend: bend.to(),
+            quadratic: quadratic.to(),
             fall: -(height + product(d, slope)).to(),
         }
     }
@@ -210,16 +210,16 @@ impl<'a> Flight<'a> {
 struct Place {
     height: Fixed<60, i64>,
     slope: Fixed<56, i64>,
-    bend: Fixed<58, i64>,
+    quadratic: Fixed<58, i64>,
     /// Speed towards the track, where the height is 0.
     fall: Fixed<56, i64>,
 }
 
 impl Place {
-    /// `slope^2 - 4 bend height` in steps of 2^-112.
-    fn discriminant(&self, bend: Fixed<58, i64>) -> i128 {
+    /// `slope^2 - 4 quadratic height` in steps of 2^-112.
+    fn discriminant(&self, quadratic: Fixed<58, i64>) -> i128 {
         let slope = i128::from(self.slope.0);
-        slope * slope - ((i128::from(bend.0) * i128::from(self.height.0)) >> 4)
+        slope * slope - ((i128::from(quadratic.0) * i128::from(self.height.0)) >> 4)
     }
 
     /// Time in rad, at most [`STRIDE`], for which the height surely stays above 0.
@@ -230,15 +230,15 @@ impl Place {
         let (height, slope) = (i128::from(self.height.0), i128::from(self.slope.0));
         let (mut stride, mut clear) = (STRIDE.0, 0);
         while stride > 0 && clear <= stride / 4 {
-            let bend = self.bend - Fixed(stride / 24);
-            let square = self.discriminant(bend);
+            let quadratic = self.quadratic - Fixed(stride / 24);
+            let square = self.discriminant(quadratic);
             let root = square.max(0).unsigned_abs().isqrt() as i128;
-            let zero = if bend >= Fixed(0) && (slope >= 0 || square < 0) {
+            let zero = if quadratic >= Fixed(0) && (slope >= 0 || square < 0) {
                 i128::from(stride)
             } else if slope < 0 {
                 (height << 57) / (root - slope)
             } else {
-                ((slope + root) << 61) / -i128::from(bend.0)
+                ((slope + root) << 61) / -i128::from(quadratic.0)
             };
             clear = clear.max(zero.min(stride.into()) as i64);
             stride = (stride / 8).max(clear + clear / 4);
@@ -248,8 +248,8 @@ impl Place {
 
     /// Whether the height falls to a minimum within [`GRAZING_GAP`] of 0.
     fn almost_touches(&self) -> bool {
-        let gap = (i128::from(self.bend.0) * i128::from(GRAZING_GAP.0)) >> 4;
-        self.slope < Fixed(0) && self.discriminant(self.bend).abs() < gap
+        let gap = (i128::from(self.quadratic.0) * i128::from(GRAZING_GAP.0)) >> 4;
+        self.slope < Fixed(0) && self.discriminant(self.quadratic).abs() < gap
     }
 }
 

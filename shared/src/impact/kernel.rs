@@ -91,13 +91,13 @@ pub trait Kernel: Sized {
 
     /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`.
     ///
-    /// Errors: `OutOfRange` where the arithmetic cannot represent it.
+    /// Errors: `OutOfRange` if the arithmetic cannot represent it.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
     /// Whether a launch from `state` is within the range of this arithmetic.
     ///
     /// Near restitution 1 an impact may leave faster. Its state is right, but [`Kernel::impact`]
-    /// limits the next launch to the top velocity.
+    /// limits the next launch to the highest accepted velocity.
     fn is_in_range(_state: Self::State) -> bool {
         true
     }
@@ -105,7 +105,7 @@ pub trait Kernel: Sized {
     /// The state as phase in rad and velocity in `b w`.
     fn observe(state: Self::State) -> PartState;
 
-    /// The first impact after `state`. A resting part (velocity 0 where `sin t < k`) stays, with
+    /// The first impact after `state`. A resting part (velocity 0 and `sin t < k`) stays, with
     /// flight 0.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
 }
@@ -134,7 +134,7 @@ pub(super) fn accept_velocity(velocity: f64) -> Result<f64, OutOfRange> {
 
 /// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.
 ///
-/// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would take another.
+/// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would use another.
 pub(super) fn accept_phase(phase: f64) -> Result<f64, OutOfRange> {
     const MAX_PHASE: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";

@@ -31,6 +31,8 @@ mod kernel;
 mod orbit;
 mod scatter;
 mod set_up;
+#[cfg(test)]
+mod tests;
 mod wave;
 mod wave_map;
 

@@ -10,7 +10,7 @@ const MAX_DEVIATION: f64 = 0.5;
 /// A seeded stream of restitutions: Gaussian about a mean, clipped to [0, 1).
 ///
 /// Uses only sums, products, quotients and square roots of f64, so a seed gives the same bits on
-/// every machine. The Gaussian is exact but for the 53 bits of its uniform numbers.
+/// every machine. The Gaussian is exact except for the 53 bits of its uniform numbers.
 ///
 /// ```
 /// use kband::impact::Scatter;

@@ -19,9 +19,9 @@ pub(crate) struct SetUp {
     pub single: f32,
     /// k in steps of 2^-61, which represent every f64 from 0.005 to 4 exactly.
     steps: u64,
-    /// Phase where a hump begins, `arcsin k`; a quarter turn where k >= 1.
+    /// Phase where a hump begins, `arcsin k`; a quarter turn if k >= 1.
     pub lift_off: Phase,
-    /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 where k >= 1.
+    /// Length of a hump, `pi - 2 arcsin k`, in steps of a phase; 0 if k >= 1.
     pub hump: u32,
     /// Slope of the sine at `lift_off`, `sqrt(1 - k^2)`.
     pub lift_off_cosine: Positive,
@@ -42,11 +42,11 @@ impl SetUp {
             accept("k", k, false, "0.005..4")?;
         }
         // 0 with either sign.
-        let nothing = restitution.to_bits() << 1 == 0;
-        if !(nothing || within(restitution, [0.0, 1.0])) {
+        let is_zero = restitution.to_bits() << 1 == 0;
+        if !(is_zero || within(restitution, [0.0, 1.0])) {
             accept("restitution", restitution, false, "0..1")?;
         }
-        let restitution = if nothing {
+        let restitution = if is_zero {
             0
         } else {
             Positive::from_f64(restitution).nearest(32)
@@ -74,7 +74,7 @@ impl SetUp {
             return above;
         }
         let (less, more) = (ONE - steps, ONE + steps);
-        // Even, so that the root has whole places.
+        // Even, so that the root has an integer number of binary places.
         let shift = (less.leading_zeros() - 1) & !1;
         let root = root(upper(less << shift, more << 2));
         let lift_off = arcsine(steps, single, root >> ((shift / 2) & 31));
@@ -100,12 +100,12 @@ impl SetUp {
     /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
     pub fn min_tall_speed_squared(&self) -> Positive {
         const TALL_ROUNDING_MARGIN: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
-        let least = if self.hump > 0 {
+        let lower = if self.hump > 0 {
             (1 << 60) + upper(2 * self.steps, 2 * self.steps)
         } else {
             self.steps
         };
-        Positive::from_many_steps(TALL_ROUNDING_MARGIN + least, 60)
+        Positive::from_many_steps(TALL_ROUNDING_MARGIN + lower, 60)
     }
 
     /// `1 / k`, rounded to nearest.
@@ -132,8 +132,8 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
         node::QUARTER_SINES[QUARTER_NODES - nearest],
     ];
     // In steps of 2^-61, below 2^-6.
-    let apart = upper(2 * sine, beside) as i64 - upper(cosine, below) as i64;
-    let x = apart.unsigned_abs();
+    let difference = upper(2 * sine, beside) as i64 - upper(cosine, below) as i64;
+    let x = difference.unsigned_abs();
     // Excess of the arc over its sine, from 32 bits: x in steps of 2^-38, its square of 2^-44, its
     // cube of 2^-50.
     let short = (x >> 23) as u32;
@@ -145,7 +145,7 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     // Turns in steps of 2^-63.
     let turns = upper(x + (u64::from(more) << 9), to_steps(1.0 / TAU, 66));
     let from = (nearest as u64) << 55;
-    let angle = if apart < 0 {
+    let angle = if difference < 0 {
         from - turns
     } else {
         from + turns
@@ -209,9 +209,9 @@ mod tests {
             let (expected, computed) = (expected(k), computed(k));
             counts[0] += 1;
             if expected != computed {
-                let off = expected.0.abs_diff(computed.0);
-                assert!(off <= 1, "{k:e}: {expected:?} {computed:?}");
-                counts[1] += off;
+                let error = expected.0.abs_diff(computed.0);
+                assert!(error <= 1, "{k:e}: {expected:?} {computed:?}");
+                counts[1] += error;
                 let singles = |c: &Constants| (c.1, c.2, c.3);
                 let other = singles(&expected) != singles(&computed);
                 counts[2] += u32::from(other);
@@ -227,7 +227,7 @@ mod tests {
             0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
         });
         let single = (0..200_000_u32).map(|n| f64::from(f32::from_bits(0x3ba3_d70b + 402 * n)));
-        let near_one = (1..1000).flat_map(|n| {
+        let near_unity = (1..1000).flat_map(|n| {
             [
                 1.0 - f64::EPSILON * f64::from(n),
                 1.0 + f64::EPSILON * f64::from(n),
@@ -235,7 +235,7 @@ mod tests {
         });
         let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
         let [tried, phases, others] =
-            count_differences(random.chain(single).chain(near_one).chain(ends));
+            count_differences(random.chain(single).chain(near_unity).chain(ends));
         assert_eq!([phases, others], [0, 0]);
         assert!(tried > 400_000);
     }

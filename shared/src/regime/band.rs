@@ -48,8 +48,8 @@ pub fn edges_with_contact(
         return Ok(instant);
     }
     let terms = ContactTerms::new(restitution, f64::from(order), contact);
-    let touched = instant[0] / birth(restitution, order)?;
-    Ok([terms.birth() * touched, terms.flip()])
+    let birth_ratio = instant[0] / birth(restitution, order)?;
+    Ok([terms.birth() * birth_ratio, terms.flip()])
 }
 
 /// Highest k at which the flight of the period-1 orbit takes `order` cycles.

@@ -20,8 +20,8 @@ pub const FEIGENBAUM: f64 = 4.669_201_609_102_99;
 /// Largest number of flips located; the last gap is about 1e-7 of the first.
 pub const MAX_DOUBLINGS: usize = 10;
 
-/// Change in phase (rad) and velocity (`b w`) over a period: below it Newton's method takes over.
-/// Beside an unstable orbit, where the iteration starts, it is a hundred times as large.
+/// Change in phase (rad) and velocity (`b w`) over a period below which Newton's method takes over.
+/// Near an unstable orbit, where the iteration starts, the change is a hundred times as large.
 const CLOSED_ORBIT: f64 = 1e-10;
 
 /// Reason for the end of a cascade.
@@ -384,12 +384,12 @@ impl Continuation {
                     (state.velocity + drift.1 * step).max(0.0),
                 )
                 .ok()?;
-                let found = self
+                let candidate = self
                     .solve_orbit(next, ahead)
                     .and_then(|orbit| Some((next, orbit, self.flip_condition(next, orbit)?)));
-                match found {
-                    Some(found) if small || libm::fabs(found.2) < libm::fabs(condition) => {
-                        break found;
+                match candidate {
+                    Some(candidate) if small || libm::fabs(candidate.2) < libm::fabs(condition) => {
+                        break candidate;
                     }
                     _ if small => return None,
                     _ => step *= 0.5,
@@ -480,7 +480,7 @@ impl Continuation {
         (drift.0.is_finite() && drift.1.is_finite()).then_some(drift)
     }
 
-    /// Flip condition `1 + trace + determinant`, 0 where a multiplier is -1.
+    /// Flip condition `1 + trace + determinant`, 0 if a multiplier is -1.
     fn flip_condition(&self, k: f64, state: PartState) -> Option<f64> {
         let map = self.track.map_at(k)?;
         let [[a, b], [c, d]] = self.return_map(&map, state)?.jacobian;

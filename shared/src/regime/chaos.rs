@@ -86,11 +86,11 @@ mod tests {
     fn chaotic_band_edges_match_the_theory() {
         // At R = 0.2 the band ends near k = 0.33, at R = 0.5 near 0.57 (docs/theory-bands.md#t6.3).
         // Transients lengthen towards this crisis, so its error is a few steps.
-        for (restitution, edge, within) in [(0.2, 0.33, 0.008), (0.5, 0.57, 0.008)] {
+        for (restitution, edge, tolerance) in [(0.2, 0.33, 0.008), (0.5, 0.57, 0.008)] {
             let band = ChaoticBand::measure(restitution, 1, 0.005, 6400)
                 .unwrap()
                 .unwrap();
-            assert!((band.low - edge).abs() < within, "{band:?}");
+            assert!((band.low - edge).abs() < tolerance, "{band:?}");
             assert!(band.chaotic > 0.5, "{band:?}");
         }
     }

@@ -1,7 +1,7 @@
 //! Regime of a part from the phases of its impacts, by the close-returns method (Lathrop and
 //! Kostelich, Phys. Rev. A 40 (1989) 4028).
 //!
-//! A board measures impact times only, neither velocity nor rest. The classifier keeps the last N
+//! A board measures impact times only, neither velocity nor rest. The classifier stores the last N
 //! times. It tests after which number of impacts, and of whole drive cycles, the pattern repeats.
 //! Intervals that shrink towards zero indicate a part coming to rest.
 
@@ -197,8 +197,8 @@ impl<const N: usize> Classifier<N> {
                 self.rests = self.rests.saturating_add(1);
                 self.resting = false;
             }
-            let shrinks = self.count > 1 && interval < self.interval;
-            self.shrinking = if shrinks { self.shrinking + 1 } else { 0 };
+            let is_shrinking = self.count > 1 && interval < self.interval;
+            self.shrinking = if is_shrinking { self.shrinking + 1 } else { 0 };
             // Chatter intervals shrink geometrically; test whether the next one is below the
             // resolution.
             if self.shrinking >= 2
@@ -214,9 +214,9 @@ impl<const N: usize> Classifier<N> {
         self.count += 1;
     }
 
-    /// Time of the impact `back` impacts ago.
-    fn time(&self, back: usize) -> u64 {
-        let index = self.count + 2 * N as u64 - 1 - back as u64;
+    /// Time of the impact `age` impacts ago.
+    fn time(&self, age: usize) -> u64 {
+        let index = self.count + 2 * N as u64 - 1 - age as u64;
         self.times[(index % N as u64) as usize]
     }
 
@@ -236,15 +236,15 @@ impl<const N: usize> Classifier<N> {
         let mut best = 0.0_f32;
         for impacts in 1..=filled / 3 {
             let compared = filled - impacts;
-            let wanted = (2 * impacts).max(8);
-            if compared < wanted {
+            let required = (2 * impacts).max(8);
+            if compared < required {
                 break;
             }
             let (share, cycles) = self.find_repetition(impacts, filled);
             best = best.max(share);
             if share >= 0.9 && cycles > 0 {
                 let regime = self.name_period(impacts as u32, cycles, filled);
-                let enough = (compared as f32 / (2 * wanted) as f32).min(1.0);
+                let enough = (compared as f32 / (2 * required) as f32).min(1.0);
                 return Verdict {
                     regime,
                     confidence: self.correct_for_chance(share) * enough,
@@ -272,7 +272,7 @@ impl<const N: usize> Classifier<N> {
             return None;
         }
         let longest = (1..filled)
-            .map(|back| self.time(back - 1) - self.time(back))
+            .map(|age| self.time(age - 1) - self.time(age))
             .max()
             .unwrap_or(STEPS_PER_CYCLE);
         let enough = 3 * longest + MIN_SILENT_CYCLES * STEPS_PER_CYCLE;
@@ -297,7 +297,7 @@ impl<const N: usize> Classifier<N> {
         let regular = self
             .launches
             .windows(2)
-            .filter(|pair| self.is_whole(pair[0] - pair[1], period))
+            .filter(|pair| self.is_multiple(pair[0] - pair[1], period))
             .count();
         // One of three intervals may be wrong.
         (regular + 1 >= COMPARED_RESTS - 1).then_some(Verdict {
@@ -309,7 +309,7 @@ impl<const N: usize> Classifier<N> {
     }
 
     /// Whether `duration` is `cycles` whole cycles, within the tolerance.
-    fn is_whole(&self, duration: u64, cycles: u64) -> bool {
+    fn is_multiple(&self, duration: u64, cycles: u64) -> bool {
         duration.abs_diff(cycles * STEPS_PER_CYCLE) <= u64::from(self.tolerance)
     }
 
@@ -321,7 +321,7 @@ impl<const N: usize> Classifier<N> {
             let duration = self.time(newest) - self.time(newest + impacts);
             let cycles = (duration + STEPS_PER_CYCLE / 2) / STEPS_PER_CYCLE;
             let agree = (0..filled - impacts)
-                .filter(|&back| self.is_whole(self.time(back) - self.time(back + impacts), cycles))
+                .filter(|&age| self.is_multiple(self.time(age) - self.time(age + impacts), cycles))
                 .count();
             if agree > best.0 {
                 best = (agree, cycles as u32);
@@ -353,10 +353,10 @@ impl<const N: usize> Classifier<N> {
     }
 
     /// Whether each of the last `impacts` intervals is a flight of `order` cycles, as in a doubled
-    /// lock. A part that hops and rests may have as many impacts where its chatter is not resolved.
+    /// lock. A part that hops and rests may have as many impacts if its chatter is not resolved.
     fn stays_in_gear(&self, impacts: usize, order: u32) -> bool {
-        (0..impacts).all(|back| {
-            let interval = (self.time(back) - self.time(back + 1)) as f64;
+        (0..impacts).all(|age| {
+            let interval = (self.time(age) - self.time(age + 1)) as f64;
             is_in_gear(interval / STEPS_PER_CYCLE as f64, f64::from(order))
         })
     }
@@ -366,12 +366,12 @@ impl<const N: usize> Classifier<N> {
     fn alternates(&self, order: u32, filled: usize) -> bool {
         let (mut sum, mut terms) = (0_i64, 0_u32);
         let mut later = self.time(0);
-        for back in 1..filled {
-            let time = self.time(back);
+        for age in 1..filled {
+            let time = self.time(age);
             let excess = (later - time) as i64 - (u64::from(order) * STEPS_PER_CYCLE) as i64;
             later = time;
             if excess.unsigned_abs() <= u64::from(self.tolerance) {
-                sum += if back % 2 == 1 { excess } else { -excess };
+                sum += if age % 2 == 1 { excess } else { -excess };
                 terms += 1;
             }
         }
@@ -452,31 +452,22 @@ mod tests {
             (0.34, 0.2, 1, Regime::Chaotic),
             (0.582, 0.5, 1, Regime::Chaotic),
         ] {
-            let found = verdict(k, restitution, near_lock(k, restitution, order), 600);
-            assert_eq!(found.regime, regime, "k {k} R {restitution}: {found:?}");
-            assert!(found.confidence > 0.9, "k {k} R {restitution}: {found:?}");
+            let actual = verdict(k, restitution, near_lock(k, restitution, order), 600);
+            assert_eq!(actual.regime, regime, "k {k} R {restitution}: {actual:?}");
+            assert!(actual.confidence > 0.9, "k {k} R {restitution}: {actual:?}");
         }
     }
 
     #[test]
     fn parts_from_rest_hop_and_rest() {
-        for (k, restitution) in [
-            (0.43, 0.2),
-            (0.9, 0.5),
-            (0.55, 0.3),
-            (0.75, 0.5),
-            (0.97, 0.8),
-        ] {
-            let found = verdict(k, restitution, None, 2000);
-            assert!(
-                matches!(found.regime, Regime::HopAndRest { .. }),
-                "{k}: {found:?}"
-            );
-            assert!(found.confidence > 0.9, "{k}: {found:?}");
+        for (k, restitution) in [(0.43, 0.2), (0.9, 0.5), (0.55, 0.3), (0.97, 0.8)] {
+            let actual = verdict(k, restitution, None, 2000);
+            let hops = matches!(actual.regime, Regime::HopAndRest { .. });
+            assert!(hops && actual.confidence > 0.9, "{k}: {actual:?}");
         }
         // Just below k = 1 the hop is short: one rest in each cycle.
-        let found = verdict(0.97, 0.2, None, 2000);
-        assert_eq!(found.regime, Regime::HopAndRest { cycles: 1 });
+        let actual = verdict(0.97, 0.2, None, 2000);
+        assert_eq!(actual.regime, Regime::HopAndRest { cycles: 1 });
     }
 
     #[test]
@@ -488,9 +479,9 @@ mod tests {
         }
         assert_eq!(classifier.verdict().regime, Regime::Undecided);
         classifier.cycle(40);
-        let found = classifier.verdict();
-        assert_eq!(found.regime, Regime::Rest);
-        assert!(found.confidence > 0.9);
+        let actual = classifier.verdict();
+        assert_eq!(actual.regime, Regime::Rest);
+        assert!(actual.confidence > 0.9);
         classifier.forget();
         assert_eq!(classifier.verdict().regime, Regime::Undecided);
         classifier.cycle(60);
@@ -549,16 +540,16 @@ mod tests {
         };
         // Of 300 starts all but 3 were classified right, in the narrow chaos of the last case 93 %.
         // The bound of 30 in 40 is 4.5 standard deviations below.
-        for (k, restitution, regime, min_right) in [
+        for (k, restitution, regime, min_hits) in [
             (0.43, 0.2, Regime::Locked { order: 1 }, 38),
             (0.75, 0.5, Regime::Locked { order: 1 }, 38),
             (0.38, 0.2, doubled, 38),
             (0.34, 0.2, Regime::Chaotic, 38),
             (0.575, 0.5, Regime::Chaotic, 30),
         ] {
-            let right = (1..=40)
+            let hits = (1..=40)
                 .filter(|&seed| {
-                    // Each start lies in another part of the chaos.
+                    // Each start lies in a different part of the chaos.
                     let start = locked(k, restitution).map(|start| PartState {
                         phase: start.phase + 1e-7 * seed as f64,
                         ..start
@@ -566,10 +557,10 @@ mod tests {
                     classify_with_noise(k, restitution, start, 0.03, 120.0, seed).regime == regime
                 })
                 .count();
-            assert!(right >= min_right, "k {k} R {restitution}: {right} of 40");
+            assert!(hits >= min_hits, "k {k} R {restitution}: {hits} of 40");
         }
         for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
-            let right = (1..=40)
+            let hits = (1..=40)
                 .filter(|&seed| {
                     matches!(
                         classify_with_noise(k, restitution, None, 0.03, 120.0, seed).regime,
@@ -577,21 +568,21 @@ mod tests {
                     )
                 })
                 .count();
-            assert!(right >= 36, "k {k} R {restitution}: {right} of 40");
+            assert!(hits >= 36, "k {k} R {restitution}: {hits} of 40");
         }
     }
 
     #[test]
     fn backward_times_are_ignored() {
-        let mut plain = Classifier::<64>::build(TimingAccuracy::BOARD).unwrap();
-        let mut disturbed = plain;
+        let mut undisturbed = Classifier::<64>::build(TimingAccuracy::BOARD).unwrap();
+        let mut disturbed = undisturbed;
         for cycle in 1..100 {
-            plain.impact(cycle, Phase::ZERO);
+            undisturbed.impact(cycle, Phase::ZERO);
             disturbed.impact(cycle, Phase::ZERO);
             disturbed.impact(cycle / 2, Phase::from_bits(77));
-            assert_eq!(disturbed.verdict(), plain.verdict(), "{cycle}");
+            assert_eq!(disturbed.verdict(), undisturbed.verdict(), "{cycle}");
         }
-        assert_eq!(plain.verdict().regime, Regime::Locked { order: 1 });
+        assert_eq!(undisturbed.verdict().regime, Regime::Locked { order: 1 });
     }
 
     #[test]

@@ -102,15 +102,15 @@ impl WaveLock {
             return Ok(None);
         }
         // Bisection: k falls with the phase.
-        let (mut early, mut late) = band.phases();
+        let (mut first, mut last) = band.phases();
         for _ in 0..60 {
-            let middle = 0.5 * (early + late);
+            let middle = 0.5 * (first + last);
             match at(middle)? {
-                Some(lock) if lock.k < k => late = middle,
-                _ => early = middle,
+                Some(lock) if lock.k < k => last = middle,
+                _ => first = middle,
             }
         }
-        at(late)
+        at(last)
     }
 
     /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
@@ -120,12 +120,12 @@ impl WaveLock {
 
     /// Trace and determinant of the tangent map with a contact time.
     fn contact_tangent(&self) -> [f64; 2] {
-        let [_, c0, a0, surge] = self.wave.motion(self.state.phase);
+        let [_, c0, a0, jerk] = self.wave.motion(self.state.phase);
         let [_, c1, a1, _] = (self.wave).motion(self.state.phase - self.contact.radians());
         ContactTerms::new(self.restitution, f64::from(self.order), self.contact).tangent(
             self.k,
             self.state.velocity,
-            [c0, a0, surge],
+            [c0, a0, jerk],
             [c1, a1],
         )
     }
@@ -224,11 +224,10 @@ impl WaveBand {
 
     /// Impact phases at the high and at the low edge in rad, in rising order.
     fn phases(&self) -> (f64, f64) {
-        let (early, late) = (self.high.phase, self.low.phase);
-        (early, if late < early { late + TAU } else { late })
+        let (first, last) = (self.high.phase, self.low.phase);
+        (first, if last < first { last + TAU } else { last })
     }
 
-    /// Intersection with another band.
     fn intersection(&self, other: &Self) -> Option<Self> {
         let low = if self.low.k < other.low.k {
             other.low
@@ -258,7 +257,7 @@ pub struct WaveBands {
 const SCANNED_PHASES: u32 = 2048;
 
 /// Number of equidistant restitutions of a lot that must share a band, with both ends. The ends
-/// suffice where an edge is monotonic in R; the others are for a change of its bifurcation.
+/// suffice if an edge is monotonic in R; the others are for a change of its bifurcation.
 const COMPARED_RESTITUTIONS: u32 = 9;
 
 impl WaveBands {
@@ -319,7 +318,7 @@ impl WaveBands {
             })
         };
         let step = TAU / f64::from(SCANNED_PHASES);
-        let mut found = Self::default();
+        let mut result = Self::default();
         let mut count = 0;
         // Start outside any band, so that none spans the ends of the scan.
         let start = (0..SCANNED_PHASES)
@@ -337,12 +336,12 @@ impl WaveBands {
                 && count < MAX_BANDS
                 && low.k < high.k
             {
-                found.bands[count] = Some(WaveBand { low, high });
+                result.bands[count] = Some(WaveBand { low, high });
                 count += 1;
             }
         }
-        found.sort();
-        Ok(found)
+        result.sort();
+        Ok(result)
     }
 
     /// Bands shared by all parts of a lot, checked at nine restitutions with both ends.
@@ -369,8 +368,8 @@ impl WaveBands {
             let pairs = shared
                 .iter()
                 .flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
-            for (place, band) in both.bands.iter_mut().zip(pairs.flatten()) {
-                *place = Some(band);
+            for (slot, band) in both.bands.iter_mut().zip(pairs.flatten()) {
+                *slot = Some(band);
             }
             shared = both;
         }
@@ -410,8 +409,8 @@ mod tests {
     fn narrowest_band_of_a_sine_is_found() {
         use crate::regime::{MAX_ORDER, band};
         for order in [10, 37, 70, MAX_ORDER] {
-            let found = WaveBands::find(&Wave::sine(), 0.1, order).unwrap();
-            let widest = found.widest().expect("a sine has a band of every order");
+            let actual = WaveBands::find(&Wave::sine(), 0.1, order).unwrap();
+            let widest = actual.widest().expect("a sine has a band of every order");
             let flip = band::flip(0.1, order).unwrap();
             assert!((widest.low.k / flip - 1.0).abs() < 1e-9, "{order}");
         }
@@ -426,13 +425,16 @@ mod tests {
                 let (wave, lot) = (Wave::sine(), Restitution::single(restitution).unwrap());
                 let bands = WaveBands::common_with_contact(&wave, lot, order, contact).unwrap();
                 assert_eq!(bands.iter().count(), 1);
-                let found = bands.widest().unwrap();
+                let actual = bands.widest().unwrap();
                 let [k1, k2] = band::edges_with_contact(restitution, order, contact).unwrap();
-                assert!((found.low.k / k2 - 1.0).abs() < within, "{found:?} {k2}");
-                assert!((found.high.k / k1 - 1.0).abs() < within, "{found:?} {k1}");
+                assert!((actual.low.k / k2 - 1.0).abs() < within, "{actual:?} {k2}");
+                assert!((actual.high.k / k1 - 1.0).abs() < within, "{actual:?} {k1}");
                 if contact.is_instant() {
-                    let bifurcations = [found.low.bifurcation, found.high.bifurcation];
+                    let bifurcations = [actual.low.bifurcation, actual.high.bifurcation];
                     assert_eq!(bifurcations, [Bifurcation::Flip, Bifurcation::SaddleNode]);
+                    // At the saddle-node, t0 = 0, one multiplier is 1.
+                    let born = WaveLock::with_impact_phase(&wave, 0.0, restitution, order, contact);
+                    assert!(!born.unwrap().unwrap().attracts());
                 }
             }
         }
@@ -454,9 +456,9 @@ mod tests {
         ] {
             let wave = two_tones(e, th);
             for band in WaveBands::find(&wave, restitution, order).unwrap().iter() {
-                let (early, late) = band.phases();
+                let (first, last) = band.phases();
                 for part in 1..8 {
-                    let phase = early + (late - early) * f64::from(part) / 8.0;
+                    let phase = first + (last - first) * f64::from(part) / 8.0;
                     let lock = WaveLock::with_impact_phase(
                         &wave,
                         phase,
@@ -505,9 +507,9 @@ mod tests {
         let shared = WaveBands::common(&wave, lot, 1).unwrap().widest().unwrap();
         for step in 0..=20 {
             let restitution = 0.10 + 0.01 * f64::from(step);
-            let own = WaveBands::find(&wave, restitution, 1).unwrap();
+            let single = WaveBands::find(&wave, restitution, 1).unwrap();
             let k = shared.setpoint();
-            assert!(own.iter().any(|band| band.contains(k)), "{restitution}");
+            assert!(single.iter().any(|band| band.contains(k)), "{restitution}");
         }
     }
 }

@@ -7,7 +7,7 @@ use crate::impact::{
 /// Displacement and time of an orbit along the track.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Conveyed {
-    /// Number of impacts; the unlimited impacts of a chatter after its closure are not counted.
+    /// Number of impacts; the infinitely many impacts of a chatter in closed form are not counted.
     pub impacts: u64,
     /// Number of rests.
     pub rests: u64,
@@ -222,38 +222,6 @@ mod tests {
         phase_lead: 0.3,
         incline_tangent: 0.05,
     };
-
-    #[test]
-    fn one_period_of_hop_and_rest_has_the_mean_of_many() {
-        for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
-            let map = Map::build(k, restitution).unwrap();
-            let tangential = Tangential::build(k, SETTINGS).unwrap();
-            let mut once = Conveying::new(tangential, &map);
-            let mut often = once;
-            assert!(Orbit::from_rest(&map).watch(u64::MAX, &mut once));
-            let period = once.since_lift_off();
-            let cycles = (period.flying + period.resting) / core::f64::consts::TAU;
-            // From lift-off to lift-off the time is a whole number of drive cycles, summed over at
-            // most 100 events.
-            assert!((cycles - libm::round(cycles)).abs() < 1e-13, "{cycles}");
-            let mut orbit = Orbit::from_rest(&map);
-            // One impact at a time: a watch of several ends where the orbit repeats.
-            for _ in 0..200 * period.impacts {
-                orbit.watch(1, &mut often);
-            }
-            let (one, many) = (
-                period.time_mean().unwrap(),
-                often.conveyed().time_mean().unwrap(),
-            );
-            // The long run ends just before its last rest: one chatter and wait in 200 periods.
-            assert!(
-                (one - many).abs() < 0.01 * (one.abs() + 0.1),
-                "{k}: {one} {many}"
-            );
-            assert!(period.impact_mean().is_none() && period.rests == 1);
-            assert!(period.flying > 0.0 && period.resting >= 0.0);
-        }
-    }
 
     /// Displacement of a chatter in closed form and as the sum of its hops.
     #[test]

@@ -11,15 +11,15 @@ use crate::regime::Lock;
 ///
 /// All flights are equal, so time mean and impact mean agree.
 ///
-/// With a contact time (docs/theory-real-parts.md#t10.6) it is the mean over flight and contact; the
-/// velocity relative to the track changes evenly during the contact. It grows where the track
+/// With a contact time (docs/theory-real-parts.md#t10.6) it is the mean over flight and contact.
+/// The velocity relative to the track changes evenly during the contact. It grows if the track
 /// accelerates the part along itself after the contact's force has ended.
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     if !lock.contact().is_instant() {
         return velocity_with_contact(lock, k, settings);
     }
-    let shaken = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
-    shaken - incline_loss(lock.order(), k, settings)
+    let driven = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
+    driven - incline_loss(lock.order(), k, settings)
 }
 
 fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
@@ -60,8 +60,8 @@ fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> 
 ///     incline_tangent: 0.05,
 /// };
 /// // Half the k is twice the amplitude b: the speed, W b w, is the same.
-/// let (w, half) = (velocity_in_phase(1, 0.46, 0.2, &along), velocity_in_phase(1, 0.23, 0.2, &along));
-/// assert!((half * 2.0 - w).abs() < 1e-15);
+/// let (w, half) = (velocity_in_phase(1, 0.46, 0.2, &along), velocity_in_phase(1, 0.23, 0.2,
+/// &along)); assert!((half * 2.0 - w).abs() < 1e-15);
 /// ```
 pub fn velocity_in_phase(
     order: u32,
@@ -122,16 +122,16 @@ mod tests {
     use crate::impact::spring::Spring;
     use crate::impact::{ContactTime, Kernel, Map, PartState, Tangential};
 
-    /// Mean velocity along the track in periods 40 to 60 of a part that starts on `lock`, with
-    /// Coulomb friction in an integrated contact of a linear spring and dashpot.
+    /// Mean velocity along the track of a part that starts on `lock`, in periods 40 to 60. Friction
+    /// is Coulomb's, in an integrated contact of a linear spring and dashpot.
     fn integrated_velocity(lock: &Lock, along: &TangentialSettings, friction: f64) -> f64 {
         let (k, contact) = (lock.k(), lock.contact().radians());
         let map = Map::build(k, 1.0).unwrap();
         let spring = Spring::new(lock.restitution(), contact);
         let track = |phase: f64| [libm::sin(phase), libm::cos(phase), libm::sin(phase)];
         let push = |phase: f64| {
-            let shaken = along.amplitude_ratio * libm::sin(phase + along.phase_lead);
-            shaken - k * along.incline_tangent
+            let driven = along.amplitude_ratio * libm::sin(phase + along.phase_lead);
+            driven - k * along.incline_tangent
         };
         let tangential = Tangential::build(k, *along).unwrap();
         let (mut state, mut velocity) = (lock.state(), 0.0);
@@ -153,9 +153,9 @@ mod tests {
                     strike,
                     impact.next.velocity,
                     |phase, step, force| {
-                        let free = velocity + step * push(phase + 0.5 * step);
-                        let held = step * friction * force;
-                        let next = free - free.clamp(-held, held);
+                        let unlimited = velocity + step * push(phase + 0.5 * step);
+                        let max_change = step * friction * force;
+                        let next = unlimited - unlimited.clamp(-max_change, max_change);
                         slid += 0.5 * step * (velocity + next);
                         velocity = next;
                     },
@@ -188,7 +188,7 @@ mod tests {
                 {
                     let mut along = settings(phase_lead, incline);
                     let exact = integrated_velocity(&lock, &along, friction);
-                    // Friction that holds the part keeps nothing of its velocity.
+                    // A part that friction holds keeps nothing of its velocity.
                     along.restitution = 0.0;
                     let error = velocity(&lock, k, &along) / exact - 1.0;
                     *worst = worst.max(libm::fabs(error));

@@ -1,9 +1,9 @@
 //! Conveying speed of parts along the track, in each regime (docs/theory-transport.md#t8).
 //!
 //! The observed speed is the TIME mean: displacement over time, rests included. The paper's mean is
-//! per impact, which weighs short and long hops equally; here it is the impact mean. Velocities are
-//! relative to the track in units of `b w`, displacements in units of b. A velocity times
-//! [`crate::feeder::Track::velocity_unit`] is in m/s.
+//! per impact, which weights short and long hops equally; here it is called the impact mean.
+//! Velocities are relative to the track in units of `b w`, displacements in units of b. A velocity
+//! times [`crate::feeder::Track::velocity_unit`] is in m/s.
 
 mod conveyed;
 pub mod locked;

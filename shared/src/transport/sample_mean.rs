@@ -22,9 +22,9 @@ impl SampleMean {
     /// Adds a value.
     pub fn add(&mut self, value: f64) {
         self.count += 1;
-        let apart = value - self.mean;
-        self.mean += apart / self.count as f64;
-        self.squares += apart * (value - self.mean);
+        let deviation = value - self.mean;
+        self.mean += deviation / self.count as f64;
+        self.squares += deviation * (value - self.mean);
     }
 
     /// Number of values.

@@ -54,21 +54,20 @@ impl WaveLaw {
 }
 
 /// Motion of a part along the track by each law: distance in b, velocity in `b w`.
-type Moved = [(f64, f64); MAX_LAWS];
+type LawStates = [(f64, f64); MAX_LAWS];
 
-/// Motion of a part so far.
 #[derive(Clone, Copy)]
-struct Ways {
-    moved: Moved,
+struct Paths {
+    states: LawStates,
     /// Phase of the last rest.
     rested: f64,
     /// Time and motion where the measurement began.
-    begun: Option<(f64, Moved)>,
+    begun: Option<(f64, LawStates)>,
 }
 
-impl Ways {
+impl Paths {
     const NONE: Self = Self {
-        moved: [(0.0, 0.0); MAX_LAWS],
+        states: [(0.0, 0.0); MAX_LAWS],
         rested: 0.0,
         begun: None,
     };
@@ -78,7 +77,7 @@ impl Ways {
         if let OrbitEvent::Rest { phase, .. } = event {
             self.rested = *phase;
         }
-        for (law, (distance, velocity)) in laws.iter().zip(&mut self.moved) {
+        for (law, (distance, velocity)) in laws.iter().zip(&mut self.states) {
             let (further, after) = match event {
                 OrbitEvent::Impact(impact) => law.fly(before, impact, *velocity),
                 OrbitEvent::Rest { chatter, .. } => law.chatter(before, *chatter, *velocity),
@@ -111,17 +110,17 @@ pub fn convey_from_rest(
     )?;
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
     let instant = ContactTime::INSTANT;
-    let watch = |ways: &mut Ways, time: f64, before: PartState, event: &OrbitEvent| {
-        if ways.begun.is_none() && time >= begin {
-            ways.begun = Some((time, ways.moved));
+    let watch = |paths: &mut Paths, time: f64, before: PartState, event: &OrbitEvent| {
+        if paths.begun.is_none() && time >= begin {
+            paths.begun = Some((time, paths.states));
         }
-        ways.advance(laws, before, event);
+        paths.advance(laws, before, event);
     };
-    let each = |n, share, time: f64, ways: Ways| {
+    let each = |n, share, time: f64, paths: Paths| {
         let mut speeds = [0.0; MAX_LAWS];
-        if let Some((from, at)) = ways.begun {
-            let moved = ways.moved.iter().zip(&at);
-            for (speed, ((now, _), (then, _))) in speeds.iter_mut().zip(moved) {
+        if let Some((from, at)) = paths.begun {
+            let states = paths.states.iter().zip(&at);
+            for (speed, ((now, _), (then, _))) in speeds.iter_mut().zip(states) {
                 *speed = (now - then) / (time.max(end) - from);
             }
         }
@@ -133,7 +132,7 @@ pub fn convey_from_rest(
         scatters,
         order,
         periods,
-        Ways::NONE,
+        Paths::NONE,
         watch,
         each,
     )

@@ -2,8 +2,8 @@
 
 /// Relative change of the speed over relative change of the amplitude, `(dV/V)/(db/b)`.
 ///
-/// With `V = W b w` and b proportional to 1/k it is `1 - d ln W / d ln k`. It is 1 where W does not
-/// depend on k. It is 0 where W is proportional to k, as in lock at gamma = 0: there the speed does
+/// With `V = W b w` and b proportional to 1/k it is `1 - d ln W / d ln k`. It is 1 if W does not
+/// depend on k. It is 0 if W is proportional to k, as in lock at gamma = 0: there the speed does
 /// not depend on b.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensitivity {
@@ -38,8 +38,8 @@ mod tests {
     fn powers_of_k_give_their_exponent() {
         for power in [-1.0, 0.0, 0.5, 1.0] {
             let at = |k: f64| (k, 3.0 * libm::pow(k, power), 0.0);
-            let found = Sensitivity::between(at(0.4), at(0.5)).unwrap();
-            assert!((found.value - (1.0 - power)).abs() < 1e-13);
+            let actual = Sensitivity::between(at(0.4), at(0.5)).unwrap();
+            assert!((actual.value - (1.0 - power)).abs() < 1e-13);
         }
         assert_eq!(
             Sensitivity::between((0.4, 1.0, 0.0), (0.5, -1.0, 0.0)),

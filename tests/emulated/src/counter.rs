@@ -17,7 +17,7 @@ impl Counter {
     /// Starts the counter and calibrates it with a loop of known length.
     ///
     /// # Panics
-    /// It was started before.
+    /// It was already started.
     pub fn start() -> Self {
         let mut system = Peripherals::take()
             .expect("the counter is started once")

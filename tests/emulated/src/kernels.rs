@@ -1,12 +1,12 @@
-//! Workloads for the kernels that every machine runs alike.
+//! Workloads for the kernels, equal on every machine.
 
 use kband::impact::{
     Integer, IntegerState, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
 };
 
-/// A kernel with its step in machine units.
+/// A kernel with a step in machine units.
 pub trait Machine: Kernel + Copy {
-    /// Computes one flight and the impact that ends it.
+    /// Computes one flight and its impact.
     fn land(&self, state: Self::State) -> Landing<Self::State>;
     /// The bits of a state.
     fn bits(state: Self::State) -> [u32; 2];
@@ -50,8 +50,8 @@ pub const ORBITS: [[f64; 4]; 11] = [
 /// A chattering orbit from lift-off to rest: k, restitution, phase and velocity.
 pub const CHATTER: [f64; 4] = [0.9, 0.5, 1.119_769_515, 0.0];
 
-/// Orbits in gear, and two that are not: k, restitution, phase, velocity, amplitude and angle (rad)
-/// of the second tone.
+/// Seven orbits in gear, and two out of gear: k, restitution, phase, velocity, amplitude and angle
+/// (rad) of the second tone.
 pub const WAVES: [[f64; 6]; 9] = [
     [0.35, 0.2, 0.5, 0.45, 0.15, 2.356],
     [0.3, 0.2, 0.4, 0.35, 0.10, 2.487],
@@ -64,10 +64,10 @@ pub const WAVES: [[f64; 6]; 9] = [
     [0.05, 0.9, 2.0, 3.0, 0.15, 2.356],
 ];
 
-/// A chattering orbit on two tones, with two humps a turn.
+/// A chattering orbit on two tones, with two humps in a turn.
 pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.5, 0.3, 1.0];
 
-/// Kernel and first state of an orbit on two tones.
+/// Kernel and initial state of an orbit on two tones.
 ///
 /// # Panics
 /// The kernel refuses them.
@@ -81,7 +81,7 @@ pub fn begin_on_tones<K: Machine + WaveKernel>(
     )
 }
 
-/// Kernel and first state of an orbit.
+/// Kernel and initial state of an orbit.
 ///
 /// # Panics
 /// The kernel refuses them.
@@ -127,8 +127,8 @@ fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u
     hash
 }
 
-/// Name of each kernel and hash of its orbits: eleven that stay, one that chatters, 10 000 impacts
-/// each.
+/// Name of each kernel and hash of its orbits: eleven that do not rest and one that chatters, 10
+/// 000 impacts each.
 pub fn hashes() -> impl Iterator<Item = (&'static str, u32)> {
     [
         (Single::NAME, hash_orbits::<Single> as fn(u32) -> u32),
@@ -204,7 +204,7 @@ pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
     })
 }
 
-/// Runs one impact from each state. Folds their bits, so that the compiler can skip none.
+/// Computes one impact from each state, and combines their bits, so the compiler can skip none.
 #[inline(never)]
 pub fn fall<K: Machine>(kernels: &[K; 8], states: &[(K::State, u8)]) -> u32 {
     let mut sum = 0_u32;

@@ -1,7 +1,7 @@
 //! Common part of the images for the emulated CPU: entry, output, verdict.
 //!
-//! An image is one function. It passes by returning and fails by a panic; a hard fault fails too.
-//! The verdict is the emulator's exit status. On the desk the same function runs as an ordinary
+//! An image is one function. It passes by returning and fails by a panic or a hard fault. The
+//! verdict is the emulator's exit status. At the desk the same function runs as an ordinary
 //! program.
 //!
 //! ```ignore
@@ -56,7 +56,7 @@ macro_rules! image {
 
 /// Prints a line: by semihosting on the emulated CPU, on standard error at the desk.
 #[macro_export]
-macro_rules! say {
+macro_rules! emit {
     ($($argument:tt)*) => {
         $crate::print_line(format_args!($($argument)*))
     };

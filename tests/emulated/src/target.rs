@@ -23,13 +23,13 @@ fn fail() -> ! {
 
 #[panic_handler]
 fn panic(cause: &PanicInfo) -> ! {
-    crate::say!("{cause}");
+    crate::emit!("{cause}");
     fail()
 }
 
 // SAFETY: the handler never returns, so it cannot disturb what it interrupted.
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    crate::say!("hard fault at {:#010x}", frame.pc());
+    crate::emit!("hard fault at {:#010x}", frame.pc());
     fail()
 }

@@ -9,16 +9,16 @@ use kband_control::wire::{
 };
 use kband_control::{Cycle, Event, Inputs, StartCause, State};
 use kband_firmware::exchange::Exchange;
-use kband_firmware::last_words::LastWords;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
-use kband_firmware::store::{Found, Records, Store};
+use kband_firmware::storage::last_words::LastWords;
+use kband_firmware::storage::store::LoadedSettings;
+use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
-use kband_firmware::waiting::Waiting;
 
-use crate::Taker;
+use crate::Reader;
 use crate::desk;
-use crate::frames::{framed, framed_update, inside};
+use crate::frames::{framed, framed_update, payload};
 use crate::store::Flash;
 
 /// Dictionary of events.
@@ -50,7 +50,7 @@ fn count_operation() -> bool {
     true
 }
 
-/// A slot that reads as erased. No input signs an image of it.
+/// A slot that reads as erased. No input has a valid signature.
 const SLOT: Slot = Slot {
     board: "stm32f405rg",
     size: 384 * 1024,
@@ -68,23 +68,23 @@ const SLOT: Slot = Slot {
 };
 
 struct Board {
-    service: Service<Records<Flash, Waiting>>,
+    service: Service<Flash, Waiting>,
     station: Station,
-    /// What the next start must find, unless a save was refused or unseen.
-    saved: Option<Found>,
+    /// Content that the next start must find, unless a save was refused or unobserved.
+    saved: Option<LoadedSettings>,
 }
 
 impl Board {
-    /// Starts a board whose flash has power for some more words.
+    /// Starts a board whose flash has power for this number of further words.
     fn start(flash: &Flash, start: StartCause, words: usize) -> Self {
         flash.power(usize::MAX);
-        let found = block_on(flash.records().load());
+        let loaded = block_on(flash.records().load());
         flash.power(words);
-        let controller = Station::controller(&found, start).expect("what is found is accepted");
+        let controller = Station::controller(&loaded, start).expect("what is found is accepted");
         Self {
-            station: Station::new(&found, start, &controller, &EXCHANGE, LastWords::EMPTY),
-            service: Service::new(IMAGE, flash.records(), found.pin),
-            saved: Some(found),
+            station: Station::new(&loaded, start, &controller, &EXCHANGE, LastWords::EMPTY),
+            service: Service::new(IMAGE, flash.records(), loaded.pin),
+            saved: Some(loaded),
         }
     }
 
@@ -108,7 +108,8 @@ impl Board {
             if matches!(report.state, State::Off | State::Fault) {
                 assert!(command.amplitude == 0.0 && command.immediate);
             }
-            // If it acknowledges another fault, this one is reported in the next cycle.
+            // If the fault of this cycle is acknowledged, another one may be reported in the next
+            // cycle.
             let mut events = report.events.iter();
             let acknowledged = events.any(|event| event == Event::Acknowledged);
             assert!(!inputs.stack_low || report.state == State::Fault || acknowledged);
@@ -119,7 +120,7 @@ impl Board {
         block_on(self.service.keep_fault(&self.station));
     }
 
-    /// The frame that answers these bytes, if any.
+    /// Response of the board to these bytes, if any.
     fn take(&mut self, bytes: &[u8]) -> Option<Vec<u8>> {
         bytes.iter().fold(None, |answer, byte| {
             let frame = block_on(self.service.take(*byte, &self.station));
@@ -127,13 +128,13 @@ impl Board {
         })
     }
 
-    /// A frame with a valid checksum: it is counted, and a refused one has no effect.
-    fn ask(&mut self, sequence: u8, frame: Option<Vec<u8>>) -> bool {
+    /// Sends a frame with a valid checksum: it is counted, and a refused one has no effect.
+    fn process(&mut self, sequence: u8, frame: Option<Vec<u8>>) -> bool {
         let Some(frame) = frame else {
             return false;
         };
         let operations = OPERATIONS.get();
-        // Ends any frame before it.
+        // Ends any previous frame.
         let _ = self.take(&[0]);
         let (station, service) = (&self.station, &self.service);
         let (settings, target) = (station.settings(), station.target());
@@ -144,7 +145,7 @@ impl Board {
         let in_use = station.settings().check();
         in_use.expect("settings in use are accepted");
         let saves = matches!(
-            read_request(&inside(&frame)),
+            read_request(&payload(&frame)),
             Ok(Incoming::Request {
                 request: Request::Save | Request::Lock(_),
                 ..
@@ -153,29 +154,32 @@ impl Board {
         if saves {
             self.saved = None;
         }
-        let kept = settings == station.settings();
-        assert!(kept || at_rest, "settings changed while the drive runs");
+        let unchanged = settings == station.settings();
+        assert!(
+            unchanged || at_rest,
+            "settings changed while the drive runs"
+        );
         let written = OPERATIONS.get() != operations;
         assert!(!written || at_rest, "the slot changed while the drive runs");
         let Some(answer) = answer else {
-            assert!(kept && target == station.target());
+            assert!(unchanged && target == station.target());
             return false;
         };
-        match read_answer(&inside(&answer)).expect("an answer is known") {
+        match read_answer(&payload(&answer)).expect("an answer is known") {
             Outgoing::Response {
                 sequence: same,
                 response,
             } => {
                 assert_eq!(same, sequence);
                 if let Response::Refused(_) = response {
-                    assert!(kept && target == station.target(), "{response:?}");
+                    assert!(unchanged && target == station.target(), "{response:?}");
                     return false;
                 }
                 if saves {
-                    self.saved = Some(Found {
+                    self.saved = Some(LoadedSettings {
                         settings,
                         target,
-                        ..Found::default()
+                        ..LoadedSettings::default()
                     });
                 }
                 true
@@ -189,8 +193,8 @@ impl Board {
 pub fn service(input: &[u8]) -> bool {
     let flash = Flash::default();
     let mut board = Board::start(&flash, StartCause::Ordinary, usize::MAX);
-    let mut input = Taker(input);
-    let mut known = false;
+    let mut input = Reader(input);
+    let mut is_valid = false;
     let mut inputs = Inputs::default();
     while let Some(what) = input.byte() {
         match what % 8 {
@@ -206,7 +210,7 @@ pub fn service(input: &[u8]) -> bool {
                 let piece = input.piece().unwrap_or(&[]);
                 let update = what % 16 == 12;
                 let frame = if update { framed_update } else { framed };
-                known |= board.ask(what, frame(what, piece));
+                is_valid |= board.process(what, frame(what, piece));
             }
             5 => {
                 let bits = input.byte().unwrap_or(0);
@@ -245,24 +249,24 @@ pub fn service(input: &[u8]) -> bool {
                     StartCause::Refused,
                 ];
                 let which = usize::from(input.byte().unwrap_or(0));
-                // In half of the runs the power of the flash fails.
+                // In half of the runs the power fails during a flash operation.
                 let words = [usize::MAX, 8 * which][which / 128];
                 let saved = board.saved;
                 board = Board::start(&flash, start[which % start.len()], words);
-                if let (Some(saved), Some(found)) = (saved, board.saved) {
+                if let (Some(saved), Some(loaded)) = (saved, board.saved) {
                     assert_eq!(
                         (saved.settings, saved.target),
-                        (found.settings, found.target)
+                        (loaded.settings, loaded.target)
                     );
                 }
             }
         }
     }
-    known
+    is_valid
 }
 
-/// Recipes of a file up to the first zero, and after it messages about recipes: which request, and
-/// its content. A board at rest returns each recipe that it took.
+/// Recipes of a file up to the first zero, then messages about recipes: kind of request, and its
+/// content. A board at rest returns each recipe that it accepted.
 pub fn recipes(input: &[u8]) -> bool {
     let (file, messages) = match input.iter().position(|byte| *byte == 0) {
         Some(end) => (&input[..end], &input[end + 1..]),
@@ -280,17 +284,17 @@ pub fn recipes(input: &[u8]) -> bool {
             number,
             recipe: Some((name, recipe)),
         };
-        if board.ask(1, Some(written(&set))) {
+        if board.process(1, Some(written(&set))) {
             let answer = board.take(&written(&Request::Recipe(number)));
-            let answer = inside(&answer.expect("an answer"));
+            let answer = payload(&answer.expect("an answer"));
             let Ok(Outgoing::Response { response, .. }) = read_answer(&answer) else {
                 panic!("an answer");
             };
             assert_eq!(response, Response::Recipe(Stored::Recipe(name, recipe)));
-            board.ask(1, Some(written(&Request::UseRecipe(number))));
+            board.process(1, Some(written(&Request::UseRecipe(number))));
         }
     }
-    let mut known = !entries.is_empty();
+    let mut is_valid = !entries.is_empty();
     let requests = [
         Request::Recipe(1),
         Request::SetRecipe {
@@ -300,13 +304,13 @@ pub fn recipes(input: &[u8]) -> bool {
         Request::SaveRecipes,
         Request::UseRecipe(1),
     ];
-    let mut messages = Taker(messages);
+    let mut messages = Reader(messages);
     while let Some(what) = messages.byte() {
         let content = messages.piece().unwrap_or(&[]);
-        let request = inside(&written(&requests[usize::from(what) % requests.len()]));
-        // Behind version, schema and sequence.
+        let request = payload(&written(&requests[usize::from(what) % requests.len()]));
+        // After version, schema and sequence.
         let message = [&request[4..5], content].concat();
-        known |= board.ask(what, framed(what, &message));
+        is_valid |= board.process(what, framed(what, &message));
     }
-    known
+    is_valid
 }

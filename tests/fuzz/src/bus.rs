@@ -1,11 +1,11 @@
-//! Requests on the fieldbus: raw frames, and requests behind a valid checksum, to a board at rest.
+//! Requests on the fieldbus to a board at rest: raw frames, and requests with a valid checksum.
 
 use kband_bus::rtu::{self, crc};
-use kband_bus::{Answer, Authority, Exception, Machine, Seen, Server, tcp};
+use kband_bus::{Answer, Authority, Exception, Machine, Server, Snapshot, tcp};
 use kband_control::wire::Record;
 use kband_control::{Settings, Target};
 
-use crate::Taker;
+use crate::Reader;
 
 /// Dictionary of requests.
 pub const WORDS: &[&[u8]] = &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14, 1, 0]];
@@ -13,7 +13,7 @@ pub const WORDS: &[&[u8]] = &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14,
 /// Unit of the board.
 const UNIT: u8 = 17;
 
-/// A drive that checks what the server commands.
+/// A drive that checks the commands of the server.
 struct Drive {
     authority: Authority,
     running: bool,
@@ -22,16 +22,16 @@ struct Drive {
 }
 
 impl Machine for Drive {
-    fn seen(&self) -> Seen<'_> {
-        let mut seen = Seen {
+    fn snapshot(&self) -> Snapshot<'_> {
+        let mut snapshot = Snapshot {
             authority: self.authority,
             target: self.target,
             events: 5,
             image: "fuzz",
-            ..Seen::default()
+            ..Snapshot::default()
         };
-        seen.telemetry.state = u8::from(self.running) * 2;
-        seen
+        snapshot.telemetry.state = u8::from(self.running) * 2;
+        snapshot
     }
 
     fn settings(&self) -> Settings {
@@ -58,8 +58,8 @@ impl Machine for Drive {
         assert!(self.authority >= Authority::Command && !self.running);
         settings.check().map_err(|_| Exception::Value)?;
         let bus = |settings: &Settings| {
-            let of = |key: &str| settings.get(&format!("bus{key}")).map(f32::to_bits);
-            ["", "_address", "_baud", "_parity", "_timeout"].map(of)
+            let value = |key: &str| settings.get(&format!("bus{key}")).map(f32::to_bits);
+            ["", "_address", "_baud", "_parity", "_timeout"].map(value)
         };
         assert_eq!(bus(settings), bus(&self.settings));
         self.settings = *settings;
@@ -72,8 +72,8 @@ impl Machine for Drive {
     }
 }
 
-/// Asks a server; the answer has the unit and the function of the request.
-fn ask(server: &mut Server, drive: &mut Drive, adu: &[u8]) -> bool {
+/// Sends a request to a server; the response has the unit and function of the request.
+fn process(server: &mut Server, drive: &mut Drive, adu: &[u8]) -> bool {
     let mut answer = Answer::new();
     let mut frame = adu.to_vec();
     frame.extend(crc(adu).to_le_bytes());
@@ -87,8 +87,8 @@ fn ask(server: &mut Server, drive: &mut Drive, adu: &[u8]) -> bool {
 
 /// Requests to boards of each authority; each is a length and its bytes.
 pub fn bus(input: &[u8]) -> bool {
-    let mut input = Taker(input);
-    let mut known = false;
+    let mut input = Reader(input);
+    let mut is_valid = false;
     let mut server = Server::default();
     let mut drive = Drive {
         authority: Authority::Read,
@@ -106,10 +106,12 @@ pub fn bus(input: &[u8]) -> bool {
         };
         let mut adu = vec![UNIT];
         adu.extend(piece);
-        known |= ask(&mut server, &mut drive, &adu);
+        is_valid |= process(&mut server, &mut drive, &adu);
         let mut answer = Answer::new();
         let _ = rtu::answer(&mut server, UNIT, piece, &mut drive, &mut answer);
-        let _ = tcp::answer(&mut server, piece, &mut drive, &mut answer);
+        if let Some(adu) = tcp::adu(piece) {
+            let _ = server.answer(adu, &mut drive, &mut answer) && tcp::wrap(piece, &mut answer);
+        }
     }
-    known
+    is_valid
 }

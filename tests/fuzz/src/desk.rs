@@ -10,12 +10,12 @@ use kband_host::board::replay;
 use kband_host::chip::Image;
 use kband_host::refusal::Refusal;
 use kband_host::simulate::SceneFile;
-use kband_host::verbs::impacts::rows::{Row, check_rows, fly_rows};
-use kband_host::verbs::recipe::{Entry, export};
-use kband_host::verbs::settings::Imported;
+use kband_host::verbs::board::recipe::{Entry, export};
+use kband_host::verbs::board::settings::Imported;
+use kband_host::verbs::map::impacts::rows::{Row, check_rows, compute_rows};
 use kband_plant::{ClosedLoop, EnvelopeLoop};
 
-use crate::Taker;
+use crate::Reader;
 use crate::frames::framed;
 
 /// Dictionary of a scene.
@@ -61,14 +61,14 @@ pub const ROWS: &[&[u8]] = &[
 /// Dictionary of an image.
 pub const ELF: &[&[u8]] = &[b"stm32f405rg", b"stm32g474re", b".chip", b".vector_table"];
 
-/// Length in bytes: longest message for a person.
-const READABLE: usize = 10_000;
+/// Largest length of a readable message, bytes.
+const MAX_MESSAGE_BYTES: usize = 10_000;
 
-/// What was accepted; a refusal is one readable message.
+/// The accepted value; a refusal must be one readable message.
 fn accepted<T>(read: Result<T, Refusal>) -> Option<T> {
     let check = |refusal: Refusal| {
         let message = refusal.to_string();
-        assert!(message.len() < READABLE, "{} bytes", message.len());
+        assert!(message.len() < MAX_MESSAGE_BYTES, "{} bytes", message.len());
         assert!(message.starts_with("error: ") && message.contains("next: "));
         assert_eq!(refusal.status(), 2);
     };
@@ -79,7 +79,7 @@ fn text<T>(input: &[u8], read: impl FnOnce(&str) -> Result<T, Refusal>) -> Optio
     accepted(read(std::str::from_utf8(input).ok()?))
 }
 
-/// A scene: parsed, and started in both fidelities.
+/// A scene: parsed, and started at both fidelities.
 pub fn scene(input: &[u8]) -> bool {
     let Some(file) = text(input, SceneFile::parse) else {
         return false;
@@ -101,7 +101,7 @@ pub fn settings(input: &[u8]) -> bool {
     text(input, Imported::parse).is_some()
 }
 
-/// The recipes of a file, each with its number; exported and read again they are the same.
+/// Recipes of a file with their numbers; export and import must return the same ones.
 pub fn recipes(input: &[u8]) -> Vec<(u8, RecipeName, Recipe)> {
     let read = |text: &str| {
         let entries = Entry::parse(text)?.into_iter();
@@ -111,43 +111,41 @@ pub fn recipes(input: &[u8]) -> Vec<(u8, RecipeName, Recipe)> {
     };
     let entries = text(input, read).unwrap_or_default();
     if !entries.is_empty() {
-        let again = read(&export(&entries, "fuzzed"));
+        let reread = read(&export(&entries, "fuzzed"));
         assert_eq!(
-            format!("{:?}", again.expect("an export")),
+            format!("{:?}", reread.expect("an export")),
             format!("{entries:?}")
         );
     }
     entries
 }
 
-fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange>) -> bool {
-    let path = Path::new("launches.csv");
-    if check_rows(path, input, build, |_| Ok(())).is_err() {
-        return false;
-    }
-    let fly = |rows: &mut Vec<Option<Row<K>>>| {
-        for row in rows.iter().flatten().take(16) {
-            let impact = row.kernel.impact(row.state);
-            assert!(impact.flight >= 0.0);
+/// Flies the launches of a checked table.
+fn launches<K: Kernel>(input: &[u8], build: fn(f64, f64) -> Result<K, OutOfRange>) {
+    let mut count = 0;
+    let each = |row: Option<Row<K>>| {
+        if let Some(row) = row.filter(|_| count < 16) {
+            count += 1;
+            assert!(row.kernel.impact(row.state).flight >= 0.0);
         }
         Ok(())
     };
-    fly_rows(path, input, build, fly).expect("what was checked is read again");
-    true
+    compute_rows(Path::new(LAUNCHES), input, build, each).expect("a checked table is read again");
 }
+
+const LAUNCHES: &str = "launches.csv";
 
 /// A table of launches, in the arithmetics with the widest and the narrowest range.
 pub fn rows(input: &[u8]) -> bool {
-    let double = launches::<Map>(input, Map::build);
-    let integer = launches::<Integer>(input, Integer::build);
-    assert!(
-        double || !integer,
-        "what is no launch is none in any arithmetic"
-    );
-    double
+    let is_table = check_rows(Path::new(LAUNCHES), input, |_| Ok(())).is_ok();
+    if is_table {
+        launches::<Map>(input, Map::build);
+        launches::<Integer>(input, Integer::build);
+    }
+    is_table
 }
 
-/// A record of a board's output: raw bytes, or after a 0 messages in valid frames.
+/// A record of a board's output: raw bytes, or, after a 0, messages in valid frames.
 pub fn record(input: &[u8]) -> bool {
     let mut count = 0_u64;
     let mut bytes = input.to_vec();
@@ -159,21 +157,21 @@ pub fn record(input: &[u8]) -> bool {
         };
         let mut buffer = [0; MAX_FRAME_BYTES];
         bytes = write_identity(&mut buffer, 0, &identity).map_or(Vec::new(), <[u8]>::to_vec);
-        let mut messages = Taker(messages);
+        let mut messages = Reader(messages);
         while let Some(message) = messages.piece() {
             bytes.extend(framed(0, message).unwrap_or_default());
         }
     }
-    let remains = replay(&*bytes, |_| {
+    let damage = replay(&*bytes, |_| {
         count += 1;
         Ok(true)
     });
-    let remains = accepted(remains);
-    if let Some(remains) = &remains {
-        assert!(count + remains.unreadable <= bytes.len() as u64);
-        assert!(remains.cut <= bytes.len() as u64);
+    let damage = accepted(damage);
+    if let Some(damage) = &damage {
+        assert!(count + damage.unreadable <= bytes.len() as u64);
+        assert!(damage.cut <= bytes.len() as u64);
     }
-    remains.is_some()
+    damage.is_some()
 }
 
 /// An image for a board.
@@ -184,6 +182,13 @@ pub fn elf(input: &[u8]) -> bool {
         assert_eq!(written, image.size(), "each byte lies in one sector");
         let free = image.chip().memory.end - image.chip().memory.start;
         assert!(image.memory() <= free);
+        let chip = image.chip();
+        for piece in image.pieces() {
+            let end = piece.address + piece.bytes.len() as u32;
+            assert!(chip.flash.start <= piece.address && end <= chip.flash.end);
+            let is_free = end <= chip.settings.start || chip.settings.end <= piece.address;
+            assert!(is_free, "the settings stay");
+        }
     }
     image.is_some()
 }

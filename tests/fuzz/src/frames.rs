@@ -1,4 +1,4 @@
-//! Frames on the link: raw bytes, and messages behind a valid checksum.
+//! Frames on the link: raw bytes, and messages with a valid checksum.
 
 use kband_control::wire::{
     Incoming, MAX_FRAME_BYTES, Outgoing, Receiver, Request, SCHEMA, VERSION, crc32, read_answer,
@@ -21,10 +21,10 @@ pub fn framed_update(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn framed_behind(head: &[u8], message: &[u8]) -> Option<Vec<u8>> {
-    let mut inside = [head, message].concat();
-    inside.extend(crc32(&inside).to_le_bytes());
-    let mut frame = Vec::with_capacity(inside.len() + 4);
-    for block in inside.split(|byte| *byte == 0) {
+    let mut payload = [head, message].concat();
+    payload.extend(crc32(&payload).to_le_bytes());
+    let mut frame = Vec::with_capacity(payload.len() + 4);
+    for block in payload.split(|byte| *byte == 0) {
         let mut rest = block;
         while rest.len() >= 254 {
             frame.push(255);
@@ -41,23 +41,23 @@ fn framed_behind(head: &[u8], message: &[u8]) -> Option<Vec<u8>> {
 /// Payload of a written frame.
 ///
 /// # Panics
-/// If it is not a frame.
-pub fn inside(frame: &[u8]) -> Vec<u8> {
+/// It is not a frame.
+pub fn payload(frame: &[u8]) -> Vec<u8> {
     let mut receiver = Receiver::new();
     let (end, bytes) = frame.split_last().expect("a frame has an end");
     for byte in bytes {
         assert!(receiver.push(*byte).is_none(), "it ends before its end");
     }
-    let inside = receiver.push(*end).expect("it ends at its end");
-    inside.expect("a frame that was written is sound").to_vec()
+    let payload = receiver.push(*end).expect("it ends at its end");
+    payload.expect("a frame that was written is sound").to_vec()
 }
 
-/// A parsed message is the same after writing and parsing it again. The printed forms are compared,
-/// in which NaN equals itself.
+/// A parsed message is the same after writing and parsing it again. The test compares printed
+/// forms, in which NaN equals itself.
 fn read(bytes: &[u8]) -> bool {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let incoming = read_request(bytes);
-    let asked = match &incoming {
+    let rewritten = match &incoming {
         Ok(Incoming::Request { sequence, request }) => {
             if let Request::Samples { codes, .. } = request {
                 let (mut codes, mut code) = (*codes, 0);
@@ -72,12 +72,12 @@ fn read(bytes: &[u8]) -> bool {
         }
         _ => None,
     };
-    if let Some(Ok(frame)) = asked {
-        let again = inside(frame);
-        let again = read_request(&again);
-        assert_eq!(format!("{again:?}"), format!("{incoming:?}"));
+    if let Some(Ok(frame)) = rewritten {
+        let decoded = payload(frame);
+        let decoded = read_request(&decoded);
+        assert_eq!(format!("{decoded:?}"), format!("{incoming:?}"));
     }
-    let known = asked.is_some();
+    let is_valid = rewritten.is_some();
     let outgoing = read_answer(bytes);
     let answered = match &outgoing {
         Ok(Outgoing::Response { sequence, response }) => {
@@ -89,20 +89,20 @@ fn read(bytes: &[u8]) -> bool {
         _ => None,
     };
     if let Some(Ok(frame)) = answered {
-        let again = inside(frame);
-        let again = read_answer(&again);
-        assert_eq!(format!("{again:?}"), format!("{outgoing:?}"));
+        let decoded = payload(frame);
+        let decoded = read_answer(&decoded);
+        assert_eq!(format!("{decoded:?}"), format!("{outgoing:?}"));
     }
-    known || answered.is_some()
+    is_valid || answered.is_some()
 }
 
-/// Raw bytes from the line, and the same bytes behind a valid checksum.
+/// Raw bytes from the line, and the same bytes with a valid checksum.
 pub fn frames(input: &[u8]) -> bool {
     let mut receiver = Receiver::new();
-    let mut known = false;
+    let mut is_valid = false;
     for byte in input {
-        if let Some(Ok(inside)) = receiver.push(*byte) {
-            known |= read(inside);
+        if let Some(Ok(payload)) = receiver.push(*byte) {
+            is_valid |= read(payload);
         }
     }
     if let Some((sequence, message)) = input.split_first() {
@@ -111,8 +111,8 @@ pub fn frames(input: &[u8]) -> bool {
             framed_update(*sequence, message),
         ];
         for frame in frames.into_iter().flatten() {
-            known |= read(&inside(&frame));
+            is_valid |= read(&payload(&frame));
         }
     }
-    known
+    is_valid
 }

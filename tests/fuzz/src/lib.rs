@@ -1,4 +1,4 @@
-//! Fuzz targets: everything that kband reads from outside, as functions of arbitrary bytes.
+//! Fuzz targets: all external inputs of kband, as functions of arbitrary bytes.
 //!
 //! Each target panics on a failure and returns whether it accepted its input. `tests/inputs.rs`
 //! replays the corpus and mutations from a seeded [`Mutator`] in every test run.
@@ -23,10 +23,10 @@ pub struct Target {
     pub name: &'static str,
     /// Processes an input; returns whether any of it was valid.
     pub run: fn(&[u8]) -> bool,
-    /// Number of mutated inputs in a short run, a second or two on a busy machine.
+    /// Number of mutated inputs in a short run, which takes 1 or 2 s on a busy machine.
     pub short: u32,
     /// Dictionary of its inputs.
-    pub words: &'static [&'static [u8]],
+    pub tokens: &'static [&'static [u8]],
 }
 
 /// All targets.
@@ -47,18 +47,18 @@ const fn target(
     name: &'static str,
     run: fn(&[u8]) -> bool,
     short: u32,
-    words: &'static [&'static [u8]],
+    tokens: &'static [&'static [u8]],
 ) -> Target {
     Target {
         name,
         run,
         short,
-        words,
+        tokens,
     }
 }
 
 impl Target {
-    /// The target of a name.
+    /// The target with this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         TARGETS.iter().find(|target| target.name == name)
     }
@@ -73,7 +73,7 @@ impl Target {
     /// The corpus, sorted by file name; it includes the test scenes.
     ///
     /// # Panics
-    /// If the folder cannot be read.
+    /// The folder cannot be read.
     pub fn corpus(&self) -> Vec<Vec<u8>> {
         let mut files = Vec::new();
         let scenes = (self.name == "scene").then(|| self.folder().join("../../../scenes"));
@@ -89,29 +89,29 @@ impl Target {
     /// Inputs found by coverage-guided fuzzing, as packed by `keep.py`.
     ///
     /// # Panics
-    /// If the file cannot be read or is cut short.
-    pub fn found(&self) -> Vec<Vec<u8>> {
+    /// The file cannot be read or is incomplete.
+    pub fn saved_inputs(&self) -> Vec<Vec<u8>> {
         let file = self.folder().join("../../found").join(self.name);
         let mut rest = std::fs::read(file)
             .expect("every target has what was found")
             .into_iter();
-        let mut found = Vec::new();
+        let mut inputs = Vec::new();
         while let Some(low) = rest.next() {
             let high = rest.next().expect("a length of two bytes");
             let length = usize::from(u16::from_le_bytes([low, high]));
             let input: Vec<u8> = rest.by_ref().take(length).collect();
             assert_eq!(input.len(), length, "{}: cut short", self.name);
-            found.push(input);
+            inputs.push(input);
         }
-        found
+        inputs
     }
 }
 
 /// Parses numbers from an input; `None` at its end.
 #[derive(Clone, Copy, Debug)]
-pub struct Taker<'a>(pub &'a [u8]);
+pub struct Reader<'a>(pub &'a [u8]);
 
-impl<'a> Taker<'a> {
+impl<'a> Reader<'a> {
     /// The next byte.
     pub fn byte(&mut self) -> Option<u8> {
         let (first, rest) = self.0.split_first()?;

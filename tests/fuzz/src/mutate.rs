@@ -1,10 +1,10 @@
 //! Mutation of inputs, determined by a seed.
 
-/// A source of inputs near those of a corpus.
+/// Generator of inputs near those of a corpus.
 #[derive(Clone, Debug)]
 pub struct Mutator<'a> {
     corpus: &'a [Vec<u8>],
-    words: &'a [&'a [u8]],
+    tokens: &'a [&'a [u8]],
     state: u64,
 }
 
@@ -19,15 +19,15 @@ const EDGES: [&[u8]; 8] = [
     b"1e39",
     b"-nan",
 ];
-/// Bytes of an input: largest number.
-const MOST: usize = 1 << 16;
+/// Largest number of bytes of an input.
+const MAX_INPUT_BYTES: usize = 1 << 16;
 
 impl<'a> Mutator<'a> {
-    /// The inputs of `seed` near those of `corpus`, with `words` among them.
-    pub fn new(corpus: &'a [Vec<u8>], words: &'a [&'a [u8]], seed: u64) -> Self {
+    /// Inputs of `seed` near those of `corpus`, with `tokens` in some of them.
+    pub fn new(corpus: &'a [Vec<u8>], tokens: &'a [&'a [u8]], seed: u64) -> Self {
         Self {
             corpus,
-            words,
+            tokens,
             state: seed,
         }
     }
@@ -53,19 +53,19 @@ impl<'a> Mutator<'a> {
         }
     }
 
-    /// A stretch of an input.
-    fn stretch(&mut self, of: &'a [u8]) -> &'a [u8] {
-        let from = self.below(of.len() + 1);
-        let most = (of.len() - from).min(64);
-        &of[from..from + self.below(most + 1)]
+    /// A part of an input.
+    fn stretch(&mut self, input: &'a [u8]) -> &'a [u8] {
+        let from = self.below(input.len() + 1);
+        let max = (input.len() - from).min(64);
+        &input[from..from + self.below(max + 1)]
     }
 
     /// The next input.
     pub fn make(&mut self) -> Vec<u8> {
         let mut input = self.one().to_vec();
-        // Mostly one or two changes: small differences get far.
-        let most = self.below(6) + 1;
-        for _ in 0..=self.below(most) {
+        // Mostly one or two changes, because small differences reach more code.
+        let max = self.below(6) + 1;
+        for _ in 0..=self.below(max) {
             let at = self.below(input.len() + 1);
             let piece: &[u8] = match self.below(8) {
                 0 if at < input.len() => {
@@ -74,15 +74,15 @@ impl<'a> Mutator<'a> {
                 }
                 1 if at < input.len() => {
                     input[at] = match input[at] {
-                        // Another digit keeps a number valid.
+                        // Another digit preserves a valid number.
                         b'0'..=b'9' => b'0' + self.below(10) as u8,
                         _ => self.bits() as u8,
                     };
                     continue;
                 }
                 2 => {
-                    let most = (input.len() - at).min(32);
-                    input.drain(at..at + self.below(most + 1));
+                    let max = (input.len() - at).min(32);
+                    input.drain(at..at + self.below(max + 1));
                     continue;
                 }
                 3 if self.below(8) == 0 => {
@@ -90,7 +90,7 @@ impl<'a> Mutator<'a> {
                     continue;
                 }
                 4 => EDGES[self.below(EDGES.len())],
-                5 if !self.words.is_empty() => self.words[self.below(self.words.len())],
+                5 if !self.tokens.is_empty() => self.tokens[self.below(self.tokens.len())],
                 _ => {
                     let other = self.one();
                     self.stretch(other)
@@ -103,7 +103,7 @@ impl<'a> Mutator<'a> {
             };
             input.splice(at..end, piece.iter().copied());
         }
-        input.truncate(MOST);
+        input.truncate(MAX_INPUT_BYTES);
         input
     }
 }

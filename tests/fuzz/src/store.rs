@@ -1,4 +1,4 @@
-//! The memory of the settings, with arbitrary content and power failures at any time.
+//! Memory of the settings, with arbitrary content and power failures at any time.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -7,14 +7,14 @@ use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
-use kband_control::wire::KeptFault;
+use kband_control::wire::FaultRecord;
 use kband_control::{Settings, Target};
-use kband_firmware::store::{Condition, Records, Store};
-use kband_firmware::waiting::Waiting;
+use kband_firmware::storage::store::{Condition, Records};
+use kband_firmware::storage::waiting::Waiting;
 
-use crate::Taker;
+use crate::Reader;
 
-/// Bytes of a flash page, the smallest of a board.
+/// Bytes of the smallest flash page of a board.
 pub const PAGE: usize = 2048;
 
 struct Cells {
@@ -54,11 +54,11 @@ impl Flash {
         Ok(())
     }
 
-    /// Puts the pages of settings there that an image with records of version 3 wrote in some saves.
+    /// Writes the pages of settings as an image with records of version 3 does in some saves.
     fn fill_by_version_3(&self, saves: usize) {
         let bytes = &mut self.0.borrow_mut().bytes;
         bytes[..2 * PAGE].fill(0xff);
-        for line in include_str!("../../../firmware/src/store/version_3.hex").lines() {
+        for line in include_str!("../../../firmware/src/storage/store/version_3.hex").lines() {
             let mut words = line
                 .split(' ')
                 .map(|word| usize::from_str_radix(word, 16).unwrap_or(0));
@@ -77,7 +77,7 @@ impl Flash {
         self.0.borrow_mut().power = words;
     }
 
-    /// The memory of settings and faults in it.
+    /// Memory of settings and faults in this flash.
     ///
     /// # Panics
     /// Never: the ranges are two pages each.
@@ -150,15 +150,15 @@ fn one(number: u8) -> Target {
     }
 }
 
-/// Smallest byte of an operation that puts the pages of an image with records of version 3 there.
+/// Smallest first byte of an operation that writes the pages of an image with records of version 3.
 const OLDER_IMAGE: u8 = 250;
 
 /// A sequence of operations on a memory.
 pub fn store(input: &[u8]) -> bool {
     let flash = Flash::default();
     let mut records = flash.records();
-    let mut input = Taker(input);
-    // Whether only kband has written to the memory.
+    let mut input = Reader(input);
+    // Whether only kband has written to the memory so far.
     let mut sound = true;
     let mut whole = false;
     while let Some(what) = input.byte() {
@@ -170,7 +170,7 @@ pub fn store(input: &[u8]) -> bool {
             continue;
         }
         match what % 5 {
-            // Arbitrary content, as after a change of firmware or an accident.
+            // Arbitrary content, for example after a change of firmware.
             0 => {
                 let at = usize::from(input.half().unwrap_or(0)) % (4 * PAGE);
                 let piece = input.piece().unwrap_or(&[]);
@@ -181,22 +181,22 @@ pub fn store(input: &[u8]) -> bool {
                 sound = false;
             }
             1 => {
-                let kept = block_on(records.save(&some(number), one(number), None));
-                assert!(kept.is_ok() || !sound, "a sound memory keeps");
-                if kept.is_ok() {
+                let saved = block_on(records.save(&some(number), one(number), None));
+                assert!(saved.is_ok() || !sound, "a sound memory keeps");
+                if saved.is_ok() {
                     for mut records in [flash.records(), records] {
-                        let found = block_on(records.load());
-                        assert_eq!(found.condition, Condition::Whole);
-                        assert_eq!((found.settings, found.target), (some(number), one(number)));
+                        let state = block_on(records.load());
+                        assert_eq!(state.condition, Condition::Whole);
+                        assert_eq!((state.settings, state.target), (some(number), one(number)));
                     }
                 }
                 records = flash.records();
             }
             2 => {
-                let fault = KeptFault {
+                let fault = FaultRecord {
                     fault: number,
                     seconds: 7 * u32::from(number),
-                    ..KeptFault::default()
+                    ..FaultRecord::default()
                 };
                 records.take_fault(&fault);
                 block_on(records.keep_faults());
@@ -209,7 +209,7 @@ pub fn store(input: &[u8]) -> bool {
             3 => {
                 let before = block_on(records.load());
                 flash.power(usize::from(input.half().unwrap_or(0)) % 700);
-                let kept = block_on(records.save(&some(number), one(number), None));
+                let saved = block_on(records.save(&some(number), one(number), None));
                 flash.power(usize::MAX);
                 records = flash.records();
                 let after = block_on(records.load());
@@ -217,7 +217,7 @@ pub fn store(input: &[u8]) -> bool {
                 if sound {
                     assert!(after == before || new, "{before:?} {after:?}");
                 }
-                assert!(kept.is_err() || new, "what is said to be kept is kept");
+                assert!(saved.is_err() || new, "what is said to be kept is kept");
             }
             _ => {
                 records = flash.records();
@@ -226,9 +226,9 @@ pub fn store(input: &[u8]) -> bool {
                 }
             }
         }
-        let found = block_on(records.load());
-        found.settings.check().expect("what is found is accepted");
-        whole |= found.condition == Condition::Whole;
+        let state = block_on(records.load());
+        state.settings.check().expect("what is found is accepted");
+        whole |= state.condition == Condition::Whole;
     }
     whole
 }

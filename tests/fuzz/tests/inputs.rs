@@ -1,7 +1,8 @@
 //! Every fuzz target, with its corpus and mutations from a seeded mutator.
 //!
-//! `KBAND_FUZZED` inputs per target instead of some thousand, from the seed `KBAND_SEED`; only of the
-//! targets in `KBAND_TARGETS`. `tests/run.sh --soak` makes a million frames for link and fieldbus.
+//! `KBAND_FUZZED` sets the number of inputs per target (default some thousand), `KBAND_SEED` the
+//! seed, `KBAND_TARGETS` the targets. `tests/run.sh --soak` makes a million frames for link and
+//! fieldbus.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -17,7 +18,7 @@ fn number(variable: &str) -> Option<u64> {
     )
 }
 
-/// Runs an input; a failing one is stored beside the build.
+/// Runs an input; a failing one is stored in the build folder.
 fn run(target: &Target, input: &[u8]) -> bool {
     let outcome = catch_unwind(AssertUnwindSafe(|| (target.run)(input)));
     outcome.unwrap_or_else(|_| {
@@ -39,32 +40,36 @@ fn no_input_is_more_than_refused() {
     assert!(!targets.is_empty(), "{chosen:?} names no target");
     for target in targets {
         let began = Instant::now();
-        let (corpus, found) = (target.corpus(), target.found());
-        let known = corpus.iter().filter(|input| run(target, input)).count();
-        assert!(known > 0, "{}: the corpus makes no sense", target.name);
-        // No search by coverage has seen the recipes yet.
+        let (corpus, saved) = (target.corpus(), target.saved_inputs());
+        let valid_count = corpus.iter().filter(|input| run(target, input)).count();
+        assert!(
+            valid_count > 0,
+            "{}: the corpus makes no sense",
+            target.name
+        );
+        // Coverage-guided fuzzing has not been run on recipes yet.
         let is_searched = target.name != "recipes";
         assert_eq!(
-            !found.is_empty(),
+            !saved.is_empty(),
             is_searched,
             "{}: what was found",
             target.name
         );
-        let sense = found.iter().filter(|input| run(target, input)).count();
+        let sense = saved.iter().filter(|input| run(target, input)).count();
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
-        // Half of the inputs from the corpus, half from coverage-guided fuzzing.
-        let second = if is_searched { &found } else { &corpus };
-        let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.words, seed));
+        // Half of the inputs are near the corpus, half near results of coverage-guided fuzzing.
+        let second = if is_searched { &saved } else { &corpus };
+        let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.tokens, seed));
         let made = (0..count)
             .filter(|n| run(target, &near[(n % 2) as usize].make()))
             .count();
         println!(
             "fuzz: {:8} {} of {} of the corpus, {} of {} found and {made} of {count} mutated made sense, {:.1} s",
             target.name,
-            known,
+            valid_count,
             corpus.len(),
             sense,
-            found.len(),
+            saved.len(),
             began.elapsed().as_secs_f64()
         );
         assert!((made as u64) < count, "{}: nothing is refused", target.name);

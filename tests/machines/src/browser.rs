@@ -1,4 +1,4 @@
-//! A headless browser, driven by the W3C WebDriver protocol: HTTP with JSON to Chromium's driver.
+//! A headless browser by the W3C WebDriver protocol: HTTP with JSON to Chromium's driver.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use serde_json::{Value as Json, json};
 
 /// Longest wait for the driver, or for a request to a page.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Key that identifies an element in the protocol (WebDriver, section 12).
+const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
+/// Key of an element reference in the protocol (WebDriver, section 12).
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
 /// Keys without a character (WebDriver, section 17.4.2).
@@ -19,13 +19,13 @@ pub mod keys {
     pub const END: char = '\u{E010}';
     /// Home.
     pub const HOME: char = '\u{E011}';
-    /// The arrow to the left.
+    /// Left arrow.
     pub const LEFT: char = '\u{E012}';
-    /// The arrow to the right.
+    /// Right arrow.
     pub const RIGHT: char = '\u{E014}';
 }
 
-/// The browser; dropping it ends the browser.
+/// The browser; dropping it terminates the process.
 pub struct Browser {
     driver: Child,
     port: u16,
@@ -33,10 +33,7 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Starts it without a page.
-    ///
-    /// # Panics
-    /// It does not start.
+    /// Starts the browser without a page.
     pub fn start() -> Self {
         let mut driver = Command::new("chromedriver")
             .args(["--port=0"])
@@ -45,8 +42,8 @@ impl Browser {
             .stderr(Stdio::null())
             .spawn()
             .expect("chromedriver starts; it is the package chromium-driver, which tests/setup.sh installs");
-        let said = driver.stdout.take().expect("its output is a pipe");
-        let mut lines = BufReader::new(said).lines();
+        let output = driver.stdout.take().expect("its output is a pipe");
+        let mut lines = BufReader::new(output).lines();
         let port = lines.by_ref().map_while(Result::ok).find_map(|line| {
             line.split("successfully on port ")
                 .nth(1)?
@@ -54,7 +51,7 @@ impl Browser {
                 .parse()
                 .ok()
         });
-        // Reads further output, so that the pipe cannot fill up.
+        // Reads further output, so the pipe cannot fill up.
         std::thread::spawn(move || lines.count());
         let mut browser = Self {
             driver,
@@ -80,8 +77,8 @@ impl Browser {
         browser
     }
 
-    /// Opens a file and waits until its script, if it has one, has set `data-ready` on the page, or
-    /// `data-failed`.
+    /// Opens a file and waits until its script, if any, has set `data-ready` or `data-failed` on
+    /// the page.
     pub fn open(&self, file: &Path) {
         let url = format!("file://{}", file.display());
         self.command("/url", &json!({ "url": url }));
@@ -92,7 +89,7 @@ impl Browser {
 
     /// Waits until this condition holds on the page.
     pub fn wait_for(&self, condition: &str) {
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + WAIT_TIMEOUT;
         while self.script(&format!("return {condition}")) != true {
             assert!(Instant::now() < end, "never on the page: {condition}");
             std::thread::sleep(Duration::from_millis(20));
@@ -122,7 +119,7 @@ impl Browser {
         self.command(&format!("/element/{element}/click"), &json!({}));
     }
 
-    /// Moves the pointer to `x` pixels right of and `y` below an element's middle.
+    /// Moves the pointer to `x` pixels right of and `y` below the centre of an element.
     pub fn point(&self, selector: &str, x: i32, y: i32) {
         let origin = json!({ ELEMENT: self.element(selector) });
         let moved = json!({"type": "pointerMove", "duration": 0, "x": x, "y": y, "origin": origin});
@@ -141,18 +138,18 @@ impl Browser {
         pdf.as_str().expect("a PDF").into()
     }
 
-    /// Warnings and errors of the browser's log.
-    pub fn complaints(&self) -> Vec<String> {
+    /// Warnings and errors in the browser's log.
+    pub fn errors(&self) -> Vec<String> {
         let log = self.command("/se/log", &json!({"type": "browser"}));
         let entries = log.as_array().into_iter().flatten();
         entries.map(|entry| entry["message"].to_string()).collect()
     }
 
     fn element(&self, selector: &str) -> String {
-        let wanted = json!({"using": "css selector", "value": selector});
-        let found = self.command("/element", &wanted);
-        let found = found[ELEMENT].as_str().map(str::to_owned);
-        found.unwrap_or_else(|| panic!("no {selector} on the page"))
+        let query = json!({"using": "css selector", "value": selector});
+        let element = self.command("/element", &query);
+        let element = element[ELEMENT].as_str().map(str::to_owned);
+        element.unwrap_or_else(|| panic!("no {selector} on the page"))
     }
 
     fn command(&self, path: &str, body: &Json) -> Json {
@@ -161,23 +158,23 @@ impl Browser {
 
     fn post(&self, path: &str, body: &Json) -> Json {
         let body = body.to_string();
-        self.ask(&format!(
+        self.exchange(&format!(
             "POST {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
             body.len()
         ))
     }
 
     fn get(&self, path: &str) -> Json {
-        self.ask(&format!(
+        self.exchange(&format!(
             "GET {}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
             self.session
         ))
     }
 
-    /// Value of an answer; an error of the driver panics with its message.
-    fn ask(&self, request: &str) -> Json {
+    /// Value of a response; panics with the message of a driver error.
+    fn exchange(&self, request: &str) -> Json {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the driver listens");
-        let sent = stream.set_read_timeout(Some(PATIENCE));
+        let sent = stream.set_read_timeout(Some(WAIT_TIMEOUT));
         sent.and_then(|()| stream.write_all(request.as_bytes()))
             .expect("the driver reads");
         let mut reader = BufReader::new(stream);
@@ -206,13 +203,13 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // Its driver closes it; without a driver the browser has ended too.
+        // The driver closes the browser; without a driver the browser has ended, too.
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
             let request = format!(
                 "DELETE {} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
                 self.session
             );
-            let _ = stream.set_read_timeout(Some(PATIENCE));
+            let _ = stream.set_read_timeout(Some(WAIT_TIMEOUT));
             let _ = stream.write_all(request.as_bytes());
             let _ = stream.read(&mut [0; 64]);
         }

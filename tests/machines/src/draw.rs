@@ -1,4 +1,4 @@
-//! Random machines over the range of the settings, and failing sensors.
+//! Random machines within the range of the settings, and failing sensors.
 
 use kband::arithmetic::Noise;
 use kband_control::{Settings, Target};
@@ -36,10 +36,7 @@ impl Draw {
 }
 
 /// A machine at its resonance: 5 to 500 Hz, quality 5 to 200, gain 0.3 to 5 mm. Its limits are
-/// within its reach, and its sensor fits.
-///
-/// # Panics
-/// Never: its settings are accepted.
+/// within reach of the drive, and its sensor has a suitable range.
 pub fn machine(draw: &mut Draw) -> Scene {
     let mut scene = Scene::default();
     scene.parts.clear();
@@ -88,8 +85,8 @@ pub struct Failure {
     pub scene: Scene,
     /// Time from the start at which it is at its setpoint, s.
     pub ready: f64,
-    /// Times from the start in s and changes of the sensor. It is lost, weak, turned, bouncing,
-    /// fading, or lost for a moment and weak.
+    /// Changes of the sensor, with times from the start in s. It is lost, weak, inverted, bouncing,
+    /// fading, or briefly lost and weak.
     pub changes: Vec<(f64, Change)>,
 }
 
@@ -111,7 +108,7 @@ pub fn failure(draw: &mut Draw) -> Failure {
         0 => vec![(at, Change::SensorLost(true))],
         1 => vec![(at, Change::Sensitivity(low))],
         2 => vec![(at, Change::SensorInverted(true))],
-        // Each change comes after 0.5 to 20 cycles.
+        // Each change follows after 0.5 to 20 cycles.
         3 => {
             let period = f64::from(draw.scale(0.5, 20.0) / scene.settings.frequency);
             steps(period, &|n| if n % 2 == 0 { low } else { 1.0 })

@@ -36,7 +36,7 @@ impl Machine {
 /// Reference of the emulated clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Clock {
-    /// The desk's clock: fastest, with times that are not reproducible.
+    /// Clock of the desk: the fastest, with times that are not reproducible.
     Free,
     /// Executed instructions; waiting is skipped. Every run gives the same output.
     Steady,
@@ -44,31 +44,10 @@ pub enum Clock {
     Instructions,
 }
 
-/// Options of a run.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// The machine.
-    pub machine: Machine,
-    /// Its clock.
-    pub clock: Clock,
-    /// Argument of the image on its semihosting command line.
-    pub word: Option<&'static str>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            machine: Machine::CortexM4F,
-            clock: Clock::Steady,
-            word: None,
-        }
-    }
-}
-
 /// Result of a run.
 #[derive(Clone, Debug)]
 pub struct Output {
-    /// Exit status of the image, 0 if it passed; `None` where the limit ended it.
+    /// Exit status of the image, 0 if it passed; `None` after a stop at the limit.
     pub status: Option<i32>,
     /// Its semihosting output.
     pub text: String,
@@ -76,9 +55,6 @@ pub struct Output {
 
 impl Output {
     /// The text of an image that passed.
-    ///
-    /// # Panics
-    /// The image failed or reached the limit.
     pub fn passed(self) -> String {
         match self.status {
             Some(0) => self.text,
@@ -88,17 +64,20 @@ impl Output {
     }
 }
 
-/// Runs an image for at most `limit` of wall-clock time, without input. It ends at the limit even
-/// where the test that started it is gone.
-///
-/// # Panics
-/// There is no emulator; one line names the command that installs it.
-pub fn run(image: &Path, options: Options, limit: Duration) -> Output {
-    let clock = format!("{:?}", options.clock).to_lowercase();
+/// Runs an image for at most `limit` of wall-clock time, without input. It is stopped at the limit
+/// even if its test has ended.
+pub fn run(
+    image: &Path,
+    machine: Machine,
+    clock: Clock,
+    words: &[&str],
+    limit: Duration,
+) -> Output {
+    let clock = format!("{clock:?}").to_lowercase();
     let ran = Command::new(root().join("tests/emulator"))
-        .args(["--machine", options.machine.name(), "--clock", &clock])
+        .args(["--machine", machine.name(), "--clock", &clock])
         .args(["--limit", &limit.as_secs_f64().to_string()])
-        .args(options.word.into_iter().flat_map(|word| ["--word", word]))
+        .args(words.iter().flat_map(|word| ["--word", word]))
         .arg(image)
         .stdin(Stdio::null())
         .stdout(Stdio::null())

@@ -1,6 +1,6 @@
-//! Builds the images on demand for a target, in a target folder of their own.
+//! Builds the images on demand for a target, in a separate target folder.
 //!
-//! The cargo that runs the tests may hold the lock of its own folder.
+//! Cargo, which runs the tests, may hold the lock of its own folder.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,41 +16,24 @@ use crate::chip::kind::Kind;
 use crate::emulator::Machine;
 use crate::root;
 
-// Name that tests/setup.sh gives Debian's toolchain where rustup cannot install the targets.
+// Name that tests/setup.sh gives to Debian's toolchain if rustup cannot install the targets.
 const LINKED: &str = "kband-thumb";
 
-/// Images by package, binary, machine, and the features that replace the default ones.
+/// Images by package, binary, machine, and features that replace the default ones.
 static BUILT: Mutex<BTreeMap<String, PathBuf>> = Mutex::new(BTreeMap::new());
 
 /// Builds the binary `bin` of `package` for a machine, if it is not up to date.
-///
-/// # Panics
-/// The target is missing (one line names the command that installs it), or the build fails.
 pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
     built(package, bin, machine, None)
 }
 
-/// Builds the board's image.
-///
-/// # Panics
-/// As [`build`].
-pub fn feeder() -> PathBuf {
-    build("kband-firmware", "feeder", Machine::CortexM4F)
-}
-
 /// Builds the image of the board with this chip.
-///
-/// # Panics
-/// As [`build`].
 pub fn feeder_on(kind: Kind) -> PathBuf {
     let features = kind.facts().feature;
     built("kband-firmware", "feeder", Machine::CortexM4F, features)
 }
 
 /// Builds the binary `bin` of `package` with these features instead of the default ones.
-///
-/// # Panics
-/// As [`build`].
 pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) -> PathBuf {
     built(package, bin, machine, Some(features))
 }
@@ -58,43 +41,36 @@ pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) ->
 fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
     let image = built.entry(format!("{package} {bin} {machine:?} {features:?}"));
-    let image = image.or_insert_with(|| keep(package, bin, machine, features));
+    let image = image.or_insert_with(|| cache_image(package, bin, machine, features));
     image.clone()
 }
 
-/// Builds an image and copies it to a place of its own. Cargo writes all feature sets to one file,
-/// while other tests may run it.
-fn keep(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
+/// Builds an image and copies it to a separate path. Cargo writes all feature sets to one file,
+/// which other tests may be running.
+fn cache_image(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let folder = target_folder().join("emulated/kept");
     let features_name = features.unwrap_or("default");
-    let kept = folder.join(machine.target()).join(features_name);
-    std::fs::create_dir_all(&kept).expect("a folder for the images");
-    // The lock covers build and copy: no other test builds meanwhile.
+    let cached = folder.join(machine.target()).join(features_name);
+    std::fs::create_dir_all(&cached).expect("a folder for the images");
+    // The lock covers build and copy, so no other test builds in between.
     let lock = File::create(folder.join("lock")).expect("a file to lock");
     lock.lock().expect("the lock");
     let image = compile(package, bin, machine, features);
-    let (new, kept) = (kept.join(format!("{bin}.new")), kept.join(bin));
+    let (new, cached) = (cached.join(format!("{bin}.new")), cached.join(bin));
     // Atomic: the previous copy may be running.
-    std::fs::copy(image, &new)
-        .and_then(|_| std::fs::rename(&new, &kept))
-        .expect("a copy of the image");
-    kept
+    let copied = std::fs::copy(image, &new).and_then(|_| std::fs::rename(&new, &cached));
+    copied.expect("a copy of the image");
+    cached
 }
 
 /// Address of a symbol of an image.
-///
-/// # Panics
-/// The file is no image or has no such symbol.
 pub fn symbol(image: &Path, name: &str) -> u32 {
-    let found = symbols(image, |full| full == name).into_iter().next();
-    let found = found.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
-    found.start
+    let range = symbols(image, |full| full == name).into_iter().next();
+    let range = range.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
+    range.start
 }
 
 /// Content of an image's flash: segments in order of their addresses.
-///
-/// # Panics
-/// The file is no image.
 pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     let bytes = std::fs::read(image).expect("the image is read");
     let header =
@@ -115,35 +91,29 @@ pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
 }
 
 /// Addresses of a static of an image's program, by its name without modules.
-///
-/// # Panics
-/// As [`symbol`].
 pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
-    let found = places(image, name).into_iter().next();
-    found.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
+    let range = places(image, name).into_iter().next();
+    range.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
 }
 
 /// Addresses of the statics or functions of this name, without modules; a generic function has
 /// several.
-///
-/// # Panics
-/// The file is no image.
 pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
-    // A mangled name has the length of each part before it.
+    // A mangled name contains the length of each part before the part.
     let part = format!("{}{name}", name.len());
-    let mut found = symbols(image, |full| full.contains(&part));
-    found.retain(|addresses| !addresses.is_empty());
-    found
+    let mut ranges = symbols(image, |full| full.contains(&part));
+    ranges.retain(|addresses| !addresses.is_empty());
+    ranges
 }
 
-/// Addresses of the symbols whose full name is wanted.
-fn symbols(image: &Path, is_wanted: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
+/// Addresses of the symbols whose full name satisfies `is_selected`.
+fn symbols(image: &Path, is_selected: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
-    let wanted = file
+    let selected = file
         .symbols()
-        .filter(|symbol| symbol.name().is_ok_and(&is_wanted));
-    wanted
+        .filter(|symbol| symbol.name().is_ok_and(&is_selected));
+    selected
         .map(|symbol| symbol.address() as u32..(symbol.address() + symbol.size()) as u32)
         .collect()
 }
@@ -172,16 +142,16 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
             cargo.args(["--no-default-features", "--features", features]);
         }
         cargo.arg("--target-dir").arg(&folder);
-        // Flags for the desk's CPU do not fit this one.
+        // Flags for the desk's CPU are invalid for this target.
         for flags in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
             cargo.env_remove(flags);
         }
     });
-    let (built, said) = (
+    let (built, stderr) = (
         output.status.success(),
         String::from_utf8_lossy(&output.stderr),
     );
-    assert!(built, "image {bin} does not build for {target}:\n{said}");
+    assert!(built, "image {bin} does not build for {target}:\n{stderr}");
     folder.join(target).join("firmware").join(bin)
 }
 
@@ -200,12 +170,12 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
         && files.any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
 }
 
-/// The folder that cargo builds into.
+/// The build folder of cargo.
 pub fn target_folder() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from))
 }
 
-/// Runs a command of the toolchain at the workspace's root on empty input, limited in time.
+/// Runs a command of the toolchain in the workspace's root, with empty input and a time limit.
 fn limited(seconds: &str, program: &str, arguments: impl FnOnce(&mut Command)) -> Output {
     let mut command = Command::new("timeout");
     command.args(["--kill-after=5", seconds, program]);

@@ -1,5 +1,5 @@
 //! Machines for the tests: an emulated CPU, a chip on a board and behind a debug probe, a terminal,
-//! a browser, and the images. The desk's tests and the tests across crates use it; it does not
+//! a browser, and the images. The desk's tests and the tests across crates use it. It does not
 //! depend on the desk.
 
 pub mod browser;
@@ -9,7 +9,6 @@ pub mod draw;
 pub mod emulator;
 pub mod hazards;
 pub mod images;
-pub mod log;
 pub mod probe;
 pub mod rig;
 pub mod terminal;

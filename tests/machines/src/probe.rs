@@ -1,4 +1,4 @@
-//! A debug probe on a network, in front of an emulated chip: a Black Magic Probe.
+//! A Black Magic Probe on a network, in front of an emulated chip.
 //!
 //! It implements the probe's remote protocol, version 3, and the part of SWD that detects the debug
 //! port. Sources: <https://github.com/blackmagic-debug/blackmagic>, `src/remote.c`; ARM IHI 0031,
@@ -20,7 +20,7 @@ const MEMORY_PORT: u32 = 0x2477_0011;
 /// Power requests, granted at once.
 const POWER: u32 = 0x5000_0000;
 /// Interval between two checks for the end of the test.
-const LOOK: Duration = Duration::from_millis(20);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Longest message of the protocol, bytes.
 const LONGEST_MESSAGE: usize = 1024;
 
@@ -34,9 +34,6 @@ pub struct Probe {
 
 impl Probe {
     /// Starts a probe in front of a chip.
-    ///
-    /// # Panics
-    /// There is no network, not even to this machine.
     pub fn before(chip: Chip) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port of this machine");
         listener.set_nonblocking(true).expect("a port can be asked");
@@ -46,9 +43,9 @@ impl Probe {
         let server = std::thread::spawn(move || {
             while !end.load(Ordering::Relaxed) {
                 match listener.accept() {
-                    // A desk that disconnects within a message is no fault of the probe.
+                    // A desk may disconnect within a message.
                     Ok((stream, _)) => _ = serve(stream, &its, &end),
-                    Err(_) => std::thread::sleep(LOOK),
+                    Err(_) => std::thread::sleep(STOP_POLL_INTERVAL),
                 }
             }
         });
@@ -75,7 +72,7 @@ impl Drop for Probe {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
         if let Some(server) = self.server.take() {
-            // Its panic was printed already.
+            // The panic was already printed.
             let _ = server.join();
         }
     }
@@ -84,7 +81,7 @@ impl Drop for Probe {
 fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
-    stream.set_read_timeout(Some(LOOK))?;
+    stream.set_read_timeout(Some(STOP_POLL_INTERVAL))?;
     let (mut wire, mut port) = (Wire::default(), Port::default());
     let (mut message, mut bytes) = (Vec::new(), [0; LONGEST_MESSAGE]);
     let mut last = Instant::now();
@@ -92,7 +89,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
         let passed = std::mem::replace(&mut last, Instant::now()).elapsed();
         chip.lock()
             .unwrap_or_else(PoisonError::into_inner)
-            .run_for(passed.min(LOOK));
+            .run_for(passed.min(STOP_POLL_INTERVAL));
         let count = match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => count,
@@ -126,60 +123,60 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
 /// Answer of the probe; `None` is an error.
 fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Option<String> {
     let (name, rest) = text.split_at_checked(2)?;
-    let mut words = Words(rest);
+    let mut digits = Digits(rest);
     match name {
         "GA" => Some("an emulated probe".into()),
         "HC" => Some("3".into()),
         "GF" | "GZ" | "GE" | "GP" | "SS" => Some("0".into()),
         "Gf" => Some("fa0".into()),
         "So" => {
-            let count = words.take(2)?;
-            let bits = u64::from_str_radix(words.0, 16).ok()?;
-            (0..count).for_each(|bit| wire.hears(bits >> bit & 1 == 1));
+            let count = digits.take(2)?;
+            let bits = u64::from_str_radix(digits.0, 16).ok()?;
+            (0..count).for_each(|bit| wire.receive(bits >> bit & 1 == 1));
             Some("0".into())
         }
         "Si" => {
-            let count = words.take(2)?;
-            let said = (0..count).map(|bit| u64::from(wire.says()) << bit);
-            Some(format!("{:x}", said.sum::<u64>()))
+            let count = digits.take(2)?;
+            let sent = (0..count).map(|bit| u64::from(wire.transmit()) << bit);
+            Some(format!("{:x}", sent.sum::<u64>()))
         }
         "Ad" => {
-            words.skip(4)?;
-            let value = port.read(words.take(4)?);
+            digits.skip(4)?;
+            let value = port.read(digits.take(4)?);
             Some(format!("{:08x}", value.swap_bytes()))
         }
         "AR" => {
-            words.skip(4)?;
-            let (address, value) = (words.take(4)?, words.take(8)?);
+            digits.skip(4)?;
+            let (address, value) = (digits.take(4)?, digits.take(8)?);
             if address == 0x4 {
                 port.control = value;
             }
             Some("0".into())
         }
         "Aa" => {
-            words.skip(2)?;
-            let value = port.read_access(words.take(2)?, words.take(4)? & 0xff);
+            digits.skip(2)?;
+            let value = port.read_access(digits.take(2)?, digits.take(4)? & 0xff);
             Some(format!("{:08x}", value.swap_bytes()))
         }
         "AA" => {
-            words.skip(2)?;
-            let (_, address) = (words.take(2)?, words.take(4)? & 0xff);
-            port.memory.insert(address, words.take(8)?.swap_bytes());
+            digits.skip(2)?;
+            let (_, address) = (digits.take(2)?, digits.take(4)? & 0xff);
+            port.memory.insert(address, digits.take(8)?.swap_bytes());
             Some("0".into())
         }
         "Am" => {
-            words.skip(12)?;
-            let (address, length) = (words.take(8)?, words.take(8)? as usize);
+            digits.skip(12)?;
+            let (address, length) = (digits.take(8)?, digits.take(8)? as usize);
             let mut bytes = vec![0; length.min(LONGEST_MESSAGE)];
             chip.read(address, &mut bytes)?;
             Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
         }
         "AM" => {
-            words.skip(12)?;
-            let size = 1 << words.take(2)?.min(2);
-            let (address, length) = (words.take(8)?, words.take(8)?);
+            digits.skip(12)?;
+            let size = 1 << digits.take(2)?.min(2);
+            let (address, length) = (digits.take(8)?, digits.take(8)?);
             let bytes: Option<Vec<u8>> = (0..length.min(LONGEST_MESSAGE as u32))
-                .map(|_| words.take(2).map(|byte| byte as u8))
+                .map(|_| digits.take(2).map(|byte| byte as u8))
                 .collect();
             chip.write(address, size, &bytes?)?;
             Some("0".into())
@@ -188,10 +185,10 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
     }
 }
 
-/// Successive numbers in hexadecimal digits.
-struct Words<'a>(&'a str);
+/// Consecutive hexadecimal numbers.
+struct Digits<'a>(&'a str);
 
-impl Words<'_> {
+impl Digits<'_> {
     fn take(&mut self, digits: usize) -> Option<u32> {
         let (word, rest) = self.0.split_at_checked(digits)?;
         self.0 = rest;
@@ -215,7 +212,7 @@ const WORD: u32 = 33;
 #[derive(Default)]
 struct Wire {
     /// The last eight bits received, the newest on top.
-    heard: u8,
+    received: u8,
     /// Number of successive ones.
     ones: u32,
     /// Number of bits left of a word being written.
@@ -225,23 +222,23 @@ struct Wire {
 }
 
 impl Wire {
-    fn hears(&mut self, bit: bool) {
+    fn receive(&mut self, bit: bool) {
         self.ones = if bit { self.ones + 1 } else { 0 };
         if self.ones >= RESET {
-            (self.heard, self.written) = (0, 0);
+            (self.received, self.written) = (0, 0);
             return;
         }
         if self.written > 0 {
             self.written -= 1;
             return;
         }
-        self.heard = self.heard >> 1 | u8::from(bit) << 7;
+        self.received = self.received >> 1 | u8::from(bit) << 7;
         // Start, port, read, two address bits, parity, stop, park.
-        let even = (self.heard & 0b0011_1110).count_ones().is_multiple_of(2);
-        if self.heard & 0b1100_0001 != 0b1000_0001 || !even {
+        let even = (self.received & 0b0011_1110).count_ones().is_multiple_of(2);
+        if self.received & 0b1100_0001 != 0b1000_0001 || !even {
             return;
         }
-        let request = std::mem::take(&mut self.heard);
+        let request = std::mem::take(&mut self.received);
         self.answer = GRANTED;
         if request & 0b100 == 0 {
             self.written = WORD;
@@ -251,7 +248,7 @@ impl Wire {
         }
     }
 
-    fn says(&mut self) -> bool {
+    fn transmit(&mut self) -> bool {
         let bit = self.answer & 1 == 1;
         self.answer >>= 1;
         bit

@@ -2,21 +2,22 @@
 //! them.
 //!
 //! ```no_run
+//! use kband_machines::chip::kind::Kind;
 //! use kband_machines::rig::{Act, Rig};
 //!
-//! let mut rig = Rig::boot(std::path::Path::new("feeder"));
+//! let mut rig = Rig::boot_on(Kind::Stm32f405);
 //! rig.at(0.5, Act::Enable(true)).at(3.0, Act::Converts(false));
 //! rig.run(4.0);
-//! assert!(rig.opens_after(3.0).unwrap() < 0.005);
+//! assert!(rig.opening_after(3.0).unwrap() < 0.005);
 //! ```
 
 use std::collections::VecDeque;
 use std::path::Path;
 
 use kband_control::wire::{
-    Kept, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Request, Response, UpdateAnswer,
-    UpdateRefusal, UpdateRequest, crc32, read_answer, write_question, write_request,
-    write_update_request,
+    Counters, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Request, Response, SavedSettings,
+    SelfTest, Status, UpdateAnswer, UpdateRefusal, UpdateRequest, crc32, read_answer,
+    write_identity_request, write_request, write_update_request,
 };
 use kband_plant::{Change, Scene};
 
@@ -24,7 +25,7 @@ use crate::chip::clocks::{Cause, TICKS};
 use crate::chip::core::{Bus, STACK};
 use crate::chip::gpio::Wire;
 use crate::chip::kind::Kind;
-use crate::chip::world::{Seen, World};
+use crate::chip::world::{Event, World};
 use crate::chip::{Chip, Hang, flash};
 use crate::images;
 
@@ -33,7 +34,7 @@ use crate::images;
 pub enum Act {
     /// The enable input (PB0), wired to 3.3 V or to 0 V.
     Enable(bool),
-    /// The thermal switch (PB1) to ground, or open: hot.
+    /// The thermal switch (PB1): to ground, or open when hot.
     ThermalSwitch(bool),
     /// The over-current signal (PB12).
     OverCurrent(bool),
@@ -57,7 +58,8 @@ pub enum Act {
     Halt,
     /// Continues the program at another address.
     Jump(u32),
-    /// Sets the stack pointer.
+    /// Sets the stack pointer after the interrupt in progress, and hangs the program: only the next
+    /// interrupt uses that stack.
     Stack(u32),
     /// A stray write of the program.
     Store(u32, u32),
@@ -89,16 +91,13 @@ pub struct Rig {
 const PAINT: [u8; 4] = [0xcc; 4];
 /// Longest wait for an answer, s.
 const ANSWER_TIMEOUT: f64 = 5.0;
-/// Time until an unanswered request is repeated, s, as at the desk. The port's interrupt reads the
-/// status, then the data; a byte that ends in between is lost.
+/// Time before an unanswered request is repeated, s, as at the desk. A byte that ends between the
+/// port interrupt's reads of status and data is lost.
 const REPEAT_INTERVAL: f64 = 0.5;
 
 impl Rig {
     /// Puts a chip on the rig without supply. Wired are the scene's track, a cool thermal switch
     /// and a low over-current signal.
-    ///
-    /// # Panics
-    /// The scene is refused.
     pub fn with(chip: Chip, scene: &Scene) -> Self {
         let mut rig = Self {
             chip,
@@ -116,21 +115,9 @@ impl Rig {
         rig
     }
 
-    /// Powers on a chip with this image and without settings, on the track of the default scene.
-    ///
-    /// # Panics
-    /// The file is no image.
-    pub fn boot(image: &Path) -> Self {
-        Self::boot_with(chip_of(Kind::default(), image))
-    }
-
-    /// As [`Rig::boot`], with the image of the board with this chip.
+    /// Powers on a board with this chip and without settings, on the track of the default scene.
     pub fn boot_on(kind: Kind) -> Self {
-        Self::boot_with(chip_of(kind, &images::feeder_on(kind)))
-    }
-
-    fn boot_with(chip: Chip) -> Self {
-        let mut rig = Self::with(chip, &Scene::default());
+        let mut rig = Self::with(chip_of(kind, &images::feeder_on(kind)), &Scene::default());
         rig.chip.power_on();
         rig
     }
@@ -149,25 +136,40 @@ impl Rig {
     }
 
     /// Runs to a time in s.
-    ///
-    /// # Panics
-    /// The program made a forbidden access: see [`World::violations`].
     pub fn run(&mut self, seconds: f64) -> &mut Self {
         let end = ticks(seconds);
         while self.chip.board.now < end {
             let next = self.acts.front().map_or(u64::MAX, |act| act.0);
             self.chip.run(end.min(next));
-            while let Some((time, _)) = self.acts.front()
-                && *time <= self.chip.board.now
-            {
-                if let Some((_, act)) = self.acts.pop_front() {
-                    self.act(&act);
-                }
+            let now = self.chip.board.now;
+            while let Some((_, act)) = self.acts.pop_front_if(|(time, _)| *time <= now) {
+                self.act(&act);
             }
         }
         let violations = &self.chip.board.world.violations;
         assert!(self.tolerant || violations.is_empty(), "{violations:?}");
         self
+    }
+
+    /// Runs for a time in s.
+    pub fn run_for(&mut self, seconds: f64) -> &mut Self {
+        self.run(self.time() + seconds)
+    }
+
+    /// Switches the supply off for a time in s, and on again for another.
+    pub fn power_cycle(&mut self, off: f64, on: f64) -> &mut Self {
+        self.act(&Act::Volts(0.0));
+        self.run_for(off).act(&Act::Volts(3.3));
+        self.run_for(on)
+    }
+
+    /// Lets the desk send a frame every 0.3 s from one time on up to another, s.
+    pub fn keep_link_alive(&mut self, from: f64, until: f64) {
+        let times = (0..).map(|n| from + 0.3 * f64::from(n));
+        for time in times.take_while(|time| *time < until) {
+            let frame = self.frame(&Request::Alive);
+            self.at(time, Act::Link(frame));
+        }
     }
 
     /// Executes an action now.
@@ -201,7 +203,13 @@ impl Rig {
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
             Act::Jump(address) => self.chip.core.set_next_instruction(*address),
-            Act::Stack(pointer) => self.chip.core.r[STACK] = *pointer,
+            Act::Stack(pointer) => {
+                while self.chip.core.exception != 0 {
+                    self.chip.run(self.chip.board.now + 1);
+                }
+                self.chip.core.r[STACK] = *pointer;
+                self.chip.hangs = Some(Hang::Thread);
+            }
             Act::Store(address, value) => {
                 let _ = board.store(*address, 4, *value);
             }
@@ -211,33 +219,43 @@ impl Rig {
         self.chip.board.refresh();
     }
 
-    /// Time in s from `seconds` until the bridge opens; 0 where it is open already.
-    pub fn opens_after(&self, seconds: f64) -> Option<f64> {
+    /// Time in s from `seconds` until the bridge opens; 0 if it is already open.
+    pub fn opening_after(&self, seconds: f64) -> Option<f64> {
         let from = ticks(seconds);
         let trace = &self.chip.board.world.trace;
-        let bridge = |entry: &&(u64, Seen)| matches!(entry.1, Seen::Bridge(_));
+        let bridge = |entry: &&(u64, Event)| matches!(entry.1, Event::Bridge(_));
         let before = trace.iter().rfind(|entry| entry.0 < from && bridge(entry));
-        if !matches!(before, Some((_, Seen::Bridge(true)))) {
+        if !matches!(before, Some((_, Event::Bridge(true)))) {
             return Some(0.0);
         }
         let mut after = trace.iter().filter(|entry| entry.0 >= from);
-        let opened = after.find(|entry| entry.1 == Seen::Bridge(false));
+        let opened = after.find(|entry| entry.1 == Event::Bridge(false));
         opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
     }
 
-    /// Time in s of the first such event at or after `seconds`.
-    pub fn seen_after(&self, seconds: f64, seen: &Seen) -> Option<f64> {
+    /// Time in s of the first event of this kind at or after `seconds`.
+    pub fn find_time(&self, seconds: f64, event: &Event) -> Option<f64> {
         let from = ticks(seconds);
         let mut trace = self.chip.board.world.trace.iter();
-        let found = trace.find(|entry| entry.0 >= from && entry.1 == *seen);
-        found.map(|(time, _)| *time as f64 / TICKS as f64)
+        let entry = trace.find(|entry| entry.0 >= from && entry.1 == *event);
+        entry.map(|(time, _)| *time as f64 / TICKS as f64)
+    }
+
+    /// Time in s at which the bridge closes, at or after `seconds`.
+    pub fn closes_after(&self, seconds: f64) -> Option<f64> {
+        self.find_time(seconds, &Event::Bridge(true))
+    }
+
+    /// Time in s at which the lamp FAULT turns on, at or after `seconds`.
+    pub fn faults_after(&self, seconds: f64) -> Option<f64> {
+        self.find_time(seconds, &Event::Fault(true))
     }
 
     /// Times in s and causes of the resets since the start.
     pub fn resets(&self) -> Vec<(f64, Cause)> {
         let trace = self.chip.board.world.trace.iter();
-        let resets = trace.filter_map(|(time, seen)| match seen {
-            Seen::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
+        let resets = trace.filter_map(|(time, event)| match event {
+            Event::Reset(cause) => Some((*time as f64 / TICKS as f64, *cause)),
             _ => None,
         });
         resets.collect()
@@ -260,31 +278,25 @@ impl Rig {
     }
 
     /// Frame of a request with the next sequence number.
-    ///
-    /// # Panics
-    /// The request does not fit a frame.
     pub fn frame(&mut self, request: &Request<'_>) -> Vec<u8> {
         self.sequence = self.sequence % 255 + 1;
         let mut buffer = [0; MAX_FRAME_BYTES];
-        let frame = write_request(&mut buffer, self.sequence, request).expect("a short request");
-        frame.to_vec()
+        let frame = write_request(&mut buffer, self.sequence, request);
+        frame.expect("a short request").to_vec()
     }
 
     /// Sends a request and runs for 10 ms without reading the answer.
     pub fn send(&mut self, request: &Request<'_>) -> &mut Self {
         let frame = self.frame(request);
         self.act(&Act::Link(frame));
-        self.run(self.time() + 0.01)
+        self.run_for(0.01)
     }
 
     /// Sends a request and passes the board's answer to `look`.
-    ///
-    /// # Panics
-    /// No answer within five seconds of the board's time.
     pub fn request<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let frame = self.frame(request);
         let (sequence, mut look) = (self.sequence, Some(look));
-        let answer = self.ask(&frame, |outgoing| match outgoing {
+        let answer = self.exchange(&frame, |outgoing| match outgoing {
             Outgoing::Response {
                 sequence: n,
                 response,
@@ -295,9 +307,6 @@ impl Rig {
     }
 
     /// Frame of a request of an update with the next sequence number.
-    ///
-    /// # Panics
-    /// The request does not fit a frame.
     pub fn update_frame(&mut self, request: &UpdateRequest<'_>) -> Vec<u8> {
         self.sequence = self.sequence % 255 + 1;
         let mut buffer = [0; MAX_FRAME_BYTES];
@@ -305,14 +314,11 @@ impl Rig {
         frame.expect("a short request").to_vec()
     }
 
-    /// Sends a request of an update; returns the reason where the board refuses it.
-    ///
-    /// # Panics
-    /// No answer within five seconds of the board's time.
+    /// Sends a request for an update; returns the reason if the board refuses it.
     pub fn update(&mut self, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
         let frame = self.update_frame(request);
         let sequence = self.sequence;
-        let answer = self.ask(&frame, |outgoing| match outgoing {
+        let answer = self.exchange(&frame, |outgoing| match outgoing {
             Outgoing::Update {
                 sequence: n,
                 answer,
@@ -328,16 +334,15 @@ impl Rig {
     /// Name of the running image; `None` without an answer.
     pub fn image(&mut self) -> Option<String> {
         let mut buffer = [0; MAX_FRAME_BYTES];
-        let frame = write_question(&mut buffer, 0).expect("a short question");
-        self.ask(frame, |outgoing| match outgoing {
+        let frame = write_identity_request(&mut buffer, 0).expect("a short question");
+        self.exchange(frame, |outgoing| match outgoing {
             Outgoing::Identity { identity, .. } => Some(identity.image.to_owned()),
             _ => None,
         })
     }
 
-    /// Sends a frame, again and again, until `read` takes what the board answers, for five seconds
-    /// of its time.
-    fn ask<T>(
+    /// Sends a frame repeatedly until `read` accepts a response of the board, for 5 s of its time.
+    fn exchange<T>(
         &mut self,
         frame: &[u8],
         mut read: impl FnMut(Outgoing<'_>) -> Option<T>,
@@ -353,7 +358,7 @@ impl Rig {
                 self.act(&Act::Link(frame.clone()));
                 knock += REPEAT_INTERVAL;
             }
-            self.run(self.time() + 1e-3);
+            self.run_for(1e-3);
             let sent: Vec<u8> = self.sent().split_off(self.read);
             self.read += sent.len();
             for byte in sent {
@@ -369,9 +374,6 @@ impl Rig {
     }
 
     /// Sends a request that the board must accept.
-    ///
-    /// # Panics
-    /// It refuses, or does not answer.
     pub fn request_done(&mut self, request: &Request<'_>) -> &mut Self {
         self.request(request, |response| {
             assert_eq!(response, Response::Done, "{request:?}");
@@ -379,25 +381,46 @@ impl Rig {
         self
     }
 
-    /// Condition of the settings in flash, by a self-test.
-    pub fn kept(&mut self) -> Kept {
+    /// Result of the board's self-test.
+    pub fn self_test(&mut self) -> SelfTest {
         self.request(&Request::SelfTest, |response| match response {
-            Response::SelfTest(test) => test.settings,
+            Response::SelfTest(test) => test,
             other => panic!("{other:?}"),
         })
     }
 
-    /// Number of a fault that the board keeps; 0 is the newest.
-    pub fn kept_fault(&mut self, age: u8) -> Option<u8> {
+    /// Counters of the board's link.
+    pub fn counters(&mut self) -> Counters {
+        self.request(&Request::Counters, |response| match response {
+            Response::Counters(counters) => counters,
+            other => panic!("{other:?}"),
+        })
+    }
+
+    /// Inputs and outputs of the board.
+    pub fn status(&mut self) -> Status {
+        self.request(&Request::Status, |response| match response {
+            Response::Status(status) => status,
+            other => panic!("{other:?}"),
+        })
+    }
+
+    /// Condition of the settings in flash, by a self-test.
+    pub fn stored(&mut self) -> SavedSettings {
+        self.self_test().settings
+    }
+
+    /// Number of a stored fault of the board; 0 is the newest.
+    pub fn stored_fault(&mut self, age: u8) -> Option<u8> {
         self.request(&Request::Fault(age), |response| match response {
             Response::Fault(fault) => fault.map(|fault| fault.fault),
             other => panic!("{other:?}"),
         })
     }
 
-    /// Numbers of all faults that the board keeps, the newest first.
-    pub fn kept_faults(&mut self) -> Vec<u8> {
-        (0..).map_while(|age| self.kept_fault(age)).collect()
+    /// Numbers of all stored faults of the board, newest first.
+    pub fn stored_faults(&mut self) -> Vec<u8> {
+        (0..).map_while(|age| self.stored_fault(age)).collect()
     }
 
     /// The events in the board's log.
@@ -419,9 +442,6 @@ impl Rig {
 }
 
 /// A chip without supply with an image whose checksum is filled in as `kband flash` does.
-///
-/// # Panics
-/// The file is no image for this chip.
 pub fn chip_of(kind: Kind, image: &Path) -> Chip {
     let mut chip = Chip::new(kind);
     let segments = images::segments(image);
@@ -441,7 +461,7 @@ pub fn chip_of(kind: Kind, image: &Path) -> Chip {
     chip
 }
 
-/// Checksum of the image whose program ends at the offset `end` of the flash.
+/// Checksum of an image whose program ends at the offset `end` of the flash.
 pub fn image_check(kind: Kind, flash: &[u8], end: usize) -> u32 {
     crc32(&flash[kind.facts().program..end])
 }

@@ -1,4 +1,4 @@
-//! The fieldbus of the flashed image: pins and times, authority, and its effects on the drive.
+//! The fieldbus of the flashed image: pins, times, authority, and effects on the drive.
 
 use kband_control::wire::{Request, Response};
 use kband_control::{Fault, Limits, State, Target};
@@ -6,7 +6,7 @@ use kband_machines::bus::{UNIT, float, frame, read, write};
 use kband_machines::chip::SAMPLE;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
 use kband_plant::Change;
@@ -14,9 +14,9 @@ use kband_plant::Change;
 /// Cycles of the core between two samples.
 const DEADLINE: u64 = 8400;
 
-/// A machine at rest whose bus commands; rate in baud.
+/// A machine at rest under command of its bus; rate in baud.
 fn machine(target: Target, baud: f32, parity: f32) -> Rig {
-    let mut hazard = Hazard::of("bus", 50.0, target);
+    let mut hazard = Hazard::new("bus", 50.0, target);
     hazard.scene.settings.link_timeout = 0.0;
     board(&hazard, baud, parity)
 }
@@ -37,7 +37,7 @@ fn board(hazard: &Hazard, baud: f32, parity: f32) -> Rig {
     rig
 }
 
-/// A machine at rest whose board gives the bus this authority.
+/// A machine at rest whose bus has this authority.
 fn under(target: Target, authority: f32) -> Rig {
     let mut rig = machine(target, 19_200.0, 2.0);
     rig.request_done(&Request::set("bus", authority));
@@ -45,7 +45,7 @@ fn under(target: Target, authority: f32) -> Rig {
     rig
 }
 
-/// Such a machine with its enable input on, which the bus has started.
+/// Such a machine with its enable input on, started by the bus.
 fn started(target: Target, authority: f32) -> Rig {
     let mut rig = under(target, authority);
     control(&mut rig, 0);
@@ -55,7 +55,7 @@ fn started(target: Target, authority: f32) -> Rig {
     rig
 }
 
-/// The supply fails for 0.1 s; then the board starts.
+/// A supply failure of 0.1 s, after which the board starts.
 fn power_returns(rig: &mut Rig) {
     rig.act(&Act::Volts(0.0));
     rig.run(rig.time() + 0.1);
@@ -63,7 +63,7 @@ fn power_returns(rig: &mut Rig) {
     rig.run(rig.time() + 0.5);
 }
 
-/// Writes the control word and lets two drive cycles pass.
+/// Writes the control word and waits for two drive cycles.
 fn control(rig: &mut Rig, word: u16) -> u16 {
     rig.bus_write(0, &[word]);
     rig.run(rig.time() + 0.04);
@@ -88,8 +88,8 @@ fn state(state: State) -> u16 {
 fn driver_edges(rig: &Rig) -> Vec<(u64, bool)> {
     let trace = rig.chip.board.world.trace.iter();
     trace
-        .filter_map(|(time, seen)| match seen {
-            Seen::BusDriver(on) => Some((*time, *on)),
+        .filter_map(|(time, event)| match event {
+            Event::BusDriver(on) => Some((*time, *on)),
             _ => None,
         })
         .collect()
@@ -138,7 +138,7 @@ fn the_driver_is_on_only_while_an_answer_leaves() {
 
 #[test]
 fn an_answer_waits_for_no_second_slice_of_planning() {
-    let mut hazard = Hazard::of("bus plans", 50.0, Target::Gear { order: 1 });
+    let mut hazard = Hazard::new("bus plans", 50.0, Target::Gear { order: 1 });
     hazard.scene = kband_plant::Scene::default();
     hazard.scene.settings.link_timeout = 0.0;
     let mut rig = board(&hazard, 115_200.0, 2.0);
@@ -154,10 +154,10 @@ fn an_answer_waits_for_no_second_slice_of_planning() {
     }
     println!("longest {:.1} ms", 1e3 * longest);
     assert!(longest < 20e-3, "{longest}");
-    // In gear, the readings agree with the track.
+    // In gear, the registers agree with the track.
     assert_eq!(poll(&mut rig, 4.0), state(State::Holding));
-    let words = rig.bus_answer(&read(32, 32));
-    let float = |n: usize| f32::from_be_bytes(words[2 + 4 * n..6 + 4 * n].try_into().unwrap());
+    let answer = rig.bus_answer(&read(32, 32));
+    let float = |n: usize| f32::from_be_bytes(answer[2 + 4 * n..6 + 4 * n].try_into().unwrap());
     assert!((float(1) / rig.amplitude() as f32 - 1.0).abs() < 0.02);
     assert!(float(7) > 50.0, "share in gear {}", float(7));
     assert_eq!(rig.bus_word(4) & 1 << 8, 1 << 8, "the target is held");
@@ -175,7 +175,7 @@ fn the_run_bit_runs_and_stops_with_the_enable_input() {
     assert_eq!(control(&mut rig, 1), state(State::Starting));
     assert_eq!(poll(&mut rig, 1.0), state(State::Holding));
     assert!(rig.chip.is_driven());
-    // Another target, whole.
+    // A new target in one request.
     let [high, low] = float(0.1);
     rig.bus_write(1, &[33, high, low]);
     poll(&mut rig, 1.0);
@@ -183,13 +183,13 @@ fn the_run_bit_runs_and_stops_with_the_enable_input() {
     assert_eq!(control(&mut rig, 0), state(State::Stopping));
     assert_eq!(poll(&mut rig, 1.0), state(State::Off));
     assert!(!rig.chip.is_driven());
-    // Off by the enable input as without a bus.
+    // The enable input stops the drive, as without a bus.
     control(&mut rig, 1);
     assert!(rig.chip.is_driven());
     rig.act(&Act::Enable(false));
     rig.run(rig.time() + 0.03);
     assert!(!rig.chip.is_driven());
-    assert_eq!(rig.seen_after(1.0, &Seen::Fault(true)), None);
+    assert_eq!(rig.find_time(1.0, &Event::Fault(true)), None);
 }
 
 #[test]
@@ -198,14 +198,14 @@ fn a_set_run_bit_starts_nothing_after_power_on() {
     power_returns(&mut rig);
     let since = rig.time();
     for enable in [true, false, true] {
-        // As without a bus, the enable input must be off once.
+        // As without a bus, the enable input must turn off once.
         rig.act(&Act::Enable(enable));
         rig.run(rig.time() + 0.2);
         for _ in 0..3 {
             assert_eq!(control(&mut rig, 1), state(State::Off));
         }
     }
-    assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(since, &Event::Bridge(true)), None);
     control(&mut rig, 0);
     assert_eq!(control(&mut rig, 1), state(State::Starting));
 }
@@ -236,7 +236,7 @@ fn a_fault_is_acknowledged_with_authority_and_needs_an_edge() {
         let since = rig.time();
         assert_eq!(control(&mut rig, 0x81), state(State::Off), "and no edge");
         assert_eq!(poll(&mut rig, 0.5), state(State::Off));
-        assert_eq!(rig.seen_after(since, &Seen::Bridge(true)), None);
+        assert_eq!(rig.find_time(since, &Event::Bridge(true)), None);
     }
 }
 
@@ -245,7 +245,7 @@ fn a_silent_bus_leads_to_the_safe_amplitude() {
     let mut rig = started(Target::Amplitude(0.3), 1.0);
     poll(&mut rig, 1.5);
     assert!((rig.amplitude() - 0.3).abs() < 6e-3);
-    // Frames of the desk and of other units keep nothing alive.
+    // Frames of the desk and of other units do not restart the timeout.
     for n in 0..30 {
         let frame = match n % 2 {
             0 => Act::Link(rig.frame(&Request::Alive)),
@@ -283,7 +283,7 @@ fn without_authority_the_bus_reads_and_the_desk_commands() {
 }
 
 #[test]
-fn a_save_over_the_bus_is_kept() {
+fn a_save_over_the_bus_outlasts_a_power_cut() {
     let mut rig = under(Target::K(0.8), 1.0);
     rig.bus_write(1, &[2]);
     rig.bus_write(9, &[1]);
@@ -340,7 +340,7 @@ fn a_flooded_link_and_a_polling_master_delay_no_sample() {
         samples.count
     );
     assert_eq!(rig.resets().len(), 1);
-    assert_eq!(rig.opens_after(began), None);
+    assert_eq!(rig.opening_after(began), None);
     rig.act(&Act::Enable(false));
     rig.run(rig.time() + 1.5);
     let missed = rig.request(&Request::SelfTest, |response| match response {

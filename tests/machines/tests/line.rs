@@ -1,22 +1,22 @@
-//! The link on the flashed image: a flood, a stuck line, a board at rest after resets, and requests
+//! The link of the flashed image: a flood, a stuck line, a board at rest after resets, and requests
 //! that could start a machine.
 
 use kband_control::wire::{Outgoing, Receiver, Refusal, Request, Response, read_answer};
 use kband_control::{Fault, StartCause, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
 
 /// A machine with saved settings, at rest; no link timeout.
 fn machine() -> Rig {
-    let mut hazard = Hazard::of("line", 50.0, Target::Amplitude(0.2));
+    let mut hazard = Hazard::new("line", 50.0, Target::Amplitude(0.2));
     hazard.scene.settings.link_timeout = 0.0;
     hazard.commissioned(Kind::default())
 }
 
-/// The same at 0.2 mm, a second after its enable input came on.
+/// The same machine at 0.2 mm, 1 s after its enable input turned on.
 fn running() -> Rig {
     let mut rig = machine();
     rig.at(1.1, Act::Enable(true)).run(2.1);
@@ -24,7 +24,7 @@ fn running() -> Rig {
     rig
 }
 
-/// One request of each kind that does not change the drive, with telemetry every `cycles`.
+/// Requests of each kind that does not change the drive, with telemetry every `cycles`.
 fn requests(cycles: u16) -> [Request<'static>; 20] {
     [
         Request::Setting(3),
@@ -59,13 +59,13 @@ fn requests(cycles: u16) -> [Request<'static>; 20] {
 /// Amplitudes of the track every 0.1 s, mm.
 fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     let began = rig.time();
-    let seen = (1..=times).map(|n| {
+    let values = (1..=times).map(|n| {
         // Between two steps of the track.
         let step = (20_000.0 * (began + 0.1 * f64::from(n))).floor();
         rig.run((step + 0.5) / 20_000.0);
         rig.amplitude()
     });
-    seen.collect()
+    values.collect()
 }
 
 fn counters(rig: &mut Rig) -> kband_control::wire::Counters {
@@ -75,13 +75,13 @@ fn counters(rig: &mut Rig) -> kband_control::wire::Counters {
     })
 }
 
-/// A flood of requests, some of which are for the fastest telemetry, must neither hang the link nor
-/// delay the control.
+/// A flood of requests, some for the fastest telemetry, must neither hang the link nor delay the
+/// control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
     let boards = [5.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
     for (kind, frequency) in boards.into_iter().chain([(Kind::Stm32g474, 50.0)]) {
-        let mut hazard = Hazard::of("flood", frequency, Target::K(0.41));
+        let mut hazard = Hazard::new("flood", frequency, Target::K(0.41));
         if frequency < 30.0 {
             hazard.target = Target::Amplitude(0.9);
         }
@@ -95,7 +95,7 @@ fn a_thousand_pipelined_requests_are_answered() {
         assert!(silent.iter().all(|amplitude| *amplitude > 4e-4), "it runs");
         let before = rig.sent().len();
         let mut bytes = Vec::new();
-        // As fast as the line carries it.
+        // At the full rate of the line.
         let telemetry = (frequency / 50.0).ceil() as u16;
         for request in requests(telemetry).iter().cycle().take(1000) {
             bytes.extend(rig.frame(request));
@@ -119,13 +119,13 @@ fn a_thousand_pipelined_requests_are_answered() {
         }
         let counters = counters(&mut rig);
         println!("{frequency} Hz: {answers} answers, {rows} rows, {counters:?}");
-        // A drive cycle answers 32 requests and counts the others. The port's ring loses some of
-        // those that arrive faster than answers leave.
+        // The board answers 32 requests in a drive cycle and counts the others. The port's ring
+        // buffer loses some requests that arrive faster than answers leave.
         assert!(answers >= 190, "{frequency} Hz: {answers}");
         assert!(answers + 12 >= counters.requests, "{frequency} Hz");
         assert_eq!(counters.answers_dropped, 0, "{frequency} Hz");
         assert!(rows > 0, "{frequency} Hz");
-        // The line carries no telemetry beside so many answers.
+        // With so many answers the line has no room for telemetry.
         let dropped = counters.rows_dropped > 0;
         assert_eq!(dropped, frequency > 30.0, "{frequency} Hz");
         rig.act(&Act::Enable(false));
@@ -134,7 +134,7 @@ fn a_thousand_pipelined_requests_are_answered() {
             Response::SelfTest(test) => test.missed,
             other => panic!("{other:?}"),
         });
-        // Each of two saves at rest takes 5 ms: when commissioned, and after the run.
+        // Each of two saves at rest takes 5 ms: during commissioning, and after the run.
         let saving = 2 * (0.006 * frequency) as u32;
         assert!(late <= saving, "{frequency} Hz: {late} cycles came late");
     }
@@ -165,14 +165,14 @@ fn no_request_starts_a_machine_whose_input_is_on() {
         rig.run(rig.time() + 0.2);
     }
     rig.run(rig.time() + 2.0);
-    assert_eq!(rig.seen_after(on, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(on, &Event::Bridge(true)), None);
     // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
     // input starts it.
     rig.act(&Act::Enable(false));
     rig.run(rig.time() + 0.6);
     rig.act(&Act::Enable(true));
     rig.run(rig.time() + 0.2);
-    assert!(rig.seen_after(on, &Seen::Bridge(true)).is_some());
+    assert!(rig.find_time(on, &Event::Bridge(true)).is_some());
 }
 
 /// Withdrawing and restoring the link's enable must not acknowledge a fault.
@@ -183,16 +183,16 @@ fn the_link_acknowledges_no_fault() {
     rig.act(&Act::ThermalSwitch(false));
     rig.run(fault + 0.2);
     rig.act(&Act::ThermalSwitch(true));
-    assert_eq!(rig.opens_after(fault + 0.1), Some(0.0));
+    assert_eq!(rig.opening_after(fault + 0.1), Some(0.0));
     for _ in 0..3 {
         rig.request_done(&Request::Enable(false));
         rig.run(rig.time() + 1.0);
         rig.request_done(&Request::Enable(true));
         rig.run(rig.time() + 1.0);
     }
-    assert_eq!(rig.seen_after(fault + 0.1, &Seen::Bridge(true)), None);
-    assert_eq!(rig.seen_after(fault + 0.1, &Seen::Fault(false)), None);
-    assert_eq!(rig.kept_fault(0), Some(Fault::OverTemperature.number()));
+    assert_eq!(rig.find_time(fault + 0.1, &Event::Bridge(true)), None);
+    assert_eq!(rig.find_time(fault + 0.1, &Event::Fault(false)), None);
+    assert_eq!(rig.stored_fault(0), Some(Fault::OverTemperature.number()));
 }
 
 /// A `Set` between two faults must not clear their times.
@@ -211,15 +211,15 @@ fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
         let from = rig.time();
         rig.act(&Act::Enable(true));
         rig.run(from + 0.4);
-        let closes = rig.seen_after(from, &Seen::Bridge(true));
+        let closes = rig.find_time(from, &Event::Bridge(true));
         assert_eq!(closes.is_some(), fault < 3, "fault {fault}: {closes:?}");
     }
 }
 
-/// The port sends nothing, as with a failed transmitter. Then it is dead completely.
+/// The port sends nothing, as with a failed transmitter; then it neither receives nor sends.
 #[test]
 fn a_hung_link_is_a_limit_and_never_a_reset() {
-    let mut hazard = Hazard::of("hung", 50.0, Target::Amplitude(0.2));
+    let mut hazard = Hazard::new("hung", 50.0, Target::Amplitude(0.2));
     hazard.scene.settings.link_timeout = 0.8;
     let mut rig = hazard.commissioned(Kind::default());
     rig.at(1.1, Act::Enable(true));
@@ -256,7 +256,7 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
         "{}",
         rig.amplitude()
     );
-    assert_eq!(rig.seen_after(3.0, &Seen::Bridge(false)), None);
+    assert_eq!(rig.find_time(3.0, &Event::Bridge(false)), None);
 }
 
 /// Three successive resets must end at rest, not in a loop of resets.
@@ -270,15 +270,15 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     assert_eq!(resets, 4, "power-on and three: {:?}", rig.resets());
     let rest = rig.resets()[3].0;
     assert!(rest < from + 0.2, "{rest}");
-    let lamp = rig.seen_after(rest, &Seen::Fault(true));
+    let lamp = rig.find_time(rest, &Event::Fault(true));
     assert!(lamp.is_some_and(|time| time < rest + 0.2), "{lamp:?}");
-    assert_eq!(rig.seen_after(from + 0.01, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(from + 0.01, &Event::Bridge(true)), None);
     // The link answers.
     let repeated = Fault::RepeatedResets.number();
-    assert_eq!(rig.kept_fault(0), Some(repeated));
+    assert_eq!(rig.stored_fault(0), Some(repeated));
     rig.run(rig.time() + 12.0);
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
-    // After repair and acknowledgement it starts as after power-on.
+    // After repair and acknowledgement the board starts as after power-on.
     rig.act(&Act::Converts(true));
     rig.act(&Act::Enable(false));
     let off = rig.time();
@@ -288,11 +288,11 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     assert_eq!(rig.resets().len(), resets + 1);
     rig.act(&Act::Enable(true));
     rig.run(off + 2.0);
-    assert!(rig.seen_after(off, &Seen::Bridge(true)).is_some());
+    assert!(rig.find_time(off, &Event::Bridge(true)).is_some());
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
 }
 
-/// PC1 to ground makes the link read-only; it may still withhold the drive.
+/// PC1 to ground makes the link read-only; the link may still withdraw the enable.
 #[test]
 fn the_strap_makes_the_link_read_only() {
     let mut rig = machine();

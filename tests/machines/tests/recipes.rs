@@ -1,19 +1,20 @@
-//! Three inputs select recipes on the flashed image while its drive runs.
+//! Three inputs of the flashed image select recipes while the drive runs.
 
 use kband_control::wire::{Request, Response};
-use kband_control::{Event, Recipe, RecipeName, Settings, Target};
+use kband_control::{Recipe, RecipeName, Settings, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
 
 /// Amplitudes of the saved target and of the recipes 1 to 3, mm.
 const AMPLITUDES: [f32; 4] = [0.2, 0.1, 0.3, 0.15];
 
-/// A board whose flash holds the recipes, after a restart.
+/// A board with the recipes in its flash, after a restart.
 fn board() -> Rig {
-    let mut rig = Hazard::of("recipes", 50.0, Target::Amplitude(0.2)).commissioned(Kind::Stm32f405);
+    let mut rig =
+        Hazard::new("recipes", 50.0, Target::Amplitude(0.2)).commissioned(Kind::Stm32f405);
     let settings = Settings {
         soft_start: 0.3,
         restitution_high: 0.25,
@@ -32,7 +33,7 @@ fn board() -> Rig {
     rig
 }
 
-/// Wires the inputs for this recipe: PC6 counts 1, PC7 2, PC8 4.
+/// Wires the inputs for this recipe: PC6 has the weight 1, PC7 2, PC8 4.
 fn select(rig: &mut Rig, number: usize) {
     for bit in 0..3 {
         let level = if number >> bit & 1 == 1 {
@@ -52,14 +53,14 @@ fn in_use(rig: &mut Rig) -> usize {
     })
 }
 
-/// Runs the drive for some time, s, with the desk on the link; returns the time at which the
-/// amplitude was last away from `wanted` mm.
-fn run(rig: &mut Rig, seconds: f64, wanted: f64) -> f64 {
+/// Runs the drive for some time, s, with the desk on the link. Returns the last time at which the
+/// amplitude differed from `expected` mm by more than 2 %.
+fn run(rig: &mut Rig, seconds: f64, expected: f64) -> f64 {
     let (end, mut away) = (rig.time() + seconds, rig.time());
     while rig.time() < end {
         rig.request_done(&Request::Alive);
         rig.run(rig.time() + 0.02);
-        if (rig.amplitude() / wanted - 1.0).abs() > 0.02 {
+        if (rig.amplitude() / expected - 1.0).abs() > 0.02 {
             away = rig.time();
         }
     }
@@ -74,24 +75,24 @@ fn inputs_select_recipes_while_the_drive_runs() {
     assert!(away < rig.time() - 0.5, "it runs");
     let mut before = 0;
     for number in [1, 2, 3, 0] {
-        let begun = rig.time();
+        let start = rig.time();
         select(&mut rig, number);
         // The inputs must be constant for 50 ms.
-        rig.run(begun + 0.045);
+        rig.run(start + 0.045);
         assert_eq!(in_use(&mut rig), before);
         rig.peak();
-        // Two drive cycles later it is in use.
-        rig.run(begun + 0.05 + 0.04);
+        // Two drive cycles later the recipe is in use.
+        rig.run(start + 0.05 + 0.04);
         assert_eq!(in_use(&mut rig), number);
         let [from, to] = [before, number].map(|number| f64::from(AMPLITUDES[number]));
-        let reached = run(&mut rig, 1.4, to) - begun;
+        let reached = run(&mut rig, 1.4, to) - start;
         let largest = rig.peak();
         println!("recipe {number}: {from} to {to} mm in {reached:.2} s, largest {largest:.4} mm");
         assert!(reached < 0.8, "{number}: {reached}");
         assert!(largest < 1.02 * from.max(to), "{number}: {largest}");
         before = number;
     }
-    assert_eq!(rig.seen_after(1.5, &Seen::Fault(true)), None);
+    assert_eq!(rig.find_time(1.5, &Event::Fault(true)), None);
 }
 
 #[test]
@@ -102,28 +103,28 @@ fn bouncing_inputs_and_missing_recipes_change_nothing() {
     let since = rig.time();
     for n in 0..20 {
         select(&mut rig, n % 4);
-        let begun = rig.time();
+        let start = rig.time();
         assert!(
-            run(&mut rig, 0.04, 0.2) <= begun,
+            run(&mut rig, 0.04, 0.2) <= start,
             "{n}: the amplitude is kept"
         );
     }
     assert_eq!(in_use(&mut rig), 0);
-    assert_eq!(rig.seen_after(since, &Seen::Ready(false)), None);
-    // Recipe 5 is not there: READY goes off, the drive runs on.
-    let begun = rig.time();
+    assert_eq!(rig.find_time(since, &Event::Ready(false)), None);
+    // Recipe 5 does not exist: READY turns off, and the drive continues.
+    let start = rig.time();
     select(&mut rig, 5);
     let away = run(&mut rig, 0.5, 0.2);
-    assert!(away <= begun, "the amplitude is kept");
-    let dark = rig.seen_after(begun, &Seen::Ready(false));
-    assert!(dark.is_some_and(|time| time - begun < 0.1), "{dark:?}");
-    let refused = Event::RecipeRefused.number();
+    assert!(away <= start, "the amplitude is kept");
+    let dark = rig.find_time(start, &Event::Ready(false));
+    assert!(dark.is_some_and(|time| time - start < 0.1), "{dark:?}");
+    let refused = kband_control::Event::RecipeRefused.number();
     assert!(rig.events().iter().any(|event| event.event == refused));
-    let begun = rig.time();
+    let start = rig.time();
     select(&mut rig, 3);
     let away = run(&mut rig, 1.2, 0.15);
-    assert!(rig.seen_after(begun, &Seen::Ready(true)).is_some());
-    assert!(away < begun + 1.0, "another recipe is taken");
+    assert!(rig.find_time(start, &Event::Ready(true)).is_some());
+    assert!(away < start + 1.0, "another recipe is taken");
 }
 
 #[test]

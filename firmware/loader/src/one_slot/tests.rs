@@ -19,10 +19,10 @@ struct Cells {
     bytes: Vec<u8>,
     /// Words with two wrong bits.
     torn: Vec<usize>,
-    left: usize,
+    power: usize,
     used: usize,
     /// Address of a word that keeps a bit.
-    worn: Option<u32>,
+    stuck_word: Option<u32>,
 }
 
 impl Cells {
@@ -30,20 +30,20 @@ impl Cells {
         Self {
             bytes: vec![0xff; FLASH.len()],
             torn: Vec::new(),
-            left: usize::MAX,
+            power: usize::MAX,
             used: 0,
-            worn: None,
+            stuck_word: None,
         }
     }
 
-    /// Whether the power lasts for an operation on these bytes; the last one tears them.
-    fn works(&mut self, place: Range<usize>) -> bool {
-        if self.left == 0 {
+    /// Whether the power lasts for an operation on these bytes; a power cut corrupts them.
+    fn has_power(&mut self, place: Range<usize>) -> bool {
+        if self.power == 0 {
             return false;
         }
-        (self.left, self.used) = (self.left - 1, self.used + 1);
+        (self.power, self.used) = (self.power - 1, self.used + 1);
         self.torn.retain(|at| !place.contains(at));
-        if self.left == 0 {
+        if self.power == 0 {
             self.torn.extend(place.step_by(WORD));
         }
         true
@@ -66,25 +66,25 @@ impl Memory for Cells {
     fn program(&mut self, address: u32, word: &[u8; WORD]) -> bool {
         let place = place(address, WORD);
         let before = &self.bytes[place.clone()];
-        let erased = before == [0xff; WORD] && !self.torn.contains(&place.start) || self.left == 0;
+        let erased = before == [0xff; WORD] && !self.torn.contains(&place.start) || self.power == 0;
         let holds = erased || *word == [0; WORD];
         assert!(holds, "{address:#x} is programmed twice");
-        let works = self.works(place.clone());
-        if works {
+        let has_power = self.has_power(place.clone());
+        if has_power {
             self.bytes[place.clone()].copy_from_slice(word);
-            self.bytes[place.start] |= u8::from(self.worn == Some(address));
+            self.bytes[place.start] |= u8::from(self.stuck_word == Some(address));
         }
-        works
+        has_power
     }
 
     fn erase(&mut self, address: u32) -> bool {
         assert!(address.is_multiple_of(PAGE));
         let place = place(address, PAGE as usize);
-        let works = self.works(place.clone());
-        if works {
+        let has_power = self.has_power(place.clone());
+        if has_power {
             self.bytes[place].fill(0xff);
         }
-        works
+        has_power
     }
 
     fn crc32(&self, range: Range<u32>) -> Option<u32> {
@@ -97,7 +97,7 @@ fn keypair() -> Keypair {
     Keypair::from(&[7; 32])
 }
 
-/// A program as the build makes it, with its checksum.
+/// A program with its checksum, as built.
 fn image(fill: u8) -> Vec<u8> {
     let mut image: Vec<u8> = (0..LENGTH).map(|n| (n * n / 7) as u8 ^ fill).collect();
     let end = SLOT.start + LENGTH as u32 - 4;
@@ -130,7 +130,7 @@ fn requested(cells: &Cells) -> OneSlot<Cells> {
 fn ask(slot: &mut OneSlot<Cells>, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
     match slot.answer(request, true) {
         UpdateAnswer::Done => Ok(()),
-        UpdateAnswer::Refused(why) => Err(why),
+        UpdateAnswer::Refused(cause) => Err(cause),
         other => panic!("{request:?}: {other:?}"),
     }
 }
@@ -181,7 +181,7 @@ fn a_signed_image_replaces_the_program() {
     assert_eq!(begin(&mut slot, &new), Ok(()));
     assert!(!slot.has_program(), "its mark is gone");
     send(&mut slot, &new).unwrap();
-    // The last request comes twice, as after a lost answer.
+    // The last request is sent twice, as after a lost answer.
     let last = LENGTH - 4;
     assert_eq!(put(&mut slot, last as u32, &new[last..]), Ok(()));
     assert!(!slot.has_program());
@@ -196,9 +196,9 @@ fn a_signed_image_replaces_the_program() {
 fn the_old_program_stays_without_a_signed_hash_for_this_board() {
     let (old, new) = (image(0), image(1));
     let cells = flashed(&old);
-    let (sum, wrong) = (sum(&new), [0; 64]);
+    let (sum, invalid) = (sum(&new), [0; 64]);
     let signature = keypair().sign(&sum).to_bytes();
-    let most = SLOT.len();
+    let max_length = SLOT.len();
     let bytes = UpdateRequest::Bytes {
         offset: 0,
         bytes: &new[..256],
@@ -210,20 +210,20 @@ fn the_old_program_stays_without_a_signed_hash_for_this_board() {
         signature: &signature,
     };
     use UpdateRefusal::*;
-    for (request, why) in [
-        (signed(LENGTH, &sum, &wrong), Signature),
-        (signed(LENGTH, &wrong, &signature), Signature),
+    for (request, cause) in [
+        (signed(LENGTH, &sum, &invalid), Signature),
+        (signed(LENGTH, &invalid, &signature), Signature),
         (for_another, OtherBoard),
         (signed(LENGTH, &sum[1..], &signature), Length),
         (signed(LENGTH, &sum, &signature[1..]), Length),
         (signed(LENGTH + 2, &sum, &signature), Length),
-        (signed(most + 4, &sum, &signature), Length),
+        (signed(max_length + 4, &sum, &signature), Length),
         (signed(END as usize + 4, &sum, &signature), Length),
         (UpdateRequest::End(&signature), Order(0)),
         (bytes, Order(0)),
     ] {
         let mut slot = requested(&cells);
-        assert_eq!(ask(&mut slot, &request), Err(why), "{request:?}");
+        assert_eq!(ask(&mut slot, &request), Err(cause), "{request:?}");
         assert!(slot.has_program() && slot.memory.used == 0);
     }
     let mut slot = requested(&cells);
@@ -239,9 +239,9 @@ fn the_old_program_stays_without_a_signed_hash_for_this_board() {
 fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
     let (old, new) = (image(0), image(1));
     let cells = flashed(&old);
-    for wrong in [0, 300, LENGTH - 5] {
+    for at in [0, 300, LENGTH - 5] {
         let mut other = new.clone();
-        other[wrong] ^= 1;
+        other[at] ^= 1;
         let mut slot = requested(&cells);
         begin(&mut slot, &new).unwrap();
         send(&mut slot, &other).unwrap();
@@ -252,7 +252,7 @@ fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
     let mut slot = requested(&cells);
     begin(&mut slot, &new).unwrap();
     send(&mut slot, &new[..1024]).unwrap();
-    for (offset, size, why) in [
+    for (offset, size, cause) in [
         (1024, 0, UpdateRefusal::Length),
         (1024, 6, UpdateRefusal::Length),
         (1280, 256, UpdateRefusal::Order(1024)),
@@ -260,11 +260,11 @@ fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
         (LENGTH as u32, 4, UpdateRefusal::Length),
     ] {
         let refused = put(&mut slot, offset, &new[..size]);
-        assert_eq!(refused, Err(why), "{offset} {size}");
+        assert_eq!(refused, Err(cause), "{offset} {size}");
     }
     assert_eq!(put(&mut slot, 1024, &new[..4]), Ok(()));
-    let behind = put(&mut slot, 1028, &new[..4]);
-    assert_eq!(behind, Err(UpdateRefusal::Length));
+    let ahead = put(&mut slot, 1028, &new[..4]);
+    assert_eq!(ahead, Err(UpdateRefusal::Length));
     assert_eq!(end(&mut slot), Err(UpdateRefusal::Order(1028)));
     assert!(!slot.has_program());
     assert_eq!(update(&mut slot, &new), Ok(()), "begun again");
@@ -273,9 +273,9 @@ fn an_image_that_changes_on_the_line_or_is_cut_short_never_starts() {
 #[test]
 fn a_damaged_program_does_not_start() {
     let old = image(0);
-    let whole = flashed(&old);
+    let uncut = flashed(&old);
     let starts = |change: &dyn Fn(&mut Cells)| {
-        let mut cells = whole.clone();
+        let mut cells = uncut.clone();
         change(&mut cells);
         OneSlot::new(cells, None).has_program()
     };
@@ -283,7 +283,7 @@ fn a_damaged_program_does_not_start() {
     let put = |cells: &mut Cells, offset: u32, word: u32| {
         let place = place(SLOT.start + offset, 4);
         cells.bytes[place].copy_from_slice(&word.to_le_bytes());
-        // With a matching checksum.
+        // Its checksum matches.
         let sum = crc32(&cells.bytes[at..at + LENGTH - 4]).to_le_bytes();
         cells.bytes[at + LENGTH - 4..at + LENGTH].copy_from_slice(&sum);
     };
@@ -311,26 +311,29 @@ fn a_damaged_program_does_not_start() {
 fn power_cut_anywhere_leaves_the_old_or_the_new_image_or_a_wait_for_it() {
     let (old, new) = (image(0), image(1));
     let cells = flashed(&old);
-    let mut whole = requested(&cells);
-    update(&mut whole, &new).unwrap();
-    let count = whole.memory.used;
-    let mut found = [0; 3];
+    let mut uncut = requested(&cells);
+    update(&mut uncut, &new).unwrap();
+    let count = uncut.memory.used;
+    let (mut olds, mut news, mut waits) = (0, 0, 0);
     for cut in 1..=count {
         let mut slot = requested(&cells);
-        slot.memory.left = cut;
+        slot.memory.power = cut;
         let ended = update(&mut slot, &new);
         assert!(ended.is_err(), "{cut} of {count}");
-        // After the return of power without the program's request.
+        // Power returns without a request from the program.
         let mut cells = slot.memory;
-        cells.left = usize::MAX;
+        cells.power = usize::MAX;
         let mut slot = OneSlot::new(cells, None);
         if slot.has_program() {
-            let is_old = holds(&slot.memory, &old);
-            assert!(is_old || holds(&slot.memory, &new));
-            found[usize::from(!is_old)] += 1;
+            if holds(&slot.memory, &old) {
+                olds += 1;
+            } else {
+                assert!(holds(&slot.memory, &new));
+                news += 1;
+            }
             slot = requested(&slot.memory);
         } else {
-            found[2] += 1;
+            waits += 1;
         }
         // A signature takes most of the time of this test.
         if cut < 16 || cut % 16 == 0 || cut == count {
@@ -339,7 +342,7 @@ fn power_cut_anywhere_leaves_the_old_or_the_new_image_or_a_wait_for_it() {
         }
     }
     // The key has a page and five words; the mark is the last operation.
-    assert_eq!(found, [6, 0, count - 6]);
+    assert_eq!((olds, news, waits), (6, 0, count - 6));
 }
 
 #[test]
@@ -369,7 +372,7 @@ fn another_key_of_the_program_replaces_the_stored_one() {
 fn a_worn_word_is_found_when_it_is_written() {
     let new = image(1);
     let mut cells = flashed(&image(0));
-    cells.worn = Some(SLOT.start + 1056);
+    cells.stuck_word = Some(SLOT.start + 1056);
     assert_eq!(new[1056] & 1, 0, "its bit becomes 0");
     let mut slot = requested(&cells);
     begin(&mut slot, &new).unwrap();
@@ -390,7 +393,7 @@ fn updates_that_are_begun_too_often_are_refused() {
 }
 
 #[test]
-fn what_the_loader_does_not_do_it_says() {
+fn loader_reports_what_it_refuses() {
     let mut slot = requested(&flashed(&image(0)));
     let state = |has_key| UpdateAnswer::State {
         board: BOARD,

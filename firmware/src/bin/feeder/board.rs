@@ -14,27 +14,29 @@ use embassy_time::{Instant, Timer};
 use kband_control::wire::SetUp;
 use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Monitor, Panel, Watchdog};
+use kband_firmware::board::{Monitor, Panel};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
-use kband_firmware::chip::{Chip, Started};
-use kband_firmware::cortex::{
+use kband_firmware::exchange::Exchange;
+use kband_firmware::hardware::chip::{Chip, Started};
+use kband_firmware::hardware::cortex::{
     IDENTITY, Owned, count_millisecond, guard_stack, microseconds, stack_free, stack_use,
     take_last_words,
 };
-use kband_firmware::exchange::Exchange;
-use kband_firmware::last_words::LastWords;
+use kband_firmware::hardware::log;
+use kband_firmware::hardware::stm32::{
+    Buffers, Converter, HalfBridge, IndependentWatchdog, LINE_RATE, Lamps, Serial, Terminals,
+    count_sample, drive_off, image_is_valid, recipe_inputs, strapped, watch_recipe_inputs,
+    watch_strap,
+};
+use kband_firmware::inputs::selector::Selector;
 use kband_firmware::link::{Image, Service, link};
-use kband_firmware::log;
-use kband_firmware::resets::{GOOD_OPERATION_S, Resets};
-use kband_firmware::selector::Selector;
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
-use kband_firmware::stm32::{
-    Buffers, Converter, Guard, HalfBridge, LINE_RATE, Lamps, Serial, Terminals, Window, drive_off,
-    image_is_whole, recipe_inputs, strapped, watch_recipe_inputs, watch_strap,
-};
-use kband_firmware::store::{Condition, Found, Store};
+use kband_firmware::storage::last_words::LastWords;
+use kband_firmware::storage::resets::{GOOD_OPERATION_S, Resets};
+use kband_firmware::storage::store::{Condition, LoadedSettings};
+use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::watch::{Roll, Watched};
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
@@ -46,19 +48,19 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-/// The loader, at the begin of the flash, and an erased key where it has one: the chip starts it, and
-/// it starts this program.
+/// The loader at the start of the flash, with an erased key if it has one. The chip starts the
+/// loader, and the loader starts this program.
 #[used]
 #[unsafe(link_section = ".loader")]
 static LOADER: [u8; LOADER_BYTES.len()] = *LOADER_BYTES;
 const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")).len()] =
     include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin"));
 
-/// Priority of interrupts that may wait for a sample: the middle of the range.
-const LATER: u8 = 0x80;
+/// Priority of interrupts that a sample may delay: the middle of the range.
+const LOW_PRIORITY: u8 = 0x80;
 
 /// Service of the desk's requests with this chip's memory.
-type LinkService = Service<<Board as Chip>::Memory>;
+type LinkService = Service<<Board as Chip>::Flash, &'static mut Waiting>;
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static STATION: StaticCell<Station> = StaticCell::new();
@@ -90,21 +92,20 @@ extern "Rust" fn kband_halt() -> ! {
 
 /// Takes one sample, in the interrupt that ends its conversion.
 ///
-/// Deadline: 50 us, the next sample. Measured: 171 instructions in the mean, 700 where a cycle
-/// ends.
+/// Deadline: 50 us, the next sample. Measured: 171 instructions, 700 at the end of a cycle.
 ///
 /// # Safety
-/// For the converter's interrupt handler only.
+/// Only for the converter's interrupt handler.
 #[inline]
 pub unsafe fn sample() {
-    // SAFETY: one handler, once a call, as the caller guarantees.
+    // SAFETY: one handler calls it once, as the caller guarantees.
     if let Some(sampler) = unsafe { SAMPLER.get() } {
         let began = DWT::cycle_count();
         sampler.interrupt();
-        Window::sampled();
-        let took = DWT::cycle_count().wrapping_sub(began);
-        if took > LONGEST_SAMPLE.load(Ordering::Relaxed) {
-            LONGEST_SAMPLE.store(took, Ordering::Relaxed);
+        count_sample();
+        let duration = DWT::cycle_count().wrapping_sub(began);
+        if duration > LONGEST_SAMPLE.load(Ordering::Relaxed) {
+            LONGEST_SAMPLE.store(duration, Ordering::Relaxed);
         }
     }
 }
@@ -139,10 +140,10 @@ async fn fieldbus(port: Uart, station: &'static Station) {
 }
 
 #[embassy_executor::task]
-async fn supervise(mut guard: Guard) {
+async fn supervise(mut watchdog: IndependentWatchdog) {
     loop {
         if ROLL.complete() {
-            guard.feed();
+            watchdog.feed();
             if Instant::now().as_secs() >= GOOD_OPERATION_S {
                 RESETS.clear();
             }
@@ -151,18 +152,18 @@ async fn supervise(mut guard: Guard) {
     }
 }
 
-/// Stays at rest, without samples, after repeated resets or with a damaged image. The controller
-/// runs by the clock, so that link, lamps and acknowledgement work. An acknowledged fault restarts
-/// the board.
+/// Stays at rest, without samples, after repeated resets or with a damaged image. A clock paces the
+/// controller, so that link, lamps and acknowledgement work. An acknowledged fault restarts the
+/// board.
 #[embassy_executor::task]
 async fn stay_at_rest(
     station: &'static Station,
     mut terminals: Terminals,
     mut lamps: Lamps,
-    mut guard: Guard,
+    mut watchdog: IndependentWatchdog,
 ) {
     loop {
-        guard.feed();
+        watchdog.feed();
         let frequency = station.settings().frequency;
         let cycle = Cycle {
             samples: (SAMPLE_RATE as f32 / frequency) as u16,
@@ -178,37 +179,41 @@ async fn stay_at_rest(
     }
 }
 
-/// Restarts the board; its next start is no fault.
+/// Restarts the board; the next start is not a fault.
 fn restart() {
     RESETS.acknowledge();
     SCB::sys_reset();
 }
 
-/// Builds the station in its place. Controller, station and signal path are large. Each is built in
-/// a call of its own, so that their stack use does not add up. None takes space in the future of
-/// `main`.
+/// Builds the station in its static memory. Controller, station and signal path are large. A
+/// separate call builds each: their stack use does not add up, and the future of `main` stays
+/// small.
 #[inline(never)]
-fn place(found: &Found, start: StartCause, last_words: LastWords) -> Option<&'static Station> {
-    match &Station::controller(found, start) {
-        Ok(controller) => Some(place_station(found, start, controller, last_words)),
+fn place(
+    loaded: &LoadedSettings,
+    start: StartCause,
+    last_words: LastWords,
+) -> Option<&'static Station> {
+    match &Station::controller(loaded, start) {
+        Ok(controller) => Some(place_station(loaded, start, controller, last_words)),
         Err(_) => None,
     }
 }
 
 #[inline(never)]
 fn place_station(
-    found: &Found,
+    loaded: &LoadedSettings,
     start: StartCause,
     controller: &Controller,
     last_words: LastWords,
 ) -> &'static Station {
     let place = STATION.uninit();
     place.write(Station::new(
-        found, start, controller, &EXCHANGE, last_words,
+        loaded, start, controller, &EXCHANGE, last_words,
     ))
 }
 
-/// Builds the sample interrupt in its place.
+/// Builds the sample interrupt in its static memory.
 #[inline(never)]
 fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) -> Option<()> {
     let signal = Signal::build(settings).ok()?;
@@ -222,9 +227,9 @@ async fn main(spawner: Spawner) {
     let cause = ResetCause::of(Board::signs());
     let mut start = RESETS.start(cause);
     // Before the first wait.
-    let mut guard = Guard::start();
+    let mut watchdog = IndependentWatchdog::start();
     let slot = Board::slot(restart);
-    // An update restarted the board: this is no fault.
+    // An update restarted the board, which is not a fault.
     if slot.is_some_and(|slot| slot.on_trial()) {
         start = StartCause::PowerOn;
     }
@@ -236,9 +241,9 @@ async fn main(spawner: Spawner) {
     guard_stack(&core.MPU);
     let Started {
         peripherals: p,
-        sound,
+        clocks_ok,
     } = Board::start();
-    guard.feed();
+    watchdog.feed();
     let last_words = take_last_words();
     log::start(cause, &last_words);
     let bridge = HalfBridge::new(
@@ -252,17 +257,17 @@ async fn main(spawner: Spawner) {
         Board::supply_allows,
         Board::CORE_CLOCK,
     );
-    Board::watch(sound);
-    if !image_is_whole() {
+    Board::watch(clocks_ok);
+    if !image_is_valid() {
         defmt::error!("the flash does not hold the image that was written: the drive stays off");
         start = StartCause::ImageDamaged;
     }
-    guard.feed();
-    if !sound {
+    watchdog.feed();
+    if !clocks_ok {
         defmt::error!("the crystal does not swing at its frequency: the drive stays off");
     }
     // Before the first sample, which reads the enable input.
-    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !sound, || {
+    let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !clocks_ok, || {
         SELECTOR.selected()
     });
     watch_recipe_inputs(p.PC6, p.PC7, p.PC8);
@@ -271,25 +276,25 @@ async fn main(spawner: Spawner) {
     let Ok(mut memory) = Board::memory(p.FLASH) else {
         defmt::panic!("the memory of the settings does not fit its pages");
     };
-    let found = memory.load().await;
-    guard.feed();
-    match found.condition {
+    let loaded = memory.load().await;
+    watchdog.feed();
+    match loaded.condition {
         Condition::Whole => defmt::info!("settings: as saved"),
         Condition::Never => defmt::warn!("settings: none were ever saved"),
         Condition::Lost => defmt::error!("settings: damaged, or another firmware's"),
         Condition::Newer => defmt::error!("settings: a newer firmware's, left as they are"),
     }
-    log::new_settings(found.added);
-    // A target that only an older firmware accepted counts as lost settings; the link must still
+    log::new_settings(loaded.added);
+    // A target that only an older firmware accepted counts as lost settings. The link must still
     // answer.
-    let (found, station) = match place(&found, start, last_words) {
-        Some(station) => (found, Some(station)),
+    let (loaded, station) = match place(&loaded, start, last_words) {
+        Some(station) => (loaded, Some(station)),
         None => {
-            let lost = Found::none(Condition::Lost);
+            let lost = LoadedSettings::none(Condition::Lost);
             (lost, place(&lost, start, last_words))
         }
     };
-    let (Some(station), Some(())) = (station, place_sampler(&found.settings, converter, bridge))
+    let (Some(station), Some(())) = (station, place_sampler(&loaded.settings, converter, bridge))
     else {
         defmt::panic!("settings that were accepted are refused");
     };
@@ -298,12 +303,12 @@ async fn main(spawner: Spawner) {
     };
     let fieldbus_port = Uart::new(&EXCHANGE.bus, p.UART4, p.PC10, p.PC11, p.PC12);
     TIME.start(&mut core.SYST);
-    // The sample goes before everything else.
+    // The sample has the highest priority.
     // SAFETY: no critical section relies on the priority or the mask of these interrupts.
     unsafe {
-        core.SCB.set_priority(SystemHandler::SysTick, LATER);
-        core.NVIC.set_priority(pac::Interrupt::USART2, LATER);
-        core.NVIC.set_priority(pac::Interrupt::UART4, LATER);
+        core.SCB.set_priority(SystemHandler::SysTick, LOW_PRIORITY);
+        core.NVIC.set_priority(pac::Interrupt::USART2, LOW_PRIORITY);
+        core.NVIC.set_priority(pac::Interrupt::UART4, LOW_PRIORITY);
         NVIC::unmask(pac::Interrupt::UART4);
         core.NVIC.set_priority(Board::CONVERTED, 0);
     }
@@ -327,14 +332,14 @@ async fn main(spawner: Spawner) {
     };
     watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);
-    let service = SERVICE.init(Service::new(image, memory, found.pin));
+    let service = SERVICE.init(Service::new(image, memory, loaded.pin));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
     spawner.spawn(fieldbus(fieldbus_port, station).expect("spawned once"));
     if rests {
-        spawner.spawn(stay_at_rest(station, terminals, lamps, guard).expect("spawned once"));
+        spawner.spawn(stay_at_rest(station, terminals, lamps, watchdog).expect("spawned once"));
     } else {
         spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
-        spawner.spawn(supervise(guard).expect("spawned once"));
+        spawner.spawn(supervise(watchdog).expect("spawned once"));
     }
     loop {
         Timer::after_secs(60).await;

@@ -7,13 +7,12 @@ use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peri, interrupt, pac};
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
-use kband_firmware::cortex::{remembers_running, waiting_faults};
+use kband_firmware::hardware::chip::{Chip, Memory, Started, supply_crossed, watch_supply};
+use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
+use kband_firmware::hardware::stm32::{drive_off, start_window_watchdog};
 use kband_firmware::start::ResetFlags;
-use kband_firmware::stm32::{Window, drive_off};
-use kband_firmware::store::{Records, StoreFailed};
+use kband_firmware::storage::store::{Records, StoreFailed};
 use kband_firmware::update::Slot;
-use kband_firmware::waiting::Waiting;
 
 use flash::Sectors;
 
@@ -28,10 +27,6 @@ mod slot;
 const CRYSTAL: u32 = 8_000_000;
 /// Highest level of the supply monitor: 2.9 V (DS8626, table 19).
 const HIGHEST_LEVEL: u8 = 7;
-/// Whether the supply was good for the settling time.
-fn supply_settled() -> bool {
-    Board::supply_settled()
-}
 
 /// Interrupt at each crossing of the monitor's level. It opens the bridge first.
 #[interrupt]
@@ -44,23 +39,23 @@ fn PVD() {
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Sectors, &'static mut Waiting>;
+    type Flash = Sectors;
 
     const CORE_CLOCK: u32 = 168_000_000;
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC;
 
-    /// Selects the crystal where it oscillates at its frequency, else the internal oscillator. With
-    /// another crystal the core would run far above its largest frequency.
+    /// Selects the crystal if it oscillates at its frequency, else the internal oscillator. With
+    /// another crystal the core would run far above its highest frequency.
     fn start() -> Started {
         use embassy_stm32::rcc::*;
-        let sound = crystal::swings(CRYSTAL);
+        let clocks_ok = crystal::swings(CRYSTAL);
         let mut config = embassy_stm32::Config::default();
-        config.rcc.hse = sound.then_some(Hse {
+        config.rcc.hse = clocks_ok.then_some(Hse {
             freq: Hertz(CRYSTAL),
             mode: HseMode::Oscillator,
         });
-        let (source, prediv) = if sound {
+        let (source, prediv) = if clocks_ok {
             (PllSource::HSE, PllPreDiv::DIV4)
         } else {
             (PllSource::HSI, PllPreDiv::DIV8)
@@ -79,15 +74,15 @@ impl Chip for Board {
         config.rcc.sys = Sysclk::PLL1_P;
         Started {
             peripherals: embassy_stm32::init(config),
-            sound,
+            clocks_ok,
         }
     }
 
-    /// A crystal that stops opens the bridge by the break of TIM1, which needs no clock. Its
-    /// interrupt has no handler and resets the board. A supply below 2.9 V opens the bridge by
-    /// interrupt: at 168 MHz the core needs 2.7 V.
-    fn watch(clocks_sound: bool) {
-        pac::RCC.cr().modify(|w| w.set_csson(clocks_sound));
+    /// A stopped crystal opens the bridge by the break of TIM1, which needs no clock. Its interrupt
+    /// has no handler and resets the board. A supply below 2.9 V opens the bridge by interrupt: at
+    /// 168 MHz the core needs 2.7 V.
+    fn watch(clocks_ok: bool) {
+        pac::RCC.cr().modify(|w| w.set_csson(clocks_ok));
         pac::PWR.cr1().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);
@@ -102,8 +97,8 @@ impl Chip for Board {
 
     fn start_window() {
         pac::RCC.apb1enr().modify(|clocks| clocks.set_wwdgen(true));
-        // 42 MHz.
-        Window::start(Wdgtb::DIV1);
+        // Clock of 42 MHz.
+        start_window_watchdog(Wdgtb::DIV1);
     }
 
     fn set_up() -> SetUp {
@@ -129,13 +124,13 @@ impl Chip for Board {
 
     /// Settings in sectors 1 and 2, faults in sectors 3 and 4. Older images had the settings in
     /// sectors 10 and 11.
-    fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
+    fn memory(flash: Peri<'static, FLASH>) -> Result<Memory<Sectors>, StoreFailed> {
         let records = Records::new(
             Sectors(Flash::new_blocking(flash)),
             0..2 * flash::PAGE,
             2 * flash::PAGE..4 * flash::PAGE,
             waiting_faults().ok_or(StoreFailed::Memory)?,
-            supply_settled,
+            Board::supply_settled,
         )?;
         Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
     }
@@ -161,6 +156,6 @@ impl Chip for Board {
 #[interrupt]
 fn ADC() {
     pac::ADC1.sr().modify(|status| status.set_jeoc(false));
-    // SAFETY: this handler alone, once a call.
+    // SAFETY: only this handler calls it, once.
     unsafe { crate::board::sample() };
 }

@@ -6,13 +6,12 @@ use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::{Peri, interrupt, pac};
 use kband_control::wire::SetUp;
-use kband_firmware::chip::{Chip, Started, supply_crossed, watch_supply};
-use kband_firmware::cortex::{remembers_running, waiting_faults};
+use kband_firmware::hardware::chip::{Chip, Memory, Started, supply_crossed, watch_supply};
+use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
+use kband_firmware::hardware::stm32::start_window_watchdog;
 use kband_firmware::start::ResetFlags;
-use kband_firmware::stm32::Window;
-use kband_firmware::store::{Records, StoreFailed};
+use kband_firmware::storage::store::{Records, StoreFailed};
 use kband_firmware::update::{Slot, Writer};
-use kband_firmware::waiting::Waiting;
 use kband_loader::layout::stm32g474::{BOARD, NOTE, SLOT};
 use kband_loader::note::Note;
 
@@ -27,20 +26,14 @@ const HIGHEST_LEVEL: u8 = 6;
 /// Bit R1MODE of PWR_CR5: range 1 without boost (RM0440, 6.4.5).
 const NORMAL_RANGE_1: u32 = 1 << 8;
 
-/// Exchanges the note between program and loader.
 fn exchange_note(note: Note) -> Note {
     let place = NOTE as *mut Note;
-    // SAFETY: RAM behind all data, which one task uses; any bytes are a note.
+    // SAFETY: one task uses this RAM, which lies behind all data; any bytes are a valid `Note`.
     unsafe {
         let before = place.read_volatile();
         place.write_volatile(note);
         before
     }
-}
-
-/// Whether the supply was good for the settling time.
-fn supply_settled() -> bool {
-    Board::supply_settled()
 }
 
 /// Interrupt at each crossing of the monitor's level. The break of TIM1 opens the bridge in
@@ -54,15 +47,15 @@ fn PVD_PVM() {
 pub struct Board;
 
 impl Chip for Board {
-    type Memory = Records<Pages, &'static mut Waiting>;
+    type Flash = Pages;
 
     const CORE_CLOCK: u32 = 170_000_000;
 
     const CONVERTED: pac::Interrupt = pac::Interrupt::ADC1_2;
 
-    /// Range 1 boost, without which the core may run at 150 MHz at most (RM0440, 6.1.5).
-    /// `stm32-metapac` 21.0.0 takes bit 0 of PWR_CR5 for R1MODE, which is bit 8. So the chip starts
-    /// on its 16 MHz oscillator and gets the fast clock after the bit is clear.
+    /// Range 1 boost; without it the core may run at 150 MHz at most (RM0440, 6.1.5).
+    /// `stm32-metapac` 21.0.0 places R1MODE at bit 0 of PWR_CR5, but it is bit 8. So the chip
+    /// starts on its 16 MHz oscillator and gets the fast clock after the bit is clear.
     fn start() -> Started {
         use embassy_stm32::rcc::*;
         let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
@@ -82,14 +75,14 @@ impl Chip for Board {
         reinit(config, &mut peripherals.RCC);
         Started {
             peripherals,
-            sound: true,
+            clocks_ok: true,
         }
     }
 
     /// The internal oscillator starts and stops with the chip. Three failures open the bridge by
     /// the break of TIM1, without the program. They are a supply below 2.9 V, a core lock-up and a
     /// flash error.
-    fn watch(_clocks_sound: bool) {
+    fn watch(_clocks_ok: bool) {
         pac::PWR.cr2().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
             control.set_pvde(true);
@@ -110,8 +103,8 @@ impl Chip for Board {
 
     fn start_window() {
         pac::RCC.apb1enr1().modify(|clocks| clocks.set_wwdgen(true));
-        // 170 MHz by 4.
-        Window::start(Wdgtb::DIV4);
+        // 170 MHz divided by 4.
+        start_window_watchdog(Wdgtb::DIV4);
     }
 
     fn set_up() -> SetUp {
@@ -133,14 +126,12 @@ impl Chip for Board {
 
     /// Sets up the converter with a sampling time of 47.5 cycles at 42.5 MHz, 1.1 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
-        (
-            Adc::new(converter, AdcConfig::default()),
-            SampleTime::CYCLES47_5,
-        )
+        let converter = Adc::new(converter, AdcConfig::default());
+        (converter, SampleTime::CYCLES47_5)
     }
 
     /// Settings in the last two pages of 2 KiB of the second bank, faults in the two before them.
-    fn memory(flash: Peri<'static, FLASH>) -> Result<Self::Memory, StoreFailed> {
+    fn memory(flash: Peri<'static, FLASH>) -> Result<Memory<Pages>, StoreFailed> {
         let region = (Flash::new_blocking(flash).into_blocking_regions()).bank2_region;
         let (end, page) = (region.0.size, region.0.erase_size);
         Records::new(
@@ -148,7 +139,7 @@ impl Chip for Board {
             end - 2 * page..end,
             end - 4 * page..end - 2 * page,
             waiting_faults().ok_or(StoreFailed::Memory)?,
-            supply_settled,
+            Board::supply_settled,
         )
     }
 
@@ -171,8 +162,8 @@ impl Chip for Board {
         ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
-            // This chip has one flag for power-on and brown-out. RAM that kept its mark tells them
-            // apart.
+            // This chip has one flag for power-on and brown-out. A preserved mark in RAM
+            // distinguishes them.
             sag: false,
             remembered,
         }
@@ -183,6 +174,6 @@ impl Chip for Board {
 #[interrupt]
 fn ADC1_2() {
     pac::ADC1.isr().write(|status| status.set_jeos(true));
-    // SAFETY: this handler alone, once a call.
+    // SAFETY: only this handler calls it, once.
     unsafe { crate::board::sample() };
 }

@@ -1,14 +1,13 @@
 //! Instruction counts of the sample interrupt, the control of a cycle, and the plans of capture and
 //! gear.
 
-use core::fmt;
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
 
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
-use cortex_m_semihosting::heprintln;
-use kband_control::{AdcCode, Command, Overtone, Settings, Signal, Target, phase_step};
+use cortex_m_semihosting::{heprint, heprintln};
+use kband_control::{AdcCode, Command, Settings, Signal, Target, phase_step};
 use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
 use kband_firmware::exchange::Exchange;
@@ -18,13 +17,13 @@ use kband_plant::Bench;
 
 /// Full range of SysTick: 16.7 million ticks, 99 million instructions.
 const FULL: u32 = 0x00ff_ffff;
-/// Number of drive cycles that are counted, after as many that are not.
+/// Number of counted drive cycles, after as many uncounted ones.
 const CYCLES: u32 = 20;
 
 static EXCHANGE: Exchange = Exchange::empty();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
-/// The reading of the bench from before the count.
+/// Reading of the bench, computed before the count begins.
 static READING: AtomicU16 = AtomicU16::new(0);
 
 struct Reading;
@@ -39,9 +38,9 @@ impl Sense for Reading {
     }
 }
 
-struct Taken(f32);
+struct LastOutput(f32);
 
-impl Drive for Taken {
+impl Drive for LastOutput {
     fn set(&mut self, output: f32) {
         self.0 = black_box(output);
     }
@@ -65,15 +64,14 @@ fn begin(timer: &mut SYST) {
     timer.enable_counter();
 }
 
-/// Number of ticks that `work` takes.
+/// Number of ticks of `work`.
 fn lap(work: &mut dyn FnMut()) -> u32 {
     let before = SYST::get_current();
     work();
     before.wrapping_sub(SYST::get_current()) & FULL
 }
 
-/// Counts the plan for gear slice by slice: for the trial's lot, and for the parts that lose gear
-/// soonest.
+/// Counts the plan for gear slice by slice: for the trial's lot, and for parts that soon lose gear.
 #[inline(never)]
 fn count_gear(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
@@ -88,7 +86,7 @@ fn count_gear(station: &Station) {
         ("lively parts on two tones", (0.5, 0.7), 0.1, [0.25, 0.0]),
         ("lively parts on three tones", (0.5, 0.7), 0.1, [0.3, 0.06]),
     ] {
-        let taken = station.set_settings(&Settings {
+        let accepted = station.set_settings(&Settings {
             restitution_low: lot.0,
             restitution_high: lot.1,
             scatter,
@@ -97,54 +95,32 @@ fn count_gear(station: &Station) {
             ..settings
         });
         let asked = station.set_target(Target::Gear { order: 1 });
-        if taken.is_err() || asked.is_err() {
+        if accepted.is_err() || asked.is_err() {
             return;
         }
-        let plan = Searched::count(station);
-        heprintln!("gear of {}: {}", name, plan);
+        heprint!("gear of {}: ", name);
+        count_plan(station);
     }
     let _ = station.set_settings(&settings);
     let _ = station.set_target(target);
 }
 
-/// Cost of a search, slice by slice as the control task runs it.
-struct Searched {
-    instructions: u64,
-    slices: u32,
-    longest: u32,
-}
-
-impl Searched {
-    fn count(station: &Station) -> Self {
-        let (mut instructions_taken, mut longest, mut slices) = (0, 0, 0);
-        loop {
-            let mut more = false;
-            let ticks = lap(&mut || more = black_box(station.plan_step()));
-            instructions_taken += instructions(ticks) / 100;
-            longest = longest.max(ticks);
-            slices += 1;
-            if !more || slices > 100_000 {
-                break;
-            }
-        }
-        Self {
-            instructions: instructions_taken,
-            slices,
-            longest,
-        }
+/// Counts a search, slice by slice as the control task runs it.
+fn count_plan(station: &Station) {
+    let (mut sum, mut longest, mut slices) = (0, 0, 0);
+    let mut more = true;
+    while more && slices <= 100_000 {
+        let ticks = lap(&mut || more = black_box(station.plan_step()));
+        sum += instructions(ticks) / 100;
+        longest = longest.max(ticks);
+        slices += 1;
     }
-}
-
-impl fmt::Display for Searched {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            formatter,
-            "{} instructions in {} slices, most {}",
-            self.instructions,
-            self.slices,
-            instructions(self.longest) / 100
-        )
-    }
+    heprintln!(
+        "{} instructions in {} slices, most {}",
+        sum,
+        slices,
+        instructions(longest) / 100
+    );
 }
 
 /// Counts the plans, the control of each cycle on the way to a lively state, and the sample
@@ -155,10 +131,11 @@ impl fmt::Display for Searched {
 pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench: Bench) {
     begin(timer);
     count_gear(station);
-    heprintln!("capture plan: {}", Searched::count(station));
+    heprint!("capture plan: ");
+    count_plan(station);
     // Closed loop to a lively state: drive on, parts in flight.
     let mut cycles = 0_u32;
-    let (mut control, mut dearest) = (0_u64, 0);
+    let (mut control, mut max_ticks) = (0_u64, 0);
     while cycles < 60 {
         let before = signal.phase();
         let sampled = signal.sample(bench.sample());
@@ -170,7 +147,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
                 command = Some(black_box(report.command));
             });
             control += instructions(ticks) / 100;
-            dearest = dearest.max(ticks);
+            max_ticks = max_ticks.max(ticks);
             if let Some(command) = command {
                 signal.command(command);
                 EXCHANGE.command(command);
@@ -181,7 +158,7 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     heprintln!(
         "control: mean {} most {}",
         control / u64::from(cycles),
-        instructions(dearest) / 100
+        instructions(max_ticks) / 100
     );
     count_samples("", signal, &mut bench);
     for (name, tones, current_sensitivity) in [
@@ -210,10 +187,7 @@ fn changed(
     let mut path = Signal::build(&settings).ok()?;
     path.command(Command {
         amplitude: 0.25,
-        overtones: [Overtone {
-            sine: 0.05,
-            cosine: 0.05,
-        }; 2],
+        overtones: [[0.05; 2]; 2],
         step: phase_step(settings.frequency),
         ..Command::default()
     });
@@ -226,21 +200,21 @@ fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     let mut cycles = 0;
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
     let mut path = signal.clone();
-    let mut sampler = Sampler::new(signal, Reading, Taken(0.0), &EXCHANGE, &ROLL);
-    let (mut sum, mut most, mut samples) = (0, 0, 0_u32);
+    let mut sampler = Sampler::new(signal, Reading, LastOutput(0.0), &EXCHANGE, &ROLL);
+    let (mut sum, mut max_ticks, mut samples) = (0, 0, 0_u32);
     while cycles < CYCLES {
         let code = black_box(bench.sample());
         let sampled = path.sample_with(code, || code);
         READING.store(code.0, Ordering::Relaxed);
         let ticks = lap(&mut || sampler.interrupt());
         sum += ticks;
-        most = most.max(ticks);
+        max_ticks = max_ticks.max(ticks);
         samples += 1;
         bench.hold(sampled.output, 10_737_418);
         cycles += u32::from(sampled.wrapped);
     }
     let idle = instructions(empty) / 1000;
     let mean = (instructions(sum) / u64::from(samples)).saturating_sub(idle) / 100;
-    let peak = instructions(most).saturating_sub(idle) / 100;
+    let peak = instructions(max_ticks).saturating_sub(idle) / 100;
     heprintln!("sample interrupt{}: mean {} most {}", name, mean, peak);
 }

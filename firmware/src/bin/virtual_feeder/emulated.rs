@@ -6,32 +6,33 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, syscall1};
+use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::block_on;
 use embassy_stm32::{interrupt, pac};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_time::Timer;
+use embassy_time::{Instant, Timer};
 use kband::feeder::OutOfRange;
 use kband_control::wire::{Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Signal, Target};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Drive, Monitor, Panel, Sense, Watchdog};
+use kband_firmware::board::{Drive, Monitor, Panel, Sense};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
-use kband_firmware::cortex::{
+use kband_firmware::exchange::Exchange;
+use kband_firmware::hardware::cortex::{
     IDENTITY, Owned, count_millisecond, microseconds, stack_free, stack_low, stack_use,
     take_last_words,
 };
-use kband_firmware::exchange::Exchange;
-use kband_firmware::last_words::LastWords;
+use kband_firmware::hardware::log;
 use kband_firmware::link::{Image, Service, link};
-use kband_firmware::log;
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
-use kband_firmware::store::{Condition, Found, Records, Store, StoreFailed};
+use kband_firmware::storage::last_words::LastWords;
+use kband_firmware::storage::store::{Condition, LoadedSettings, Records, StoreFailed};
+use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::trial::{TraceRow, Trial};
-use kband_firmware::waiting::Waiting;
 use kband_firmware::watch::{Roll, Watched};
 use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
@@ -39,14 +40,13 @@ use systick_timer::SystickDriver;
 
 use crate::count::count;
 use crate::flash::FlashFile;
-use crate::logger;
 use crate::serial::{self, Serial};
 
 /// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
 /// Clock of UART4, Hz. The emulated line has no rate.
 const BUS_CLOCK: u32 = 42_000_000;
-/// Factor by which silence on the emulated line lasts longer: a busy desk delays bytes by some ms.
+/// Factor by which silence on the emulated line is longer: a busy desk delays bytes by some ms.
 const BUS_SLOWNESS: u32 = 16;
 /// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
 /// samples.
@@ -61,24 +61,24 @@ const GET_CMDLINE: usize = 0x15;
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(CORE_CLOCK, (CORE_CLOCK / 1_000 - 1) as u32));
 
+defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
+
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
-static HUNGRY: AtomicU32 = AtomicU32::new(0);
+static UNFED_SAMPLES: AtomicU32 = AtomicU32::new(0);
 static SAMPLER: Owned<Sampler<Bed, Bed>> = Owned::empty();
 static BENCH: Mutex<CriticalSectionRawMutex, RefCell<Option<(Bench, f32)>>> =
     Mutex::new(RefCell::new(None));
 
-/// Nothing to switch: the bench is held by the samples, which end with the run.
+/// Nothing to switch: the samples, which end with the run, hold the bench.
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_drive_off() {}
 
 #[unsafe(no_mangle)]
 extern "Rust" fn kband_halt() -> ! {
-    heprintln!(
-        "last words: {}",
-        take_last_words().read().unwrap_or_default()
-    );
+    let words = take_last_words();
+    heprintln!("last words: {}", words.read().unwrap_or_default());
     finish(false)
 }
 
@@ -92,7 +92,7 @@ const IMAGE: Image = Image {
     slot: None,
 };
 
-/// The bench as converter, power stage and inputs.
+/// The bench in the role of converter, power stage and inputs.
 struct Bed;
 
 impl Bed {
@@ -113,11 +113,11 @@ impl Sense for Bed {
 
 impl Drive for Bed {
     fn set(&mut self, output: f32) {
-        Self::with(|_, held| *held = output);
+        Self::with(|_, value| *value = output);
     }
 
     fn off(&mut self) {
-        Self::with(|_, held| *held = 0.0);
+        Self::with(|_, value| *value = 0.0);
     }
 }
 
@@ -133,23 +133,23 @@ impl Panel for Bed {
     }
 }
 
-/// Prints this many rows of the trace and ends the run, or prints nothing and runs on.
+/// Number of trace rows to print before the run ends; `None` prints nothing and runs on.
 struct Trace(Option<u32>);
 
 impl Monitor for Trace {
     fn report(&mut self, report: &Report, _ready: bool) {
         log::report(report);
-        if let Some(left) = &mut self.0 {
+        if let Some(remaining) = &mut self.0 {
             heprintln!("{}", TraceRow(report));
-            *left -= 1;
-            if *left == 0 {
+            *remaining -= 1;
+            if *remaining == 0 {
                 finish(true);
             }
         }
     }
 }
 
-/// Memory of the settings: a file of the desk, or none, where each start is the first.
+/// Memory of the settings: a file of the desk. Without one each start is the first.
 type Memory = Records<FlashFile, Waiting>;
 
 /// Opens the file of this name; no memory for an empty name.
@@ -159,41 +159,33 @@ fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
     Records::new(file, settings, faults, Waiting::EMPTY, || true)
 }
 
-struct SampleWatchdog;
-
-impl Watchdog for SampleWatchdog {
-    fn feed(&mut self) {
-        HUNGRY.store(0, Ordering::Relaxed);
-    }
-}
-
-/// Takes one sample. No deadline in the emulator: the next sample waits.
+/// Takes one sample. In the emulator it has no deadline: the next sample waits.
 #[interrupt]
 fn TIM3() {
     pac::TIM3.sr().modify(|status| status.set_uif(false));
     sample();
 }
 
-/// Whether samples follow SysTick. Without `-icount` QEMU's TIM3 stops for seconds at times.
+/// Whether SysTick triggers the samples. Without `-icount` QEMU's TIM3 sometimes stops for seconds.
 static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
 
 fn sample() {
-    if HUNGRY.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
+    if UNFED_SAMPLES.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         cortex_m::interrupt::disable();
         heprintln!("watchdog bites");
         finish(false);
     }
-    // A pause of the samples is no failure: the interrupt checks in.
+    // A pause of the samples is not a failure, so the interrupt checks in.
     ROLL.check_in(Watched::Samples);
     if EXCHANGE.is_unfinished() {
         return;
     }
-    // SAFETY: this handler alone, once a call.
+    // SAFETY: only this handler calls it, once.
     if let Some(sampler) = unsafe { SAMPLER.get() } {
         let before = sampler.phase();
         sampler.interrupt();
         let step = (sampler.phase() - before).bits();
-        Bed::with(|bench, held| bench.hold(*held, step));
+        Bed::with(|bench, value| bench.hold(*value, step));
     }
 }
 
@@ -212,10 +204,8 @@ fn SysTick() {
 /// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
-    uart::interrupt(
-        &EXCHANGE.bus,
-        microseconds(CORE_CLOCK as u32) / BUS_SLOWNESS,
-    );
+    let now = microseconds(CORE_CLOCK as u32) / BUS_SLOWNESS;
+    uart::interrupt(&EXCHANGE.bus, now);
 }
 
 #[embassy_executor::task]
@@ -237,19 +227,18 @@ async fn desk_link(station: &'static Station, memory: Memory, pin: Option<Pin>) 
 
 #[embassy_executor::task]
 async fn supervise() {
-    let mut watchdog = SampleWatchdog;
     loop {
         if ROLL.complete() {
-            watchdog.feed();
+            UNFED_SAMPLES.store(0, Ordering::Relaxed);
         }
         Timer::after_millis(10).await;
     }
 }
 
-fn finish(good: bool) -> ! {
+fn finish(passed: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
-    debug::exit(if good {
+    debug::exit(if passed {
         debug::EXIT_SUCCESS
     } else {
         debug::EXIT_FAILURE
@@ -280,18 +269,17 @@ async fn main(spawner: Spawner) {
     core::future::pending::<()>().await;
 }
 
-/// Builds the station in its place, and its signal path. Each large part is built in a call of its
-/// own, so that their stack use does not add up.
+/// Builds the station in its static memory, and its signal path. A separate call builds each large
+/// part, so that their stack use does not add up.
 #[inline(never)]
-fn place(found: &Found) -> Result<(&'static Station, Signal), OutOfRange> {
+fn place(loaded: &LoadedSettings) -> Result<(&'static Station, Signal), OutOfRange> {
     let start = ResetCause::Power.start();
-    let controller = Station::controller(found, start)?;
+    let controller = Station::controller(loaded, start)?;
     let station =
-        STATION.init_with(|| Station::new(found, start, &controller, &EXCHANGE, LastWords::EMPTY));
-    Ok((station, Signal::build(&found.settings)?))
+        STATION.init_with(|| Station::new(loaded, start, &controller, &EXCHANGE, LastWords::EMPTY));
+    Ok((station, Signal::build(&loaded.settings)?))
 }
 
-/// Builds the bench in its place.
 #[inline(never)]
 fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     let bench = Bench::build(scene)?;
@@ -308,22 +296,20 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
     finish(true)
 }
 
-/// Builds the sample interrupt in its place.
+/// Builds the sample interrupt in its static memory.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
     // SAFETY: the sample interrupt is still masked.
     unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
 }
 
-/// Starts everything. Not in `main`: its future would hold the space of each local for the whole
-/// run.
+/// Starts everything. In `main`, the future would keep the space of each local for the whole run.
 #[inline(never)]
 fn begin(spawner: Spawner) {
     let mut buffer = [0; 256];
     let words = arguments(&mut buffer);
     let (word, file) = words.split_once(' ').unwrap_or((words, ""));
     heprintln!("kband {}", IDENTITY);
-    logger::start();
     log::start(ResetCause::Power, &LastWords::EMPTY);
     let trial = match word {
         "count" => Trial::ALL.first().copied(),
@@ -340,16 +326,16 @@ fn begin(spawner: Spawner) {
         heprintln!("no flash in {}", file);
         finish(false);
     };
-    let found = if file.is_empty() {
-        Found {
+    let loaded = if file.is_empty() {
+        LoadedSettings {
             settings: scene.settings,
             target: scene.target,
-            ..Found::none(Condition::Whole)
+            ..LoadedSettings::none(Condition::Whole)
         }
     } else {
         block_on(memory.load())
     };
-    let built = place(&found).and_then(|placed| {
+    let built = place(&loaded).and_then(|placed| {
         place_bench(&scene)?;
         Ok(placed)
     });
@@ -374,12 +360,11 @@ fn begin(spawner: Spawner) {
         pac::TIM3.cr1().modify(|control| control.set_cen(true));
         // SAFETY: no critical section relies on this interrupt's mask.
         unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
-    }
-    if linked {
+    } else {
         serial::start();
         // SAFETY: no critical section relies on this interrupt's mask.
         unsafe { NVIC::unmask(pac::Interrupt::UART4) };
-        spawner.spawn(desk_link(station, memory, found.pin).expect("spawned once"));
+        spawner.spawn(desk_link(station, memory, loaded.pin).expect("spawned once"));
         spawner.spawn(fieldbus(station).expect("spawned once"));
     }
     let trace = Trace((!linked).then_some(trial.cycles));

@@ -1,4 +1,4 @@
-//! NOR flash in a file of the desk, by semihosting. Its content outlives the emulator.
+//! NOR flash in a file of the host computer, by semihosting. Its content outlives the emulator.
 
 use cortex_m_semihosting::{nr, syscall};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -7,13 +7,13 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, 
 const PAGE: usize = 4096;
 const FAILED: usize = usize::MAX;
 
-/// The file could not be read or written completely.
+/// Error: the file could not be read or written completely.
 const FILE_FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 /// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
 /// in between is a power cut.
 pub struct FlashFile {
-    /// `None`: the flash is blank, and nothing can be written.
+    /// `None`: a blank flash, and nothing can be written.
     handle: Option<usize>,
     length: usize,
 }
@@ -27,15 +27,13 @@ impl FlashFile {
                 length: 4 * PAGE,
             });
         }
-        let mut room = [0; 257];
+        let mut path = [0; 257];
         let bytes = name.as_bytes();
         // The terminating zero stays.
-        room[..256]
-            .get_mut(..bytes.len())
-            .ok_or(FILE_FAILED)?
-            .copy_from_slice(bytes);
+        let place = path[..256].get_mut(..bytes.len());
+        place.ok_or(FILE_FAILED)?.copy_from_slice(bytes);
         // SAFETY: SYS_OPEN takes a name that ends with a zero, a mode and the name's length.
-        let handle = unsafe { syscall!(OPEN, room.as_ptr(), nr::open::RW_BINARY, bytes.len()) };
+        let handle = unsafe { syscall!(OPEN, path.as_ptr(), nr::open::RW_BINARY, bytes.len()) };
         if handle == FAILED {
             return Err(FILE_FAILED);
         }
@@ -50,16 +48,16 @@ impl FlashFile {
         })
     }
 
-    /// Pages for the settings, and pages for the faults.
+    /// Ranges of the pages for settings, target and recipes, and of those for the event log.
     pub fn ranges(&self) -> [core::ops::Range<u32>; 2] {
         let (half, whole) = (self.length as u32 / 2, self.length as u32);
         [0..half, half..whole]
     }
 
-    /// The file at this place in it.
+    /// The file, positioned at this offset.
     fn seek(&mut self, offset: u32) -> Result<usize, NorFlashErrorKind> {
         let handle = self.handle.ok_or(FILE_FAILED)?;
-        // SAFETY: SYS_SEEK takes an open file and a place in it.
+        // SAFETY: SYS_SEEK takes an open file and an offset in it.
         match unsafe { syscall!(SEEK, handle, offset) } {
             0 => Ok(handle),
             _ => Err(FILE_FAILED),
@@ -68,7 +66,7 @@ impl FlashFile {
 
     fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let handle = self.seek(offset)?;
-        // SAFETY: SYS_WRITE reads so many bytes from there, and returns how many it left.
+        // SAFETY: SYS_WRITE reads this many bytes and returns how many it did not write.
         match unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) } {
             0 => Ok(()),
             _ => Err(FILE_FAILED),
@@ -81,7 +79,7 @@ impl FlashFile {
             return Ok(());
         }
         let handle = self.seek(offset)?;
-        // SAFETY: SYS_READ writes at most so many bytes there, and returns how many it left.
+        // SAFETY: SYS_READ writes at most this many bytes and returns how many it did not.
         match unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) } {
             0 => Ok(()),
             _ => Err(FILE_FAILED),
@@ -119,10 +117,8 @@ impl NorFlash for FlashFile {
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let mut word = [0; Self::WRITE_SIZE];
-        for (offset, bytes) in (offset..)
-            .step_by(Self::WRITE_SIZE)
-            .zip(bytes.chunks_exact(Self::WRITE_SIZE))
-        {
+        let words = bytes.chunks_exact(Self::WRITE_SIZE);
+        for (offset, bytes) in (offset..).step_by(Self::WRITE_SIZE).zip(words) {
             self.get(offset, &mut word)?;
             for (old, new) in word.iter_mut().zip(bytes) {
                 *old &= new;

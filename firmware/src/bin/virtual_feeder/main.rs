@@ -1,21 +1,19 @@
 //! The application on QEMU's `olimex-stm32-h405`, with the plant compiled in.
 //!
-//! The timer's interrupt pauses while the control of a cycle is not finished. So the emulator's
-//! speed does not affect the result: the trace equals the desk's, bit for bit.
+//! The timer's interrupt pauses until the control of a cycle is finished. So the emulator's speed
+//! does not affect the result: the trace equals the desk's, bit for bit.
 //!
 //! The first word on the semihosting command line selects the run:
 //!
 //! - The name of a trial: runs it and prints its trace.
 //! - `link`: runs the default scene with the enable input off. Answers on USART2, and as a Modbus
-//!   server on UART4 where the settings switch the bus on, until it is ended from outside.
-//! - `run`: the same with the enable input on, at the board's speed where the desk is fast enough.
-//! - `count`: counts the instructions of the sample interrupt, the control and the plans. It needs a
-//!   clock that counts them.
-//!
-//! The log always goes to USART1.
+//!   server on UART4 if the settings switch the bus on, until it is ended from outside.
+//! - `run`: the same with the enable input on, at the board's speed if the desk is fast enough.
+//! - `count`: counts the instructions of the sample interrupt, the control and the plans. It needs
+//!   a clock that counts them.
 //!
 //! After `link` and `run` a file name may follow: the flash of settings and faults. It has four
-//! pages of 4096 bytes, 0xff where nothing was written yet.
+//! pages of 4096 bytes, filled with 0xff where nothing was written.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
@@ -24,8 +22,6 @@ mod count;
 mod emulated;
 #[cfg(target_os = "none")]
 mod flash;
-#[cfg(target_os = "none")]
-mod logger;
 #[cfg(target_os = "none")]
 mod serial;
 

@@ -4,10 +4,10 @@ use kband::arithmetic::Noise;
 use kband_control::{Fault, Inputs};
 
 use super::*;
-use crate::testing::{seed, with};
+use crate::testing::seed;
 
 const SEQUENCES: u32 = 100_000;
-const LONGEST: u32 = 40;
+const MAX_SEQUENCE: u32 = 40;
 
 fn below(noise: &mut Noise, limit: u32) -> u32 {
     noise.bits() % limit
@@ -67,17 +67,16 @@ fn request(noise: &mut Noise) -> Request<'static> {
     }
 }
 
-/// A board with its enable input on, and whether it has a fault.
-fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
+/// A board with its enable input on.
+fn board_with_the_input_on(noise: &mut Noise) -> Board {
     let condition = [Condition::Whole, Condition::Never, Condition::Lost];
-    let found = FOUND(condition[(below(noise, 5) as usize).min(2)]);
+    let loaded = LOADED(condition[(below(noise, 5) as usize).min(2)]);
     let starts = [StartCause::PowerOn, StartCause::Reset];
     let start = starts[below(noise, 2) as usize];
-    let mut board = Board::started(found, start);
-    // Some boards run first, after an edge of the input, until the controller detects that the
-    // track does not move.
-    let runs = found.condition == Condition::Whole && below(noise, 4) == 0;
-    if runs {
+    let mut board = Board::started(loaded, start);
+    // Some boards run first, after an edge of the input, until the controller detects a track that
+    // does not move.
+    if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
         for cycle in 0..90 {
             board.enable = cycle > 30;
             board.cycle();
@@ -85,7 +84,7 @@ fn board_with_the_input_on(noise: &mut Noise) -> (Board, bool) {
         assert_eq!(board.state(), State::Fault);
     }
     board.enable = true;
-    (board, runs)
+    board
 }
 
 #[test]
@@ -93,19 +92,17 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     let mut noise = Noise::new(seed(32));
     let (mut faults, mut answered, mut done) = (0, 0_u64, 0_u64);
     for sequence in 0..SEQUENCES {
-        let (mut board, _) = board_with_the_input_on(&mut noise);
+        let mut board = board_with_the_input_on(&mut noise);
         let mut fault: Option<Fault> = None;
-        let mut said = Vec::new();
-        for _ in 0..=below(&mut noise, LONGEST) {
+        let mut requests = Vec::new();
+        for _ in 0..=below(&mut noise, MAX_SEQUENCE) {
             let request = request(&mut noise);
-            said.push(request);
+            requests.push(request);
             let mut buffer = [0; MAX_FRAME_BYTES];
             let frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
             for answer in board.send(&frame) {
                 answered += 1;
-                open(&answer, |_, response| {
-                    done += u64::from(response == Response::Done);
-                });
+                done += u64::from(open(&answer).1 == Response::Done);
             }
             // A simulation ends after 10 s without requests: one step in twenty lasts a second.
             let second = below(&mut noise, 20) == 0;
@@ -116,20 +113,16 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
                 ..Inputs::default()
             };
             for _ in 0..if second { 12 } else { 1 + below(&mut noise, 3) } {
-                let mut cycle = Cycle::default();
-                (cycle.low, cycle.high) = (2040, 2056);
-                cycle.samples = if second { 20_000 } else { 400 };
+                let cycle = sensed(if second { 20_000 } else { 400 });
                 let Some(report) = board.station.cycle(&cycle, inputs) else {
                     continue;
                 };
-                assert_eq!(report.command.amplitude, 0.0, "{sequence}: {said:?}");
+                assert_eq!(report.command.amplitude, 0.0, "{sequence}: {requests:?}");
                 let holds = matches!(report.state, State::Off | State::Fault);
-                assert!(holds, "{sequence}: {said:?}: {report:?}");
-                assert!(
-                    fault.is_none() || report.fault == fault,
-                    "{sequence}: {fault:?} became {:?}: {said:?}",
-                    report.fault
-                );
+                assert!(holds, "{sequence}: {requests:?}: {report:?}");
+                let holds = fault.is_none() || report.fault == fault;
+                let now = report.fault;
+                assert!(holds, "{sequence}: {fault:?} became {now:?}: {requests:?}");
                 faults += u32::from(fault.is_none() && report.fault.is_some());
                 fault = report.fault;
                 let _ = board.service.tick(&board.station);
@@ -143,7 +136,7 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
 /// Three faults within a minute lock the drive out, even when settings are changed in between.
 #[test]
 fn a_setting_between_faults_does_not_end_the_lock_out() {
-    let mut board = Board::started(FOUND(Condition::Whole), StartCause::PowerOn);
+    let mut board = Board::started(LOADED(Condition::Whole), StartCause::PowerOn);
     let mut fault = |acknowledged: bool| {
         board.enable = false;
         board.cycles(30);
@@ -169,16 +162,16 @@ fn a_setting_between_faults_does_not_end_the_lock_out() {
 /// A fault outlives a simulation by the desk, which starts with the input off.
 #[test]
 fn a_simulation_leaves_the_fault_as_it_was() {
-    for (found, start) in [
-        (FOUND(Condition::Whole), StartCause::Reset),
-        (FOUND(Condition::Lost), StartCause::PowerOn),
+    for (loaded, start) in [
+        (LOADED(Condition::Whole), StartCause::Reset),
+        (LOADED(Condition::Lost), StartCause::PowerOn),
     ] {
-        let mut board = Board::started(found, start);
+        let mut board = Board::started(loaded, start);
         board.cycle();
         let before = board.station.report().fault;
         assert!(before.is_some());
         board.done(&SIMULATE);
-        let second = with(Cycle::default(), |it| it.samples = 20_000);
+        let second = sensed(20_000);
         for _ in 0..12 {
             board.station.cycle(&second, Inputs::default());
         }
@@ -204,7 +197,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     ];
     let mut board = Board::new();
     board.done(&Request::Lock(Some(pin)));
-    assert_eq!(board.service.store.found.pin, Some(pin));
+    assert_eq!(board.saved().pin, Some(pin));
     for request in changes {
         board.refused(&request, Refusal::ReadOnly(Access::Locked));
     }
@@ -215,14 +208,12 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     ] {
         board.done(&request);
     }
-    board.refused(
-        &Request::Unlock(Pin::parse("0421").unwrap()),
-        Refusal::WrongPin,
-    );
+    let wrong = Request::Unlock(Pin::parse("0421").unwrap());
+    board.refused(&wrong, Refusal::WrongPin);
     board.done(&Request::Unlock(pin));
     board.done(&set);
     // The next start locks it again; the strap overrides the PIN.
-    let mut board = Board::with(board.service.store.found);
+    let mut board = Board::with(board.saved());
     board.refused(&set, Refusal::ReadOnly(Access::Locked));
     board.done(&Request::Unlock(pin));
     board.service.image.strapped = || true;
@@ -232,7 +223,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     assert_eq!(board.status().access, Access::Strapped);
     board.service.image.strapped = || false;
     board.done(&Request::Lock(None));
-    assert_eq!(board.service.store.found.pin, None);
-    let mut board = Board::with(board.service.store.found);
+    assert_eq!(board.saved().pin, None);
+    let mut board = Board::with(board.saved());
     board.done(&set);
 }

@@ -36,24 +36,25 @@ fn board() -> Board {
 }
 
 fn stored(board: &mut Board, number: u8) -> Stored {
-    board.ask(&Request::Recipe(number), |response| match response {
+    match board.ask(&Request::Recipe(number)) {
         Response::Recipe(stored) => stored,
         other => panic!("{other:?}"),
-    })
+    }
+}
+
+fn saved_recipes(board: &mut Board) -> Recipes {
+    block_on(board.service.store.recipes())
 }
 
 /// Target and restitution in use, and the number of the recipe.
 fn in_use(board: &Board) -> (Target, f32, u8) {
-    let settings = board.station.settings();
+    let (station, settings) = (&board.station, board.station.settings());
     let middle = 0.5 * (settings.restitution_low + settings.restitution_high);
-    (
-        board.station.target(),
-        (middle * 1e3).round() * 1e-3,
-        board.station.recipe(),
-    )
+    let middle = (middle * 1e3).round() * 1e-3;
+    (station.target(), middle, station.recipe())
 }
 
-/// Runs the drive at the track of a dead plant until it starts.
+/// Runs the drive on a track that never moves, until it starts.
 fn start(board: &mut Board) {
     board.enable = false;
     board.cycle();
@@ -67,27 +68,27 @@ fn recipes_are_set_saved_used_and_deleted() {
     let mut board = board();
     let (name, caps) = recipe("caps", Target::K(0.4), 0.3);
     assert_eq!(stored(&mut board, 1), Stored::Recipe(name, caps));
-    assert_eq!(board.service.store.recipes, Recipes::default());
+    assert_eq!(saved_recipes(&mut board), Recipes::default());
     board.done(&Request::SaveRecipes);
-    let found = board.service.store.recipes.get(1);
-    assert_eq!(found, Stored::Recipe(name, caps));
+    let actual = saved_recipes(&mut board).get(1);
+    assert_eq!(actual, Stored::Recipe(name, caps));
     board.done(&Request::UseRecipe(6));
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
-    // Settings and target of the machine are those that were saved, with the recipe.
-    assert_eq!(board.self_test().settings, Kept::InUse);
+    // The machine's settings and target are the saved ones, with the recipe.
+    assert_eq!(board.self_test().settings, SavedSettings::InUse);
     board.done(&Request::UseRecipe(0));
     assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
-    assert_eq!(board.self_test().settings, Kept::InUse);
+    assert_eq!(board.self_test().settings, SavedSettings::InUse);
     board.done(&delete(6));
     board.refused(&Request::UseRecipe(6), Refusal::NoRecipe);
     board.done(&Request::SaveRecipes);
-    assert_eq!(board.service.store.recipes.get(6), Stored::None);
+    assert_eq!(saved_recipes(&mut board).get(6), Stored::None);
     for number in [0, 8, 255] {
         board.refused(&delete(number), Refusal::NoRecipe);
         assert_eq!(stored(&mut board, number), Stored::None);
     }
     board.refused(&Request::UseRecipe(8), Refusal::NoRecipe);
-    // A target of its own is no recipe.
+    // A separately set target is not a recipe.
     board.done(&Request::UseRecipe(1));
     board.done(&Request::Target(Target::K(0.5)));
     assert_eq!(in_use(&board), (Target::K(0.5), 0.3, 0));
@@ -96,11 +97,11 @@ fn recipes_are_set_saved_used_and_deleted() {
 #[test]
 fn a_recipe_that_does_not_fit_the_machine_is_refused() {
     let mut board = board();
-    let (name, mut bad) = recipe("bad", Target::K(0.4), 0.3);
-    bad.values[0] = 0.9;
+    let (name, mut invalid) = recipe("bad", Target::K(0.4), 0.3);
+    invalid.values[0] = 0.9;
     let high = recipe("high", Target::Amplitude(1.5), 0.3);
     for (recipe, parameter) in [
-        ((name, bad), "restitution_high"),
+        ((name, invalid), "restitution_high"),
         (high, "target amplitude"),
     ] {
         board.out_of_range(&set(2, recipe), parameter);
@@ -124,10 +125,8 @@ fn a_running_drive_uses_recipes_and_changes_none() {
     assert_eq!(in_use(&board), (Target::K(0.4), 0.3, 1));
     board.cycle();
     assert_eq!(board.state(), State::Starting);
-    let events: Vec<u8> = (0..9)
-        .filter_map(|number| board.station.event(number))
-        .map(|record| record.event)
-        .collect();
+    let records = (0..9).filter_map(|number| board.station.event(number));
+    let events: Vec<u8> = records.map(|record| record.event).collect();
     assert!(events.contains(&Event::TargetSet.number()), "{events:?}");
 }
 
@@ -151,10 +150,10 @@ fn a_locked_link_refuses_to_change_and_to_use_recipes() {
 
 #[test]
 fn recipes_are_saved_with_valid_settings_alone() {
-    let mut board = Board::with(FOUND(Condition::Lost));
+    let mut board = Board::with(LOADED(Condition::Lost));
     board.done(&set(1, recipe("caps", Target::K(0.4), 0.3)));
     board.refused(&Request::SaveRecipes, Refusal::NoSettings);
-    assert_eq!(board.service.store.recipes, Recipes::default());
+    assert_eq!(saved_recipes(&mut board), Recipes::default());
 }
 
 #[test]
@@ -165,14 +164,12 @@ fn inputs_select_when_they_change() {
     // The desk's choice holds until the inputs change.
     board.done(&Request::UseRecipe(6));
     board.station.follow_inputs(1);
-    assert_eq!(in_use(&board).2, 6);
-    board.station.follow_inputs(0);
-    assert_eq!(in_use(&board), (Target::Locked { order: 1 }, 0.2, 0));
-    // A recipe that is not there: the previous target stays, and READY is off.
-    board.station.follow_inputs(6);
+    assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
+    // A missing recipe: the previous target stays, and READY is off.
     board.station.follow_inputs(3);
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
     board.cycle();
+    assert!(!board.station.ready());
     let events = board.station.report().events;
     assert!(events.iter().any(|event| event == Event::RecipeRefused));
     // While the desk simulates a plant, the inputs select nothing.

@@ -4,8 +4,7 @@ use core::cell::RefCell;
 use std::{thread_local, vec};
 
 use kband_control::wire::{
-    MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, read_answer,
-    write_update_request,
+    MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, write_update_request,
 };
 use salty::{Keypair, Sha512};
 
@@ -20,7 +19,6 @@ use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
 const SIZE: u32 = 1536;
 const SECTOR: u32 = 512;
 
-/// The slot's flash.
 #[derive(Default)]
 struct Flash {
     bytes: Vec<u8>,
@@ -29,7 +27,7 @@ struct Flash {
     on_trial: bool,
     restarts: u32,
     full: bool,
-    /// Key that the loader was left.
+    /// Key left for the loader.
     requested: Option<[u8; 32]>,
     /// Name of the function that fails.
     fails: &'static str,
@@ -114,48 +112,26 @@ fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
     }
 }
 
-fn ask(board: &mut Board, request: &UpdateRequest<'_>) -> UpdateAnswer<'static> {
+/// Sends a request and requires this answer.
+fn answered(board: &mut Board, request: &UpdateRequest<'_>, answer: UpdateAnswer<'_>) {
     board.cycle();
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = (write_update_request(&mut buffer, 9, request).unwrap()).to_vec();
     let answers = board.send(&frame);
     assert_eq!(answers.len(), 1, "{request:?}");
-    let mut receiver = Receiver::new();
-    let inside = answers[0].iter().find_map(|byte| {
-        let inside = receiver.push(*byte)?.ok()?;
-        Some(inside.to_vec())
-    });
-    match read_answer(&inside.unwrap()).unwrap() {
-        Outgoing::Update {
-            sequence: 9,
-            answer,
-        } => match answer {
-            UpdateAnswer::State {
-                size,
-                has_key,
-                on_trial,
-                ..
-            } => UpdateAnswer::State {
-                board: "",
-                size,
-                has_key,
-                on_trial,
-            },
-            UpdateAnswer::Done => UpdateAnswer::Done,
-            UpdateAnswer::Refused(why) => UpdateAnswer::Refused(why),
-            UpdateAnswer::Loader => UpdateAnswer::Loader,
-        },
-        other => panic!("{other:?}"),
-    }
+    let expected = Outgoing::Update {
+        sequence: 9,
+        answer,
+    };
+    assert_eq!(outgoing(&answers[0]), expected, "{request:?}");
 }
 
 fn done(board: &mut Board, request: &UpdateRequest<'_>) {
-    assert_eq!(ask(board, request), UpdateAnswer::Done, "{request:?}");
+    answered(board, request, UpdateAnswer::Done);
 }
 
-fn refused(board: &mut Board, request: &UpdateRequest<'_>, why: UpdateRefusal) {
-    let answer = ask(board, request);
-    assert_eq!(answer, UpdateAnswer::Refused(why), "{request:?}");
+fn refused(board: &mut Board, request: &UpdateRequest<'_>, cause: UpdateRefusal) {
+    answered(board, request, UpdateAnswer::Refused(cause));
 }
 
 /// A board with a slot and the public key of [`keypair`].
@@ -164,6 +140,12 @@ fn board(on_trial: bool) -> Board {
 }
 
 fn board_with(slot: Slot, on_trial: bool) -> Board {
+    let mut board = keyless(slot, on_trial);
+    done(&mut board, &Key(keypair().public.as_bytes()));
+    board
+}
+
+fn keyless(slot: Slot, on_trial: bool) -> Board {
     flash(|flash| {
         *flash = Flash {
             bytes: vec![0; SIZE as usize],
@@ -172,9 +154,8 @@ fn board_with(slot: Slot, on_trial: bool) -> Board {
         }
     });
     let image = with(IMAGE, |it| it.slot = Some(slot));
-    let mut board = Board::of(image, FOUND(Condition::Whole), StartCause::PowerOn);
+    let board = Board::of(image, LOADED(Condition::Whole), StartCause::PowerOn);
     board.service.update.begin_trial(&board.station);
-    done(&mut board, &Key(keypair().public.as_bytes()));
     board
 }
 
@@ -187,20 +168,14 @@ fn send_image(board: &mut Board, image: &[u8]) {
 
 /// Runs for some seconds, as one drive cycle each.
 fn pass(board: &mut Board, seconds: u32) {
-    let cycle = Cycle {
-        samples: 20_000,
-        low: 2040,
-        high: 2056,
-        ..Cycle::default()
-    };
     for _ in 0..seconds {
         let inputs = with(Inputs::default(), |it| it.enable = board.enable);
-        board.station.cycle(&cycle, inputs);
+        board.station.cycle(&sensed(20_000), inputs);
         board.service.tick(&board.station);
     }
 }
 
-/// Presses the enable input and runs for two seconds; whether the drive has started.
+/// Presses the enable input and runs for two seconds; returns whether the drive has started.
 fn starts(board: &mut Board) -> bool {
     let mut started = false;
     for (enable, cycles) in [(false, 50), (true, 100)] {
@@ -218,7 +193,7 @@ fn a_signed_image_is_written_marked_and_started_once() {
     let mut board = board(false);
     let image = image();
     send_image(&mut board, &image);
-    // The last request and the end come twice, as after a lost answer.
+    // The last request and the end are sent twice, as after a lost answer.
     done(&mut board, &bytes(&image, 1280));
     let end = signature(&image, "stm32f405rg");
     for _ in 0..2 {
@@ -262,14 +237,14 @@ fn requests_out_of_order_or_range_change_nothing() {
     let image = image();
     refused(&mut board, &bytes(&image, 0), Order(0));
     let begin = |board, length| UpdateRequest::Begin { board, length };
-    for (request, why) in [
+    for (request, cause) in [
         (begin("stm32g474re", 8), OtherBoard),
         (begin("", 8), OtherBoard),
         (begin("stm32f405rg", 0), Length),
         (begin("stm32f405rg", 10), Length),
         (begin("stm32f405rg", SIZE + 4), Length),
     ] {
-        refused(&mut board, &request, why);
+        refused(&mut board, &request, cause);
     }
     done(&mut board, &BEGIN);
     done(&mut board, &bytes(&image, 0));
@@ -339,7 +314,7 @@ fn an_image_on_trial_drives_nothing_until_confirmed() {
         done(&mut board, &Confirm);
     }
     assert!(!flash(|flash| flash.on_trial));
-    // The enable input is on since before: only a new press starts the drive.
+    // The enable input has stayed on: only a new press starts the drive.
     board.cycles(50);
     assert!(board.station.at_rest());
     assert!(starts(&mut board));
@@ -363,7 +338,7 @@ fn a_key_is_set_once_and_replaced_with_a_pin() {
     let set = Key(other.public.as_bytes());
     refused(&mut board, &set, HasKey);
     refused(&mut board, &Key(&[1; 31]), Length);
-    // No point of the curve.
+    // Not a point of the curve.
     refused(&mut board, &Key(&[2; 32]), Signature);
     done(&mut board, &Key(keypair().public.as_bytes()));
     let pin = Pin::parse("0420").unwrap();
@@ -379,33 +354,31 @@ fn a_key_is_set_once_and_replaced_with_a_pin() {
     pass(&mut board, 60);
     done(&mut board, &UpdateRequest::Unlock(pin));
     done(&mut board, &set);
-    assert_eq!(board.service.store.key, Some(*other.public.as_bytes()));
+    let key = block_on(board.service.store.key());
+    assert_eq!(key, Some(*other.public.as_bytes()));
 }
 
 #[test]
-fn a_board_that_cannot_be_updated_says_why() {
+fn refused_update_gives_the_reason() {
     let mut none = Board::new();
-    let state = |size, has_key, on_trial| UpdateAnswer::State {
-        board: "",
+    let state = |board, size, has_key| UpdateAnswer::State {
+        board,
         size,
         has_key,
-        on_trial,
+        on_trial: false,
     };
-    let found = ask(&mut none, &UpdateRequest::State);
-    assert_eq!(found, state(0, false, false));
+    answered(&mut none, &UpdateRequest::State, state("", 0, false));
     refused(&mut none, &BEGIN, NoSlot);
+    refused(&mut keyless(SLOT, false), &BEGIN, NoKey);
     let mut board = board(false);
-    let found = ask(&mut board, &UpdateRequest::State);
-    assert_eq!(found, state(SIZE, true, false));
-    board.service.store.key = None;
-    refused(&mut board, &BEGIN, NoKey);
-    board.service.store.key = Some(*keypair().public.as_bytes());
+    let with_slot = state("stm32f405rg", SIZE, true);
+    answered(&mut board, &UpdateRequest::State, with_slot);
     flash(|flash| flash.full = true);
     refused(&mut board, &BEGIN, Store);
     flash(|flash| flash.full = false);
-    board.service.store.supply_good = false;
+    SUPPLY_IS_GOOD.set(false);
     refused(&mut board, &BEGIN, SupplyLow);
-    board.service.store.supply_good = true;
+    SUPPLY_IS_GOOD.set(true);
     board.done(&Request::set("bus_address", 7.0));
     board.done(&Request::set("bus", 1.0));
     refused(&mut board, &BEGIN, NotInControl);
@@ -447,9 +420,9 @@ fn a_chip_with_one_slot_restarts_into_its_loader() {
         sum: &[0; 64],
         signature: &[0; 64],
     };
-    // The second request comes before the restart.
+    // The second request arrives before the restart.
     for request in [BEGIN, BEGIN, signed] {
-        assert_eq!(ask(&mut board, &request), UpdateAnswer::Loader);
+        answered(&mut board, &request, UpdateAnswer::Loader);
     }
     let key = *keypair().public.as_bytes();
     assert_eq!(flash(|flash| flash.requested), Some(key));

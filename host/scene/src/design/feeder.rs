@@ -1,4 +1,4 @@
-//! A feeder with the drive of a scene: springs, track and setpoint differ, the drive does not.
+//! A feeder with the drive of a scene, but other springs, track and setpoint.
 
 use kband::feeder::{OutOfRange, Track};
 use kband::impact::{
@@ -28,14 +28,12 @@ pub struct Feeder {
 }
 
 impl Feeder {
-    /// The feeder of a scene at a k with tones.
-    pub(super) fn of(settings: &Settings, k: f64, tones: Tones) -> Self {
+    /// The feeder of a scene, with this k and these tones.
+    pub(super) fn from_settings(settings: &Settings, k: f64, tones: Tones) -> Self {
+        let ratio = f64::from(settings.amplitude_ratio);
         Self {
             frequency: settings.frequency.into(),
-            throw_angle: f64::from(settings.amplitude_ratio)
-                .recip()
-                .atan()
-                .to_degrees(),
+            throw_angle: ratio.recip().atan().to_degrees(),
             phase_lead: settings.phase_lead.into(),
             incline: settings.incline.into(),
             k,
@@ -57,7 +55,7 @@ impl Feeder {
     pub(super) fn target(&self) -> Target {
         let (k, tones) = (self.k as f32, single(self.tones));
         if self.tones[0][0] > 0.0 {
-            let shape = Shape::of(tones);
+            let shape = Shape::from_tones(tones);
             return Target::Tones { k, shape };
         }
         Target::K(k)
@@ -67,7 +65,7 @@ impl Feeder {
         wave(self.tones)
     }
 
-    /// Law of the parts' motion along its track.
+    /// Law of the parts' motion along the track.
     pub(super) fn law(&self, scene: &Scene) -> Result<WaveLaw, OutOfRange> {
         let track = Settings {
             amplitude_ratio: self.amplitude_ratio() as f32,
@@ -100,20 +98,20 @@ pub(super) fn law(
             WaveLaw::Friction(Friction::on(wave, k, settings)?)
         }
         None => {
-            let kept = f64::from(scene.settings.tangential_restitution);
-            let settings = TangentialSettings::on(track, kept);
+            let tangential = f64::from(scene.settings.tangential_restitution);
+            let settings = TangentialSettings::on(track, tangential);
             WaveLaw::Tangential(Tangential::on(wave, k, settings)?)
         }
     })
 }
 
-/// The map of parts on a wave; their restitution is drawn at each impact.
+/// The map of parts on a wave; restitution is drawn at each impact.
 pub(super) fn map(wave: Wave, k: f64) -> Result<WaveMap, OutOfRange> {
     WaveMap::on(wave, k, 0.5)
 }
 
-/// Largest displacement along any direction over that normal to the track: the larger half axis of
-/// the ellipse with the half axes 1 and eta at phase gamma.
+/// Largest displacement in any direction over that normal to the track. It is the larger half axis
+/// of the ellipse of two motions, with amplitudes 1 and eta and phase gamma.
 fn stroke(amplitude_ratio: f64, phase_lead: f64) -> f64 {
     let square = 1.0 + amplitude_ratio * amplitude_ratio;
     let area = 2.0 * amplitude_ratio * phase_lead.to_radians().sin();
@@ -122,8 +120,8 @@ fn stroke(amplitude_ratio: f64, phase_lead: f64) -> f64 {
 
 /// The scene's settings for a feeder with the same drive.
 ///
-/// Force, quality, swinging mass, and the limits of stroke and acceleration are those of the scene,
-/// along the direction of the motion. The springs are others: resonance over frequency stays.
+/// Force, quality, swinging mass, and the limits of stroke and acceleration along the motion are
+/// the scene's. The springs differ: the ratio of resonance to frequency is constant.
 pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
     let factors = factors(base, feeder);
     let mut settings = Settings {
@@ -140,7 +138,7 @@ pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
         second_tone: feeder.tones[0][0] as f32,
         third_tone: feeder.tones[1][0] as f32,
         tracking: base.tracking * factors.frequency,
-        // Its calibration belongs to the scene's frequency.
+        // The calibration applies only to the scene's frequency.
         current_gain: 0.0,
         ..*base
     };
@@ -150,10 +148,10 @@ pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
 
 struct Factors {
     frequency: f32,
-    /// On amplitudes normal to the track at full output: the force makes a stroke that falls like
-    /// the frequency squared.
+    /// Factor for amplitudes normal to the track at full output: at constant force the stroke is
+    /// inversely proportional to the frequency squared.
     gain: f32,
-    /// On the limits of amplitude and acceleration normal to the track.
+    /// Factor for the limits of amplitude and acceleration normal to the track.
     limit: f32,
 }
 
@@ -185,7 +183,7 @@ pub(super) fn scene_of(base: &Scene, feeder: &Feeder) -> Scene {
     scene
 }
 
-/// The limit of the scene's drive that a feeder reaches within 2 %, if any.
+/// The limit of the scene's drive that a feeder reaches within 2 %; `None` if it reaches none.
 pub(super) fn limit_reached(base: &Settings, feeder: &Feeder) -> Option<&'static str> {
     let limits = drive_limits(&settings_of(base, feeder));
     let [mut stroke, mut acceleration, mut force] = [GearLimits::NONE; 3];
@@ -199,12 +197,12 @@ pub(super) fn limit_reached(base: &Settings, feeder: &Feeder) -> Option<&'static
         ("acceleration", acceleration),
         ("force", force),
     ];
-    let found = alone.iter().find(|(_, limits)| reached(limits))?;
-    Some(found.0)
+    let limit = alone.iter().find(|(_, limits)| reached(limits))?;
+    Some(limit.0)
 }
 
-/// Lowest k of a feeder within the limits of the scene's drive; infinite where its settings are
-/// out of range.
+/// Lowest k of a feeder within the limits of the scene's drive; infinite if its settings are out of
+/// range.
 pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
     let settings = settings_of(base, feeder);
     if settings.check().is_err() {
@@ -227,12 +225,12 @@ mod tests {
             ..Settings::default()
         };
         let tones = [[0.0; 2]; 2];
-        let same = settings_of(&base, &Feeder::of(&base, 0.4, tones));
+        let same = settings_of(&base, &Feeder::from_settings(&base, 0.4, tones));
         assert!((same.gain / base.gain - 1.0).abs() < 1e-6, "{same:?}");
         let feeder = Feeder {
             frequency: 25.0,
             throw_angle: 20.0,
-            ..Feeder::of(&base, 0.4, tones)
+            ..Feeder::from_settings(&base, 0.4, tones)
         };
         let other = settings_of(&base, &feeder);
         let along = |settings: &Settings| settings.amplitude_ratio.hypot(1.0);
@@ -242,15 +240,16 @@ mod tests {
         let force =
             |settings: &Settings| settings.gain * along(settings) * settings.resonance.powi(2);
         let all: [&dyn Fn(&Settings) -> f32; 3] = [&stroke, &push, &force];
-        for of in all {
-            assert!((of(&other) / of(&base) - 1.0).abs() < 1e-5, "{other:?}");
+        for value in all {
+            let deviation = (value(&other) / value(&base) - 1.0).abs();
+            assert!(deviation < 1e-5, "{other:?}");
         }
-        // Motion on a circle has a stroke of b in every direction.
+        // A circular motion has a stroke of b in every direction.
         assert!((super::stroke(1.0, 90.0) - 1.0).abs() < 1e-12);
         assert!((super::stroke(1.0, 0.0) - 2.0_f64.sqrt()).abs() < 1e-12);
     }
 
-    /// The limit is that of the controller: above it the setpoint is within reach, below it is not.
+    /// The limit is that of the controller: the setpoint is reachable above it and not below.
     #[test]
     fn the_lowest_k_is_that_of_the_controllers_reach() {
         let base = Settings {
@@ -261,7 +260,7 @@ mod tests {
             let feeder = Feeder {
                 frequency,
                 throw_angle,
-                ..Feeder::of(&base, 0.4, [[0.0; 2]; 2])
+                ..Feeder::from_settings(&base, 0.4, [[0.0; 2]; 2])
             };
             let lowest = lowest_k(&base, &feeder);
             let settings = settings_of(&base, &feeder);
@@ -269,10 +268,8 @@ mod tests {
             let controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
             let reach = f64::from(controller.k(controller.reach()));
             // The peaks are upper bounds, within 0.0012 of a sine's.
-            assert!(
-                (0.0..2e-3).contains(&(lowest / reach - 1.0)),
-                "{lowest} {reach}"
-            );
+            let excess = lowest / reach - 1.0;
+            assert!((0.0..2e-3).contains(&excess), "{lowest} {reach}");
         }
     }
 }

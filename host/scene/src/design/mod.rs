@@ -13,29 +13,30 @@ mod verdict;
 use kband::regime::band;
 use kband_control::{Settings, Target};
 
+use crate::parts::restitutions;
 use crate::refusal::Refusal;
 use crate::scene::SceneFile;
 pub use feeder::Feeder;
 use table::{Axis, Lot, Table};
-use verdict::{AS_IT_IS, FRONT_RUNS, close, closed, judge, simulate};
 pub use verdict::{Conveyed, Sensitivity};
+use verdict::{FRONT_RUNS, NOMINAL, close, closed, judge, simulate};
 
-/// Asks whether to go on; refuses where the work is to end.
-pub type Ask<'a> = &'a dyn Fn() -> Result<(), Refusal>;
+/// Called during the work; a refusal ends the work.
+pub type CheckStop<'a> = &'a dyn Fn() -> Result<(), Refusal>;
 
-/// Threads that work on numbered tasks.
+/// Threads that execute numbered tasks.
 pub trait Workers {
-    /// `work` on each of `0..count`, results in order, or the first refusal in order. Each result
-    /// depends on its number alone.
+    /// Calls `work` for each of `0..count`; returns the results in order, or the first refusal in
+    /// order. A result may depend only on its number.
     fn map<T: Send + Sync>(
         &self,
         title: &str,
         count: usize,
-        work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+        work: impl Fn(usize, CheckStop<'_>) -> Result<T, Refusal> + Sync + Send,
     ) -> Result<Vec<T>, Refusal>;
 }
 
-/// What is searched: the lowest and highest value of each quantity, and how.
+/// Settings of a search: the lowest and highest value of each quantity, and its effort.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ranges {
     /// Drive frequency in Hz, 5..=500.
@@ -52,7 +53,7 @@ pub struct Ranges {
     pub tones: [f64; 2],
     /// Number of candidates, 1000..=100 million.
     pub candidates: usize,
-    /// Smallest share in gear of the front, 0..=1.
+    /// Smallest share in gear on the front, 0..=1.
     pub least_share: f64,
     /// Number of feeders of the front that are run in the closed loop, 1..=100.
     pub checked: usize,
@@ -67,13 +68,13 @@ pub struct Designed {
     pub feeder: Feeder,
     /// Share and speed by simulated parts.
     pub simulated: Conveyed,
-    /// Their derivatives.
+    /// Derivatives of share and speed.
     pub sensitivity: Sensitivity,
-    /// Share and speed in the closed loop; `None` where the drive did not run.
+    /// Share and speed in the closed loop; `None` if the drive did not run.
     pub closed: Option<Conveyed>,
 }
 
-/// Deviation of the table from simulated parts, over the front that the table has.
+/// Deviation of the table from simulated parts, over the table's front.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TableError {
     /// Root mean square of the share's deviation.
@@ -86,40 +87,42 @@ pub struct TableError {
     pub speed_max: f64,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Design {
-    /// Candidates that were tried.
+    /// Number of candidates.
     pub tried: usize,
-    /// Those within the limits of the drive.
+    /// Number of candidates within the limits of the drive.
     pub within: usize,
-    /// The scene's own feeder with its own target; `None` where it does not run.
+    /// The scene's own feeder with its own target; `None` if it does not run.
     pub today: Option<Designed>,
-    /// The front by simulated parts, by falling speed.
+    /// Front by simulated parts, by falling speed.
     pub front: Vec<(Feeder, Conveyed)>,
-    /// Feeders of the front with their runs in the closed loop, by falling speed.
+    /// Feeders of the front with their closed-loop runs, by falling speed.
     pub best: Vec<Designed>,
     /// Deviation of the table.
     pub error: TableError,
-    /// What holds the best feeders: limits of the drive, and ends of the ranges.
+    /// Constraints that the best feeders reach: limits of the drive and ends of the ranges.
     pub held_by: Vec<String>,
 }
 
-/// Smallest share in gear that the board reports READY at (docs/theory-real-parts.md#t10.7).
-const LEAST_SHARE: f64 = 0.65;
-/// Angles of throw of feeders in degrees, for a search without a range.
+/// Smallest share in gear at which the board reports READY (docs/theory-real-parts.md#t10.7).
+const MIN_SHARE_IN_GEAR: f64 = 0.65;
+/// Default range of the angle of throw, degrees.
 const THROW_ANGLES: [f64; 2] = [20.0, 45.0];
-/// Lowest k of the table. Below it no lot has its best k.
-const LOWEST_K: f64 = 0.2;
-/// Angles of the second tone in rad, about those that are best for order 1.
+/// Smallest k of the table; no lot has its best k below.
+const MIN_TABLE_K: f64 = 0.2;
+/// Angles of the second tone in rad, about the best ones for order 1.
 const SECOND_TONE_ANGLES: [f64; 2] = [1.9, 3.1];
-/// Parts of a lot that is no single restitution.
-const PARTS: usize = 5;
+/// Unit of an upper tone.
+const OF_FIRST: &str = "of the first";
+/// Number of simulated restitutions of a lot that is an interval.
+const LOT_PARTS: usize = 5;
 
 impl Ranges {
-    /// What the drive of a scene allows: half to twice its frequency, every amplitude, its tones,
-    /// and its own incline and phase lead.
-    pub fn of(file: &SceneFile) -> Self {
+    /// Ranges by the drive of a scene: half to twice its frequency, every amplitude, its tones, and
+    /// its own incline and phase lead.
+    pub fn from_scene(file: &SceneFile) -> Self {
         let settings = &file.scene.settings;
         let [frequency, lead, incline] =
             [settings.frequency, settings.phase_lead, settings.incline].map(f64::from);
@@ -131,7 +134,7 @@ impl Ranges {
             incline: [incline; 2],
             tones: [settings.second_tone, settings.third_tone].map(f64::from),
             candidates: 1_000_000,
-            least_share: LEAST_SHARE,
+            least_share: MIN_SHARE_IN_GEAR,
             checked: 10,
             seed: file.scene.seed,
         }
@@ -148,32 +151,27 @@ impl Ranges {
             ("throw angle", self.throw_angle, [5.0, 90.0], "degrees"),
             ("phase lead", self.phase_lead, [-180.0, 180.0], "degrees"),
             ("incline", self.incline, [-60.0, 60.0], "degrees"),
-            (
-                "second and third tone",
-                self.tones,
-                [0.0, 0.5],
-                "of the first",
-            ),
+            ("second and third tone", self.tones, [0.0, 0.5], OF_FIRST),
         ];
-        for (name, [low, high], [least, most], unit) in intervals {
-            let within = |value: f64| (least..=most).contains(&value);
+        for (name, [low, high], [min, max], unit) in intervals {
+            let within = |value: f64| (min..=max).contains(&value);
             let is_ordered = low <= high || name.contains("tone");
             if !within(low) || !within(high) || !is_ordered {
                 return Err(Refusal::value(
                     name,
                     format!("{low}..{high}"),
-                    format!("{least}..{most} {unit}, the lower end first"),
+                    format!("{min}..{max} {unit}, the lower end first"),
                     format!("give a {name} in this range"),
                 ));
             }
         }
-        for (name, value, [least, most]) in [
+        for (name, value, [min, max]) in [
             ("candidates", self.candidates as f64, [1e3, 1e8]),
             ("least share", self.least_share, [0.0, 1.0]),
             ("checked", self.checked as f64, [1.0, 100.0]),
         ] {
-            if !(least..=most).contains(&value) {
-                let accepted = format!("{least}..{most}");
+            if !(min..=max).contains(&value) {
+                let accepted = format!("{min}..{max}");
                 return Err(Refusal::value(name, value, accepted, "give another number"));
             }
         }
@@ -189,32 +187,13 @@ impl Ranges {
     }
 }
 
-/// The lot of a scene: as many restitutions over its interval as are simulated.
-fn lot(settings: &Settings, scatter: f64, seed: u64) -> Lot {
-    let (low, high) = (
-        f64::from(settings.restitution_low),
-        f64::from(settings.restitution_high),
-    );
-    let last = (PARTS - 1) as f64;
-    let restitutions = if low == high {
-        vec![low]
-    } else {
-        let part = |n: usize| low + (high - low) * n as f64 / last;
-        (0..PARTS).map(part).collect()
-    };
-    Lot {
-        restitutions,
-        scatter,
-        seed,
-    }
-}
-
 impl Design {
-    /// Searches feeders with the drive of a scene.
+    /// Searches for feeders with the drive of a scene.
     ///
     /// # Errors
-    /// A `Refusal` for ranges out of range, for a scene with another order than 1, where no
-    /// candidate is within the drive's limits or has the least share, and that of `workers`.
+    /// A `Refusal` for invalid ranges, for a scene of an order other than 1, if no candidate is
+    /// feasible, and from `workers`. A feasible candidate is within the drive's limits and has the
+    /// least share.
     pub fn search(
         file: &SceneFile,
         ranges: &Ranges,
@@ -232,34 +211,37 @@ impl Design {
             ));
         }
         let settings = &file.scene.settings;
-        let lot = lot(settings, settings.scatter.into(), ranges.seed);
+        let lot = Lot {
+            restitutions: restitutions(settings.lot()?, LOT_PARTS),
+            scatter: settings.scatter.into(),
+            seed: ranges.seed,
+        };
         let today = today(file, &lot, workers)?;
         let table = Table::compute(&file.scene, &lot, axes(settings, ranges)?, workers)?;
-        let found = search::search(settings, ranges, &table, workers)?;
-        if found.front.is_empty() {
-            return Err(none_found(&found, ranges));
+        let result = search::search(settings, ranges, &table, workers)?;
+        if result.front.is_empty() {
+            return Err(refuse_empty(&result, ranges));
         }
-        let feeders: Vec<Feeder> = found.front.iter().map(|of| of.feeder).collect();
-        let simulated = simulate(file, &lot, &feeders, &[AS_IT_IS], FRONT_RUNS, workers)?;
-        let deviations = found.front.iter().zip(&simulated);
+        let feeders: Vec<Feeder> = result.front.iter().map(|best| best.feeder).collect();
+        let simulated = simulate(file, &lot, &feeders, &[NOMINAL], FRONT_RUNS, workers)?;
+        let deviations = result.front.iter().zip(&simulated);
         let error = error(
-            deviations.map(|(table, of)| [table.share - of.share, table.speed / of.speed - 1.0]),
+            deviations.map(|(table, run)| [table.share - run.share, table.speed / run.speed - 1.0]),
         );
         let front: Vec<(Feeder, Conveyed)> =
-            search::not_beaten(&simulated, |of| (of.share, of.speed))
+            search::pareto_front(&simulated, |run| (run.share, run.speed))
                 .into_iter()
                 .map(|n| (feeders[n], simulated[n]))
                 .collect();
-        let chosen: Vec<Feeder> = spread(front.len(), ranges.checked)
-            .map(|n| front[n].0)
-            .collect();
+        let chosen = spread(front.len(), ranges.checked).map(|n| front[n].0);
+        let chosen: Vec<Feeder> = chosen.collect();
         let judged = judge(file, &lot, &chosen, workers)?;
-        // Fresh runs may show that one of them is beaten.
-        let kept = search::not_beaten(&judged, |(of, _)| (of.share, of.speed));
-        let chosen: Vec<Feeder> = kept.iter().map(|n| chosen[*n]).collect();
-        let judged = kept.iter().map(|n| judged[*n]);
-        let runs = workers.map("closed loop", chosen.len(), |n, go_on| {
-            close(file, &lot, Some(&chosen[n]), go_on).map(|outcome| closed(&outcome))
+        // The new simulation may show that another feeder is better.
+        let undominated = search::pareto_front(&judged, |(run, _)| (run.share, run.speed));
+        let chosen: Vec<Feeder> = undominated.iter().map(|n| chosen[*n]).collect();
+        let judged = undominated.iter().map(|n| judged[*n]);
+        let runs = workers.map("closed loop", chosen.len(), |n, check_stop| {
+            close(file, &lot, Some(&chosen[n]), check_stop).map(|outcome| closed(&outcome))
         })?;
         let all = chosen.iter().zip(judged).zip(runs);
         let best = all.map(|((feeder, (simulated, sensitivity)), closed)| Designed {
@@ -269,8 +251,8 @@ impl Design {
             closed,
         });
         Ok(Self {
-            tried: found.tried,
-            within: found.within,
+            tried: result.tried,
+            within: result.within,
             today,
             front,
             best: best.collect(),
@@ -279,30 +261,32 @@ impl Design {
         })
     }
 
-    /// The fastest feeder in the closed loop whose simulated share is at least that of the scene's
-    /// own, less 0.01; `None` where there is none.
+    /// Fastest feeder in the closed loop with a simulated share of at least that of the scene's own
+    /// feeder, less 0.01. `None` if none has it.
     pub fn better(&self) -> Option<&Designed> {
         let share = self.today?.simulated.share - 0.01;
-        let speed = |of: &&Designed| of.closed.map_or(0.0, |closed| closed.speed);
-        let best = self.best.iter().filter(|of| of.simulated.share >= share);
+        let speed = |row: &&Designed| row.closed.map_or(0.0, |closed| closed.speed);
+        let best = self.best.iter().filter(|row| row.simulated.share >= share);
         best.max_by(|a, b| speed(a).total_cmp(&speed(b)))
     }
 }
 
-/// Up to `wanted` of `0..count`, the ends among them.
-fn spread(count: usize, wanted: usize) -> impl Iterator<Item = usize> {
-    let shown = wanted.min(count);
-    (0..shown).map(move |n| n * (count - 1) / (shown - 1).max(1))
+/// Up to `max_count` of the numbers `0..count`, including both ends.
+fn spread(count: usize, max_count: usize) -> impl Iterator<Item = usize> {
+    let points = max_count.min(count);
+    (0..points).map(move |n| n * (count - 1) / (points - 1).max(1))
 }
 
-/// The scene's own feeder: where its controller holds it, and what parts do there.
+/// The scene's own feeder at its controller's amplitude, with share and speed of parts there.
 fn today(file: &SceneFile, lot: &Lot, workers: &impl Workers) -> Result<Option<Designed>, Refusal> {
-    let outcome = workers.map("closed loop", 1, |_, go_on| close(file, lot, None, go_on))?;
-    let Some((outcome, run)) = outcome.first().and_then(|of| Some((of, closed(of)?))) else {
+    let outcome = workers.map("closed loop", 1, |_, check_stop| {
+        close(file, lot, None, check_stop)
+    })?;
+    let Some((outcome, run)) = outcome.first().and_then(|run| Some((run, closed(run)?))) else {
         return Ok(None);
     };
     let tones = outcome.last().shape.numbers();
-    let feeder = Feeder::of(&file.scene.settings, outcome.k(), tones);
+    let feeder = Feeder::from_settings(&file.scene.settings, outcome.k(), tones);
     let judged = judge(file, lot, &[feeder], workers)?;
     Ok(judged.first().map(|(simulated, sensitivity)| Designed {
         feeder,
@@ -312,45 +296,36 @@ fn today(file: &SceneFile, lot: &Lot, workers: &impl Workers) -> Result<Option<D
     }))
 }
 
-/// A quantity of a feeder: its name, its range, its value, its unit.
+/// A coordinate of a feeder: name, range, value, unit.
 type Coordinate = (&'static str, [f64; 2], fn(&Feeder) -> f64, &'static str);
 
 /// Limits of the drive and ends of the ranges that more than half of the feeders reach.
 fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<String> {
-    let most = |reached: &dyn Fn(&Feeder) -> bool| {
-        2 * feeders.iter().filter(|of| reached(of)).count() > feeders.len()
+    let majority = |reached: &dyn Fn(&Feeder) -> bool| {
+        2 * feeders.iter().filter(|f| reached(f)).count() > feeders.len()
     };
     let limits = ["stroke", "acceleration", "force"].into_iter();
     let mut all: Vec<String> = limits
-        .filter(|name| most(&|of| feeder::limit_reached(settings, of) == Some(name)))
+        .filter(|name| majority(&|f| feeder::limit_reached(settings, f) == Some(name)))
         .map(|name| format!("the drive's {name}"))
         .collect();
+    let [second, _] = ranges.tones;
     let coordinates: [Coordinate; 5] = [
-        ("frequency", ranges.frequency, |of| of.frequency, "Hz"),
+        ("frequency", ranges.frequency, |f| f.frequency, "Hz"),
         (
             "angle of throw",
             ranges.throw_angle,
-            |of| of.throw_angle,
+            |f| f.throw_angle,
             "degrees",
         ),
-        (
-            "phase lead",
-            ranges.phase_lead,
-            |of| of.phase_lead,
-            "degrees",
-        ),
-        ("incline", ranges.incline, |of| of.incline, "degrees"),
-        (
-            "second tone",
-            [0.0, ranges.tones[0]],
-            |of| of.tones[0][0],
-            "of the first",
-        ),
+        ("phase lead", ranges.phase_lead, |f| f.phase_lead, "degrees"),
+        ("incline", ranges.incline, |f| f.incline, "degrees"),
+        ("second tone", [0.0, second], |f| f.tones[0][0], OF_FIRST),
     ];
-    for (name, [low, high], of, unit) in coordinates {
+    for (name, [low, high], value, unit) in coordinates {
         for (end, other) in [(low, high), (high, low)] {
-            let near = |feeder: &Feeder| (of(feeder) - end).abs() <= 0.02 * (high - low);
-            if end != other && most(&near) {
+            let near = |feeder: &Feeder| (value(feeder) - end).abs() <= 0.02 * (high - low);
+            if end != other && majority(&near) {
                 all.push(format!("{name} {end} {unit}"));
             }
         }
@@ -358,11 +333,11 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
     all
 }
 
-/// The axes of the table for these ranges. With restitution along the track the speed is linear in
-/// eta; with friction it is not.
+/// Axes of the table for these ranges. With tangential restitution the speed is linear in eta; with
+/// friction it is not.
 fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
-    let born = band::birth(f64::from(settings.restitution_high).min(0.99), 1)?;
-    let highest = (1.02 * born).min(0.98);
+    let birth = band::birth(f64::from(settings.restitution_high).min(0.99), 1)?;
+    let highest = (1.02 * birth).min(0.98);
     let ratio = |angle: f64| angle.to_radians().tan().recip().max(0.0);
     let [shallow, steep] = ranges.throw_angle;
     let [second, third] = ranges.tones;
@@ -372,7 +347,7 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
         [0.0; 2]
     };
     Ok([
-        Axis::new([LOWEST_K, highest], if second > 0.0 { 31 } else { 41 }),
+        Axis::new([MIN_TABLE_K, highest], if second > 0.0 { 31 } else { 41 }),
         Axis::new([0.0, second], 5),
         Axis::new(angles, 5),
         Axis::new([0.0, third], 3),
@@ -382,20 +357,18 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
     ])
 }
 
-fn none_found(found: &search::Found, ranges: &Ranges) -> Refusal {
-    if found.within == 0 {
+fn refuse_empty(result: &search::SearchResult, ranges: &Ranges) -> Refusal {
+    if result.within == 0 {
+        let tried = result.tried;
         return Refusal::new(
-            format!(
-                "none of {} feeders of these ranges is within the limits of the drive",
-                found.tried
-            ),
+            format!("none of {tried} feeders of these ranges is within the limits of the drive"),
             "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit in [drive]",
         );
     }
     Refusal::new(
         format!(
             "none of {} feeders within the limits of the drive has a share in gear of {}",
-            found.within, ranges.least_share
+            result.within, ranges.least_share
         ),
         "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share",
     )
@@ -420,29 +393,17 @@ mod tests {
     use super::*;
     use crate::scene::DEFAULT;
 
-    /// Works on so many threads in turn of the numbers.
-    struct Threads(usize);
+    /// Executes the tasks one after another.
+    struct InOrder;
 
-    impl Workers for Threads {
+    impl Workers for InOrder {
         fn map<T: Send + Sync>(
             &self,
             _: &str,
             count: usize,
-            work: impl Fn(usize, Ask<'_>) -> Result<T, Refusal> + Sync + Send,
+            work: impl Fn(usize, CheckStop<'_>) -> Result<T, Refusal> + Sync + Send,
         ) -> Result<Vec<T>, Refusal> {
-            let mut all: Vec<Option<Result<T, Refusal>>> = (0..count).map(|_| None).collect();
-            let together = count.div_ceil(self.0).max(1);
-            std::thread::scope(|scope| {
-                for (chunk, places) in all.chunks_mut(together).enumerate() {
-                    let work = &work;
-                    scope.spawn(move || {
-                        for (n, place) in places.iter_mut().enumerate() {
-                            *place = Some(work(chunk * together + n, &|| Ok(())));
-                        }
-                    });
-                }
-            });
-            all.into_iter().flatten().collect()
+            (0..count).map(|n| work(n, &|| Ok(()))).collect()
         }
     }
 
@@ -456,74 +417,65 @@ mod tests {
         let ranges = Ranges {
             candidates: 20_000,
             checked: 3,
-            ..Ranges::of(&file)
+            ..Ranges::from_scene(&file)
         };
-        let found = Design::search(&file, &ranges, &Threads(3)).unwrap();
-        assert_eq!(found, Design::search(&file, &ranges, &Threads(1)).unwrap());
-        assert!(
-            found.within > 1000 && found.within < found.tried,
-            "{found:?}"
-        );
-        let pairs = found.front.windows(2);
+        let result = Design::search(&file, &ranges, &InOrder).unwrap();
+        assert!((1001..result.tried).contains(&result.within), "{result:?}");
+        let pairs = result.front.windows(2);
         for (above, below) in pairs.map(|pair| (pair[0].1, pair[1].1)) {
             assert!(above.speed > below.speed && above.share < below.share);
         }
-        assert!((1..=3).contains(&found.best.len()), "{found:?}");
-        for best in &found.best {
+        assert!((1..=3).contains(&result.best.len()), "{result:?}");
+        for best in &result.best {
             let closed = best.closed.unwrap();
             let simulated = best.simulated;
             assert!((closed.share - simulated.share).abs() < 0.06, "{best:?}");
-            assert!(
-                (closed.speed / simulated.speed - 1.0).abs() < 0.06,
-                "{best:?}"
-            );
-            // Its amplitude is one that the drive makes.
+            let deviation = (closed.speed / simulated.speed - 1.0).abs();
+            assert!(deviation < 0.06, "{best:?}");
+            // The drive reaches the amplitude.
             let settings = feeder::settings_of(&file.scene.settings, &best.feeder);
             assert!(best.feeder.amplitude(9.80665) <= f64::from(settings.amplitude_limit));
         }
         // A stroke of 1 mm allows about half the frequency, at which parts move twice as far.
-        let (today, better) = (found.today.unwrap(), found.better().unwrap());
+        let (today, better) = (result.today.unwrap(), result.better().unwrap());
         let gain = better.closed.unwrap().speed / today.closed.unwrap().speed;
         assert!((1.4..3.0).contains(&gain), "{gain} {better:?}");
         assert!(better.feeder.frequency < 40.0, "{better:?}");
-        let held = found.held_by.join(", ");
-        assert!(
-            held.contains("stroke") && held.contains("throw 20"),
-            "{held}"
-        );
+        let held = result.held_by.join(", ");
+        for expected in ["stroke", "throw 20"] {
+            assert!(held.contains(expected), "{held}");
+        }
     }
 
     #[test]
     fn ranges_and_orders_out_of_range_are_refused() {
         let file = default_scene();
-        let of = Ranges::of(&file);
+        let base = Ranges::from_scene(&file);
         type Change = fn(&mut Ranges);
         let cases: [(Change, &str); 8] = [
-            (|of| of.frequency = [60.0, 50.0], "5..500"),
-            (|of| of.throw_angle = [0.0, 30.0], "5..90"),
-            (|of| of.incline = [f64::NAN; 2], "-60..60"),
-            (|of| of.tones = [0.0, 0.1], "0 without"),
-            (|of| of.candidates = 10, "1000.."),
-            (|of| of.least_share = 1.5, "0..1"),
-            // At 500 Hz no k below 1 is within 120 m/s^2 and beyond 10 mm.
-            (|of| of.amplitude = [10.0, 20.0], "limits of the drive"),
-            (|of| of.least_share = 1.0, "share in gear of 1"),
+            (|ranges| ranges.frequency = [60.0, 50.0], "5..500"),
+            (|ranges| ranges.throw_angle = [0.0, 30.0], "5..90"),
+            (|ranges| ranges.incline = [f64::NAN; 2], "-60..60"),
+            (|ranges| ranges.tones = [0.0, 0.1], "0 without"),
+            (|ranges| ranges.candidates = 10, "1000.."),
+            (|ranges| ranges.least_share = 1.5, "0..1"),
+            // 10 mm exceed the stroke, and from 25 Hz on also 120 m/s^2.
+            (|ranges| ranges.amplitude = [10.0, 20.0], "of the drive"),
+            (|ranges| ranges.least_share = 1.0, "share in gear of 1"),
         ];
         for (change, expected) in cases {
             let mut ranges = Ranges {
                 candidates: 1000,
-                ..of
+                ..base
             };
             change(&mut ranges);
-            let refused = Design::search(&file, &ranges, &Threads(2)).unwrap_err();
+            let refused = Design::search(&file, &ranges, &InOrder).unwrap_err();
             assert!(refused.to_string().contains(expected), "{refused}");
         }
         let second = DEFAULT.replace("gear = 1 ", "gear = 2 ");
         let second = SceneFile::parse(&second).unwrap();
-        let refused = Design::search(&second, &Ranges::of(&second), &Threads(1)).unwrap_err();
-        assert!(
-            refused.to_string().contains("order of the target"),
-            "{refused}"
-        );
+        let refused = Design::search(&second, &Ranges::from_scene(&second), &InOrder);
+        let refused = refused.unwrap_err().to_string();
+        assert!(refused.contains("order of the target"), "{refused}");
     }
 }

@@ -1,4 +1,4 @@
-//! The front of the candidates: no other one has both more parts a minute and a larger share.
+//! Pareto front of the candidates by parts a minute and share in gear.
 
 use kband::arithmetic::Noise;
 use kband_control::Settings;
@@ -8,14 +8,13 @@ use super::table::{THIRD_TONE_ANGLE, Table};
 use super::{Ranges, Workers};
 use crate::refusal::Refusal;
 
-/// A candidate with what the table says of it.
+/// A candidate with share and speed by the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub feeder: Feeder,
     pub share: f64,
-    /// Speed in mm/s.
     pub speed: f64,
-    /// Place in the box of the ranges, 0..1 by coordinate.
+    /// Coordinates within the ranges, each 0..1.
     place: [f64; COORDINATES],
 }
 
@@ -27,11 +26,11 @@ const TASK: usize = 8192;
 /// Amplitude over the first below which a second tone counts as absent.
 const MIN_TONE: f64 = 0.01;
 
-/// Steps of the share within which one candidate of the front is kept.
+/// Step of the share; the front has at most one candidate in each.
 const STEP: f64 = 0.002;
 
-/// Rounds of the search: the share of the candidates, and how far from the front so far they are
-/// drawn, over the range of a coordinate. The first round draws from the whole box.
+/// Rounds of the search: share of the candidates, and their largest distance from the present
+/// front, over the range of a coordinate. The first round draws from all ranges.
 const ROUNDS: [(f64, f64); 5] = [
     (0.5, 0.0),
     (0.15, 0.2),
@@ -40,8 +39,8 @@ const ROUNDS: [(f64, f64); 5] = [
     (0.1, 0.02),
 ];
 
-/// Candidates that were tried, those within the drive's limits, and the front by falling speed.
-pub(super) struct Found {
+/// Number of candidates, number within the drive's limits, and front by falling speed.
+pub(super) struct SearchResult {
     pub tried: usize,
     pub within: usize,
     pub front: Vec<Candidate>,
@@ -52,20 +51,20 @@ pub(super) fn search(
     ranges: &Ranges,
     table: &Table,
     workers: &impl Workers,
-) -> Result<Found, Refusal> {
-    let mut found = Found {
+) -> Result<SearchResult, Refusal> {
+    let mut result = SearchResult {
         tried: 0,
         within: 0,
         front: Vec::new(),
     };
     for (round, (part, width)) in ROUNDS.into_iter().enumerate() {
         let count = (ranges.candidates as f64 * part).round() as usize;
-        let before = &found.front;
+        let before = &result.front;
         if round > 0 && before.is_empty() {
             break;
         }
-        let tasks = workers.map("candidates", count.div_ceil(TASK), |task, go_on| {
-            go_on()?;
+        let tasks = workers.map("candidates", count.div_ceil(TASK), |task, check_stop| {
+            check_stop()?;
             let seed = ranges.seed.rotate_left(32) ^ (round as u64) << 48 ^ task as u64;
             let mut noise = Noise::new(seed);
             let mut uniform = || f64::from(noise.bits()) / 4_294_967_296.0;
@@ -82,22 +81,22 @@ pub(super) fn search(
                 });
                 let candidate = candidate(base, ranges, table, place);
                 within += usize::from(candidate.is_some());
-                candidates.extend(candidate.filter(|of| of.share >= ranges.least_share));
+                candidates.extend(candidate.filter(|new| new.share >= ranges.least_share));
             }
             Ok((within, front(candidates)))
         })?;
-        found.tried += count;
-        let mut all = std::mem::take(&mut found.front);
+        result.tried += count;
+        let mut all = std::mem::take(&mut result.front);
         for (within, candidates) in tasks {
-            found.within += within;
+            result.within += within;
             all.extend(candidates);
         }
-        found.front = front(all);
+        result.front = front(all);
     }
-    Ok(found)
+    Ok(result)
 }
 
-/// The candidate at a place of the box; none beyond the limits of the drive.
+/// The candidate at these coordinates; `None` beyond the limits of the drive.
 fn candidate(
     base: &Settings,
     ranges: &Ranges,
@@ -105,12 +104,13 @@ fn candidate(
     place: [f64; COORDINATES],
 ) -> Option<Candidate> {
     let [k, e, th, e3, ..] = table.axes;
-    let mut rest = place.into_iter();
-    let mut of = |[low, high]: [f64; 2]| low + (high - low) * rest.next().unwrap_or(0.0);
-    let (frequency, throw_angle) = (of(ranges.frequency), of(ranges.throw_angle));
-    let (phase_lead, incline) = (of(ranges.phase_lead), of(ranges.incline));
-    let [k, mut e, th, mut e3] = [k, e, th, e3].map(|axis| of([axis.low, axis.high]));
-    // There is no third tone without a second.
+    let mut coordinates = place.into_iter();
+    let mut next_in =
+        |[low, high]: [f64; 2]| low + (high - low) * coordinates.next().unwrap_or(0.0);
+    let (frequency, throw_angle) = (next_in(ranges.frequency), next_in(ranges.throw_angle));
+    let (phase_lead, incline) = (next_in(ranges.phase_lead), next_in(ranges.incline));
+    let [k, mut e, th, mut e3] = [k, e, th, e3].map(|axis| next_in([axis.low, axis.high]));
+    // A third tone requires a second one.
     if e < MIN_TONE {
         (e, e3) = (0.0, 0.0);
     }
@@ -139,7 +139,7 @@ fn candidate(
     })
 }
 
-/// The best of every step of the share, without those that another one beats in both.
+/// The fastest candidate in every step of the share, without those that another exceeds in both.
 fn front(candidates: Vec<Candidate>) -> Vec<Candidate> {
     let mut best: Vec<Option<Candidate>> = vec![None; (1.0 / STEP) as usize + 2];
     for candidate in candidates {
@@ -149,12 +149,13 @@ fn front(candidates: Vec<Candidate>) -> Vec<Candidate> {
         }
     }
     let best: Vec<Candidate> = best.into_iter().flatten().collect();
-    let front = not_beaten(&best, |of| (of.share, of.speed));
+    let front = pareto_front(&best, |best| (best.share, best.speed));
     front.into_iter().map(|n| best[n]).collect()
 }
 
-/// Those that no other one equals or exceeds in both numbers, by falling second number.
-pub(super) fn not_beaten<T>(all: &[T], numbers: impl Fn(&T) -> (f64, f64)) -> Vec<usize> {
+/// Indices of the pairs that no other pair equals or exceeds in both numbers, by falling second
+/// number.
+pub(super) fn pareto_front<T>(all: &[T], numbers: impl Fn(&T) -> (f64, f64)) -> Vec<usize> {
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|a, b| {
         let ((share, speed), (other, faster)) = (numbers(&all[*a]), numbers(&all[*b]));

@@ -1,4 +1,4 @@
-//! Share in gear and conveying speed on a grid, and between its nodes.
+//! Table of share in gear and conveying speed on a grid, with interpolation.
 //!
 //! The share depends on k and the tones, for one lot. The speed in `b w` also depends on eta,
 //! the phase lead and the incline. Each node is simulated once for all of these.
@@ -21,7 +21,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// `count` values, or one where the ends are the same.
+    /// `count` values, or one if the ends are equal.
     pub fn new([low, high]: [f64; 2], count: usize) -> Self {
         let count = if low < high { count } else { 1 };
         Self { low, high, count }
@@ -31,21 +31,21 @@ impl Axis {
         self.low + (self.high - self.low) * n as f64 / (self.count.max(2) - 1) as f64
     }
 
-    /// The node below a value, and the part of the way to the next one; beyond the ends the end.
+    /// The node below a value, and the fraction of the distance to the next; beyond the ends, the
+    /// end.
     fn place(&self, value: f64) -> (usize, f64) {
         if self.count < 2 {
             return (0, 0.0);
         }
         let steps = (self.count - 1) as f64;
-        let way = ((value - self.low) / (self.high - self.low) * steps).clamp(0.0, steps);
-        let node = (way as usize).min(self.count - 2);
-        (node, way - node as f64)
+        let position = ((value - self.low) / (self.high - self.low) * steps).clamp(0.0, steps);
+        let node = (position as usize).min(self.count - 2);
+        (node, position - node as f64)
     }
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Lot {
-    /// Mean restitution of each part.
     pub restitutions: Vec<f64>,
     /// Standard deviation from impact to impact.
     pub scatter: f64,
@@ -56,8 +56,8 @@ pub(super) struct Lot {
 pub(super) const PERIODS: f64 = 250.0;
 
 impl Lot {
-    /// Runs of one part in the numbers `runs`, each with a seed of its own: points are compared
-    /// under the same draws.
+    /// Random restitutions of one part in the runs `runs`, each with its own seed. All points have
+    /// the same draws, to compare them.
     pub fn draws(
         &self,
         part: usize,
@@ -76,13 +76,13 @@ impl Lot {
 /// Axes of the table: k, e, th, e3; eta, phase lead in degrees, tangent of the incline.
 pub(super) type Axes = [Axis; 7];
 /// Axes on which the share depends.
-const SHARED: usize = 4;
+const SHARE_AXES: usize = 4;
 
-/// Runs of each part at a node; fewer where many laws are followed.
+/// Runs of each part at a node; fewer for many laws of motion along the track.
 const RUNS: [u64; 2] = [12, 4];
 const MANY_LAWS: usize = 10;
 
-/// The angle of the third tone in rad, at which a random search found its best
+/// Angle of the third tone in rad, the best one of a random search
 /// (docs/theory-real-parts.md#t10.3).
 pub(super) const THIRD_TONE_ANGLE: f64 = 5.3;
 
@@ -102,10 +102,10 @@ impl Table {
     ) -> Result<Self, Refusal> {
         let [k, e, th, e3, ..] = axes;
         let counts = axes.map(|axis| axis.count);
-        let of_share: usize = counts[..SHARED].iter().product();
-        let of_speed: usize = counts[SHARED..].iter().product();
+        let of_share: usize = counts[..SHARE_AXES].iter().product();
+        let of_speed: usize = counts[SHARE_AXES..].iter().product();
         let runs = RUNS[usize::from(of_speed > MANY_LAWS)];
-        let nodes = workers.map("table", of_share, |n, go_on| {
+        let nodes = workers.map("table", of_share, |n, check_stop| {
             let mut rest = n;
             let mut next = |axis: &Axis| {
                 let value = axis.value(rest % axis.count);
@@ -122,7 +122,7 @@ impl Table {
             let (mut share, mut speeds) = (0.0, vec![0.0; laws.len()]);
             let weight = 1.0 / (lot.restitutions.len() as f64 * runs as f64);
             for part in 0..lot.restitutions.len() {
-                go_on()?;
+                check_stop()?;
                 let draws = lot.draws(part, 0..runs, 0.0)?;
                 convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, of_run, ways| {
                     share += weight * of_run.share();
@@ -140,9 +140,8 @@ impl Table {
         };
         for (share, speeds) in nodes {
             table.shares.push(share);
-            table
-                .speeds
-                .extend(speeds.iter().map(|speed| *speed as f32));
+            let speeds = speeds.iter().map(|speed| *speed as f32);
+            table.speeds.extend(speeds);
         }
         Ok(table)
     }
@@ -165,7 +164,7 @@ impl Table {
                 }
                 used *= 2;
             }
-            if n + 1 == SHARED {
+            if n + 1 == SHARE_AXES {
                 let parts = corners[..used].iter();
                 shared = parts
                     .map(|(index, weight)| weight * f64::from(self.shares[*index]))
@@ -178,7 +177,7 @@ impl Table {
     }
 }
 
-/// The laws of every node of the last axes.
+/// Laws of motion at every node of the last axes.
 fn laws(
     scene: &Scene,
     axes: &Axes,
@@ -206,7 +205,7 @@ fn laws(
 mod tests {
     use super::*;
 
-    /// Multilinear interpolation reproduces a multilinear function, and holds it beyond the ends.
+    /// Multilinear interpolation reproduces a multilinear function and is constant beyond the ends.
     #[test]
     fn a_multilinear_function_is_reproduced() {
         let axes = [
@@ -234,7 +233,7 @@ mod tests {
                 *value = axis.value(rest % axis.count);
                 rest /= axis.count;
             }
-            if n % counts[SHARED..].iter().product::<usize>() == 0 {
+            if n % counts[SHARE_AXES..].iter().product::<usize>() == 0 {
                 table.shares.push(share(&point) as f32);
             }
             table.speeds.push(speed(&point) as f32);

@@ -1,4 +1,4 @@
-//! What a feeder does: by simulated parts on its map, and in the closed loop.
+//! Evaluation of a feeder: by simulated parts on the map, and in the closed loop.
 
 use kband::feeder::OutOfRange;
 use kband::transport::convey_from_rest;
@@ -33,12 +33,12 @@ pub struct Sensitivity {
     pub restitution: [f64; 2],
 }
 
-/// Runs of each part: of the whole front, and of the feeders that are shown. None is a run of the
-/// table, whose best nodes are too good.
+/// Numbers of the runs of each part, for the whole front and for the shown feeders. They differ
+/// from those of the table, because selection biases the table's best nodes upwards.
 pub(super) const FRONT_RUNS: std::ops::Range<u64> = 1000..1032;
 const VERDICT_RUNS: std::ops::Range<u64> = 2000..2064;
 
-/// A feeder that differs a little: b and frequency by a factor, restitution by a shift.
+/// A small change of a feeder: factors of b and of frequency, and a shift of restitution.
 #[derive(Clone, Copy)]
 pub(super) struct Variation {
     amplitude: f64,
@@ -46,18 +46,18 @@ pub(super) struct Variation {
     restitution: f64,
 }
 
-pub(super) const AS_IT_IS: Variation = Variation {
+pub(super) const NOMINAL: Variation = Variation {
     amplitude: 1.0,
     frequency: 1.0,
     restitution: 0.0,
 };
 
-/// Relative step of a derivative by b and by frequency, and step of one by restitution.
+/// Relative step of the derivatives by b and frequency, and step by restitution.
 const RELATIVE_STEP: f64 = 0.02;
 const RESTITUTION_STEP: f64 = 0.01;
 
 fn variations() -> [Variation; 7] {
-    let mut all = [AS_IT_IS; 7];
+    let mut all = [NOMINAL; 7];
     for (n, sign) in [-1.0, 1.0].into_iter().enumerate() {
         all[1 + n].amplitude += sign * RELATIVE_STEP;
         all[3 + n].frequency += sign * RELATIVE_STEP;
@@ -67,7 +67,7 @@ fn variations() -> [Variation; 7] {
 }
 
 impl Variation {
-    fn of(&self, feeder: &Feeder) -> Feeder {
+    fn apply(&self, feeder: &Feeder) -> Feeder {
         Feeder {
             frequency: feeder.frequency * self.frequency,
             k: feeder.k / (self.amplitude * self.frequency * self.frequency),
@@ -112,34 +112,27 @@ pub(super) fn simulate(
     let all = workers.map(
         "front",
         feeders.len() * variations.len() * parts,
-        |n, go_on| {
-            go_on()?;
+        |n, check_stop| {
+            check_stop()?;
             let (point, number) = (n / parts, n % parts);
             let variation = variations[point % variations.len()];
-            let feeder = variation.of(&feeders[point / variations.len()]);
-            let runs = runs.clone();
-            Ok(part(
-                file,
-                lot,
-                &feeder,
-                number,
-                runs,
-                variation.restitution,
-            )?)
+            let feeder = variation.apply(&feeders[point / variations.len()]);
+            let (runs, shift) = (runs.clone(), variation.restitution);
+            Ok(part(file, lot, &feeder, number, runs, shift)?)
         },
     )?;
     let mean = |parts: &[Conveyed]| {
         let weight = 1.0 / parts.len() as f64;
-        parts.iter().fold(Conveyed::default(), |sum, of| Conveyed {
-            share: sum.share + weight * of.share,
-            speed: sum.speed + weight * of.speed,
+        parts.iter().fold(Conveyed::default(), |sum, run| Conveyed {
+            share: sum.share + weight * run.share,
+            speed: sum.speed + weight * run.speed,
         })
     };
     Ok(all.chunks(parts).map(mean).collect())
 }
 
-/// Share and speed of each feeder, and their derivatives, by central differences under the same
-/// draws.
+/// Share and speed of each feeder, and their derivatives: central differences with common random
+/// numbers.
 pub(super) fn judge(
     file: &SceneFile,
     lot: &Lot,
@@ -148,9 +141,9 @@ pub(super) fn judge(
 ) -> Result<Vec<(Conveyed, Sensitivity)>, Refusal> {
     let variations = variations();
     let all = simulate(file, lot, feeders, &variations, VERDICT_RUNS, workers)?;
-    let judged = all.chunks(variations.len()).map(|of| {
+    let judged = all.chunks(variations.len()).map(|points| {
         let by = |n: usize, steps: f64| {
-            let (less, more) = (of[n], of[n + 1]);
+            let (less, more) = (points[n], points[n + 1]);
             [
                 (more.speed / less.speed).ln() / (2.0 * steps),
                 (more.share - less.share) / (2.0 * steps),
@@ -162,21 +155,21 @@ pub(super) fn judge(
             frequency: by(3, percent),
             restitution: by(5, 1.0),
         };
-        (of[0], sensitivity)
+        (points[0], sensitivity)
     });
     Ok(judged.collect())
 }
 
-/// Duration of a run in the closed loop in s; from 5 s on it counts.
+/// Duration of a closed-loop run, s; the statistics begin at 5 s.
 const DURATION: f64 = 30.0;
 
-/// The run of a feeder in the closed loop with the parts of the lot; of the scene's own feeder with
-/// its own target where none is given.
+/// Closed-loop run of a feeder with the parts of the lot. Without `feeder` it is the scene's own,
+/// with its own target.
 pub(super) fn close(
     file: &SceneFile,
     lot: &Lot,
     feeder: Option<&Feeder>,
-    go_on: &dyn Fn() -> Result<(), Refusal>,
+    check_stop: &dyn Fn() -> Result<(), Refusal>,
 ) -> Result<Outcome, Refusal> {
     let mut run = file.clone();
     if let Some(feeder) = feeder {
@@ -190,10 +183,12 @@ pub(super) fn close(
     scene.waiting = 0;
     scene.disturbances.clear();
     (run.duration, run.distribution, run.expectation) = (DURATION, None, None);
-    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut |_| go_on())
+    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut |_| {
+        check_stop()
+    })
 }
 
-/// Share and speed of a run; none where the drive did not run.
+/// Share and speed of a run; `None` if the drive did not run.
 pub(super) fn closed(outcome: &Outcome) -> Option<Conveyed> {
     let (share, speed) = (outcome.in_gear()?, outcome.record().speed()?);
     outcome.k().is_finite().then_some(Conveyed {

@@ -7,29 +7,29 @@ use kband::regime::classify::Regime;
 use kband::regime::gear;
 
 use super::Endings;
-use super::memory::{MEMORY, Memory};
+use super::memory::{JUDGED_IMPACTS, Memory};
 
 /// Distance in rad and `b w` from an attracting period-1 orbit at which it captures an orbit.
-const AT_THE_LOCK: f64 = 1e-5;
+const LOCK_TOLERANCE: f64 = 1e-5;
 
-/// Number of impacts after which an open orbit is judged by its last ones, repeatedly.
-const JUDGED_AFTER_IMPACTS: usize = 6000;
+/// Number of impacts between two judgements of an open orbit by its last impacts.
+const JUDGEMENT_INTERVAL: usize = 6000;
 
-/// An orbit without a final regime yet; the fields for every impact come first and together.
+/// An orbit without a final regime yet. Fields used at every impact come first, for the cache.
 pub(super) struct Followed {
     count: usize,
     /// Number of impacts before the next detailed check.
-    look_next: usize,
+    check_next: usize,
     /// Time in rad since the first launch.
     time: f64,
-    kept: Kept,
-    keep_next: usize,
+    saved: SavedState,
+    save_next: usize,
     /// Number of impacts before the next judgement by the last ones.
-    weigh_next: usize,
-    /// Number of impacts after which it is given up.
+    judge_next: usize,
+    /// Number of impacts after which the orbit is undecided.
     limit: usize,
-    row: Row,
-    /// The last impacts, recorded shortly before a judgement.
+    gear_run: GearRun,
+    /// The last impacts, recorded only before a judgement.
     memory: Memory,
 }
 
@@ -37,13 +37,13 @@ impl Followed {
     pub(super) fn new(limit: usize) -> Self {
         Self {
             count: 0,
-            look_next: 1,
+            check_next: 1,
             time: 0.0,
-            kept: Kept::NONE,
-            keep_next: 16,
-            weigh_next: JUDGED_AFTER_IMPACTS.min(limit),
+            saved: SavedState::NONE,
+            save_next: 16,
+            judge_next: JUDGEMENT_INTERVAL.min(limit),
             limit,
-            row: Row::default(),
+            gear_run: GearRun::default(),
             memory: Memory::default(),
         }
     }
@@ -53,105 +53,103 @@ impl Followed {
         self.time
     }
 
-    /// Takes the next impact and returns the state of the decision.
+    /// Adds the next impact; returns the state of the decision.
     #[inline]
-    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
+    pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Verdict {
         self.count += 1;
         self.time += impact.flight;
         if let Some(lock) = endings.lock_after(impact.flight)
-            && (impact.next.velocity - lock.state().velocity).abs() < AT_THE_LOCK
-            && lock.distance(impact.next) < AT_THE_LOCK
+            && (impact.next.velocity - lock.state().velocity).abs() < LOCK_TOLERANCE
+            && lock.distance(impact.next) < LOCK_TOLERANCE
         {
-            return Said::Ends(Regime::Locked {
+            return Verdict::Ends(Regime::Locked {
                 order: lock.order(),
             });
         }
         if endings.comes_to_rest(impact.next) {
-            return Said::Rests;
+            return Verdict::Rests;
         }
-        if let Some((impacts, time)) = self.kept.returned(impact.next, self.count, self.time) {
-            return Said::Ends(named(impacts as u32, (time / TAU).round() as u32));
+        if let Some((impacts, time)) = self.saved.returned(impact.next, self.count, self.time) {
+            return Verdict::Ends(periodic(impacts as u32, (time / TAU).round() as u32));
         }
-        if self.count < self.look_next {
-            return Said::GoesOn;
+        if self.count < self.check_next {
+            return Verdict::Continues;
         }
-        self.look(endings, impact)
+        self.check(endings, impact)
     }
 
-    /// The detailed check, at some impacts only.
+    /// The detailed check, which only some impacts need.
     #[inline(never)]
-    fn look(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Said {
-        if self.count + 2 * MEMORY > self.weigh_next {
-            self.row.take(impact.flight);
+    fn check(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Verdict {
+        if self.count + 2 * JUDGED_IMPACTS > self.judge_next {
+            self.gear_run.take(impact.flight);
         }
-        if self.count + MEMORY > self.weigh_next {
+        if self.count + JUDGED_IMPACTS > self.judge_next {
             self.memory.take(impact.flight);
         }
-        if self.count == self.keep_next {
-            self.kept = Kept {
+        if self.count == self.save_next {
+            self.saved = SavedState {
                 state: impact.next,
                 count: self.count,
                 time: self.time,
-                ..Kept::NONE
+                ..SavedState::NONE
             };
-            self.keep_next *= 2;
+            self.save_next *= 2;
         }
-        let said = if self.count == self.weigh_next {
-            self.weighed(endings)
+        let verdict = if self.count == self.judge_next {
+            self.judge(endings)
         } else {
-            Said::GoesOn
+            Verdict::Continues
         };
-        let row_begins = (self.weigh_next + 1).saturating_sub(2 * MEMORY);
-        self.look_next = self.keep_next.min(row_begins.max(self.count + 1));
-        said
+        let gear_run_start = (self.judge_next + 1).saturating_sub(2 * JUDGED_IMPACTS);
+        self.check_next = self.save_next.min(gear_run_start.max(self.count + 1));
+        verdict
     }
 
     /// Judgement by the last impacts.
     ///
-    /// Without repeats it is chaos if flights in its gear are proven to stay there. Otherwise it
-    /// may still rest, and stays undecided.
-    pub(super) fn weighed(&mut self, endings: &Endings) -> Said {
+    /// Without repeats it is chaos if flights are proven to stay in its gear. Otherwise it may
+    /// still come to rest, and is undecided.
+    pub(super) fn judge(&mut self, endings: &Endings) -> Verdict {
         let end = match self.memory.verdict() {
-            Regime::Chaotic if self.row.count < MEMORY => Regime::Undecided,
-            Regime::Chaotic => match endings.held(self.row.order) {
+            Regime::Chaotic if self.gear_run.count < JUDGED_IMPACTS => Regime::Undecided,
+            Regime::Chaotic => match endings.known_to_stay(self.gear_run.order) {
                 Some(true) => Regime::Chaotic,
                 Some(false) => Regime::Undecided,
-                None => return Said::Asks(self.row.order),
+                None => return Verdict::NeedsGear(self.gear_run.order),
             },
             other => other,
         };
         if end != Regime::Undecided || self.count >= self.limit {
-            return Said::Ends(end);
+            return Verdict::Ends(end);
         }
-        self.weigh_next = (self.count + JUDGED_AFTER_IMPACTS).min(self.limit);
-        self.look_next = self.count + 1;
+        self.judge_next = (self.count + JUDGEMENT_INTERVAL).min(self.limit);
+        self.check_next = self.count + 1;
         self.memory = Memory::default();
-        Said::GoesOn
+        Verdict::Continues
     }
 }
 
 /// State of the decision on an orbit's regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Said {
-    /// Undecided.
-    GoesOn,
+pub(super) enum Verdict {
+    Continues,
     /// The orbit rests before the part is thrown again.
     Rests,
-    /// It depends on whether flights stay in the gear of this order; then it is judged again.
-    Asks(u32),
-    /// Decided.
+    /// Depends on whether flights stay in gear of this order; the orbit is then judged again.
+    NeedsGear(u32),
     Ends(Regime),
 }
 
 /// Consecutive flights in gear of one order.
 #[derive(Clone, Copy, Debug, Default)]
-struct Row {
+struct GearRun {
     order: u32,
     period: f64,
     count: usize,
 }
 
-impl Row {
+impl GearRun {
     #[inline]
     fn take(&mut self, flight: f64) {
         if gear::is_in_gear(flight, self.period) {
@@ -165,8 +163,8 @@ impl Row {
     }
 }
 
-/// Name of a cycle with these numbers of impacts and drive cycles.
-fn named(impacts: u32, cycles: u32) -> Regime {
+/// Regime that repeats after these numbers of impacts and drive cycles.
+fn periodic(impacts: u32, cycles: u32) -> Regime {
     if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
         let order = cycles / impacts;
         match impacts.trailing_zeros() {
@@ -178,23 +176,21 @@ fn named(impacts: u32, cycles: u32) -> Regime {
     }
 }
 
-/// A kept state, to detect the orbit's return (Brent's cycle detection, 1980).
+/// A stored state, to detect the orbit's return (Brent's cycle detection, 1980).
 ///
-/// It is replaced when the number of impacts is a power of two, so it leaves the transient behind.
+/// It is replaced at powers of two of the number of impacts, and so leaves the transient behind.
 #[derive(Clone, Copy, Debug)]
-struct Kept {
+struct SavedState {
     state: PartState,
-    /// Number of impacts up to it.
     count: usize,
-    /// Time up to it, in rad.
     time: f64,
     /// Impacts and time of the first return.
     first: Option<(usize, f64)>,
-    /// Impacts and time of the shortest period that divides it.
+    /// Impacts and time of the shortest period that divides the first return.
     shortest: Option<(usize, f64)>,
 }
 
-impl Kept {
+impl SavedState {
     /// A state that no orbit approaches.
     const NONE: Self = Self {
         state: PartState {
@@ -209,13 +205,13 @@ impl Kept {
 
     /// Impacts and time of one period, after the state has returned twice.
     ///
-    /// Both returns must agree to the last bits, after the same number of impacts. One return can
-    /// occur by chance in chaos. An orbit that alternates about the one that it approaches is
-    /// nearer after two periods than after one, so shorter periods count from a larger distance.
+    /// Both returns must agree to the last bits, after the same number of impacts: in chaos a
+    /// single return may occur by chance. On its approach to a periodic orbit an orbit alternates.
+    /// It is nearer after two periods than after one, so shorter periods have a larger tolerance.
     #[inline]
     fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
         let Some((impacts, first_time)) = self.first else {
-            if near(self.state, state, LAST_BITS) {
+            if is_near(self.state, state, RETURN_TOLERANCE) {
                 self.first = Some((count - self.count, time - self.time));
             }
             return None;
@@ -223,25 +219,26 @@ impl Kept {
         let since = (count - self.count).checked_sub(impacts)?;
         if self.shortest.is_none()
             && impacts.checked_rem(since) == Some(0)
-            && near(self.state, state, APPROACHING)
+            && is_near(self.state, state, APPROACH_TOLERANCE)
         {
             self.shortest = Some((since, time - self.time - first_time));
         }
         self.shortest
-            .filter(|_| since == impacts && near(self.state, state, LAST_BITS))
+            .filter(|_| since == impacts && is_near(self.state, state, RETURN_TOLERANCE))
     }
 }
 
-/// Largest distance, in rad and `b w`, of a return to the last bits.
-const LAST_BITS: f64 = 1e-9;
+/// Largest distance, in rad and `b w`, of a return that agrees to the last bits.
+const RETURN_TOLERANCE: f64 = 1e-9;
 
-/// The same of a return after a shorter period while the orbit still approaches it: a thousand
-/// times the last bits, enough for a multiplier down to -0.999. With one nearer to -1 no orbit
-/// returns within [`FOLLOWED`](super::FOLLOWED) impacts.
-const APPROACHING: f64 = 1e-6;
+/// The same after a shorter period during the approach: a thousand times as large, sufficient for a
+/// multiplier down to -0.999. With a multiplier nearer to -1 no orbit returns within
+/// [`MAX_ORBIT_IMPACTS`](super::MAX_ORBIT_IMPACTS) impacts.
+const APPROACH_TOLERANCE: f64 = 1e-6;
 
 #[inline]
-fn near(a: PartState, b: PartState, distance: f64) -> bool {
-    let apart = (a.phase - b.phase).abs();
-    (a.velocity - b.velocity).abs() < distance && apart.min(TAU - apart) < distance
+fn is_near(a: PartState, b: PartState, distance: f64) -> bool {
+    let phase_difference = (a.phase - b.phase).abs();
+    (a.velocity - b.velocity).abs() < distance
+        && phase_difference.min(TAU - phase_difference) < distance
 }

@@ -1,4 +1,4 @@
-//! Gear of an orbit with random restitution, and its share of time in it.
+//! Gear of an orbit with random restitution, and share of time in it.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use crate::refusal::Refusal;
 /// Number of observed orders.
 const ORDERS: u32 = 3;
 
-/// Share of time in gear, for the order that is held longest.
+/// Share of time in gear, for the order with the largest share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InGear {
     /// Drive periods of a flight (symbol r).
@@ -28,14 +28,14 @@ impl InGear {
         )
     }
 
-    /// Over several orbits: the order that they hold longest together, and their mean share in it.
+    /// For several orbits: the order with the largest total share, and the mean share in it.
     ///
-    /// `None` if one orbit has none.
-    pub fn together(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
+    /// `None` if one orbit has no share.
+    pub fn from_orbits(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
         let all: Vec<Self> = orbits.collect::<Option<_>>()?;
         let sum = |order| {
-            let of = all.iter().filter(|gear| gear.order == order);
-            of.map(|gear| gear.share).sum::<f64>()
+            let matching = all.iter().filter(|gear| gear.order == order);
+            matching.map(|gear| gear.share).sum::<f64>()
         };
         let shares = (1..=ORDERS).map(|order| Self {
             order,
@@ -59,8 +59,8 @@ pub struct Gears {
 }
 
 impl Gears {
-    /// An observer that starts now.
-    pub fn watched() -> Result<Self, Refusal> {
+    /// An observer that starts at the present time.
+    pub fn start_now() -> Result<Self, Refusal> {
         let gear = |order| {
             let mut gear = GearWatch::build(order)?;
             gear.begin(0.0);
@@ -70,7 +70,7 @@ impl Gears {
         Ok(Self { time: 0.0, gears })
     }
 
-    /// The gear held longest.
+    /// The gear with the largest share.
     pub fn longest(&self) -> Option<InGear> {
         let shares = self.gears.iter().zip(1..).map(|(gear, order)| InGear {
             order,
@@ -114,15 +114,15 @@ mod tests {
             let map = Map::build(k, restitution).unwrap();
             let runs = (0..20).map(|seed| {
                 let scatter = Scatter::build(restitution, 0.05, seed).unwrap();
-                let mut gears = Gears::watched().unwrap();
+                let mut gears = Gears::start_now().unwrap();
                 let mut orbit = Orbit::from_rest(&map).scattering(scatter).unwrap();
                 orbit.watch(1000, &mut gears);
                 gears.longest()
             });
-            let found = InGear::together(runs).unwrap();
+            let in_gear = InGear::from_orbits(runs).unwrap();
             assert!(
-                found.order == 1 && (found.share - expected).abs() < 0.03,
-                "{found}"
+                in_gear.order == 1 && (in_gear.share - expected).abs() < 0.03,
+                "{in_gear}"
             );
         }
     }

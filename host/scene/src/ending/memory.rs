@@ -4,19 +4,18 @@ use std::f64::consts::TAU;
 
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 
-/// Number of judged impacts.
-pub(super) const MEMORY: usize = 512;
+pub(super) const JUDGED_IMPACTS: usize = 512;
 
 /// A drive cycle in steps of time, 2^-32 cycles.
 const CYCLE: f64 = 4_294_967_296.0;
 
-/// Distance of two impacts from whole cycles, in 2^-32 cycles, up to which they count as repeated.
-/// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no more
-/// repeats.
+/// Largest deviation of two impacts from whole cycles that counts as a repetition, in 2^-32 cycles.
+/// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no further
+/// repetitions.
 const RETURN_TOLERANCE: u32 = 1024;
 
-/// The same on the approach to a cycle of one impact that is found: 2e-4 rad. One of more impacts
-/// is followed for fewer periods, and found from nearer.
+/// The same on the approach to a cycle of one impact: 2e-4 rad. Cycles of more impacts are followed
+/// for fewer periods, and found from a smaller distance.
 const APPROACH_TOLERANCE: u32 = 1 << 17;
 
 /// The last flights of an orbit.
@@ -31,13 +30,15 @@ impl Memory {
         self.flights.push(flight);
     }
 
-    /// Verdict of the classifier on these flights; most are chaos, which needs no classifier.
+    /// Verdict of the classifier on these flights; in most cases it is chaos, which needs no
+    /// classifier.
     pub(super) fn verdict(&self) -> Regime {
-        if self.flights.len() >= MEMORY && !self.may_repeat() {
+        if self.flights.len() >= JUDGED_IMPACTS && !self.may_repeat() {
             return Regime::Chaotic;
         }
         // Its settings are within their ranges.
-        let Ok(mut classifier) = Classifier::<MEMORY>::build(TimingAccuracy::COMPUTED) else {
+        let Ok(mut classifier) = Classifier::<JUDGED_IMPACTS>::build(TimingAccuracy::COMPUTED)
+        else {
             return Regime::Undecided;
         };
         for flight in &self.flights {
@@ -49,13 +50,13 @@ impl Memory {
         }
     }
 
-    /// The orbit of the fewest doublings that the impacts approach. On the way they alternate about
-    /// it, and are nearer after two of its periods than after one.
+    /// The orbit with the fewest doublings that the impacts approach. During the approach they
+    /// alternate about it, and are nearer after two of its periods than after one.
     fn least_doubled(&self, order: u32, doublings: u32) -> Regime {
         let times = self.times();
         let approaches = |fewer: u32| {
             let impacts = 1 << fewer;
-            2 * near(&times, impacts, APPROACH_TOLERANCE >> fewer) >= times.len() - impacts
+            2 * repeats(&times, impacts, APPROACH_TOLERANCE >> fewer) >= times.len() - impacts
         };
         match (0..doublings).find(|fewer| approaches(*fewer)) {
             Some(0) => Regime::Locked { order },
@@ -69,12 +70,12 @@ impl Memory {
 
     /// Whether half of the impacts repeat after some number of impacts.
     ///
-    /// With fewer the classifier's verdict is chaos. Times within a cycle suffice, which a CPU
-    /// compares four at once.
+    /// With fewer the classifier's verdict is chaos. Times within a cycle suffice; a CPU compares
+    /// four at once.
     fn may_repeat(&self) -> bool {
         let times = self.times();
         (1..=times.len() / 3)
-            .any(|impacts| 2 * near(&times, impacts, RETURN_TOLERANCE) >= times.len() - impacts)
+            .any(|impacts| 2 * repeats(&times, impacts, RETURN_TOLERANCE) >= times.len() - impacts)
     }
 
     /// Times of the last impacts within their cycles.
@@ -85,17 +86,17 @@ impl Memory {
             now as u32
         });
         let times: Vec<u32> = times.collect();
-        times[times.len().saturating_sub(MEMORY)..].to_vec()
+        times[times.len().saturating_sub(JUDGED_IMPACTS)..].to_vec()
     }
 }
 
-/// Number of impacts that repeat within `apart` after some number of impacts.
-fn near(times: &[u32], impacts: usize, apart: u32) -> usize {
+/// Number of impacts that repeat within `tolerance` after some number of impacts.
+fn repeats(times: &[u32], impacts: usize, tolerance: u32) -> usize {
     let pairs = times[impacts..].iter().zip(times);
-    let near = pairs.map(|(later, earlier)| {
-        u32::from(later.wrapping_sub(*earlier).wrapping_add(apart) <= 2 * apart)
+    let repeats = pairs.map(|(later, earlier)| {
+        u32::from(later.wrapping_sub(*earlier).wrapping_add(tolerance) <= 2 * tolerance)
     });
-    near.sum::<u32>() as usize
+    repeats.sum::<u32>() as usize
 }
 
 #[cfg(test)]
@@ -109,11 +110,12 @@ mod tests {
     fn the_shortcut_agrees_with_the_classifier() {
         let mut chaotic = 0;
         for n in 0..60 {
-            // From the locked orbit through its doublings into chaos.
+            // From the locked orbit through its doublings to chaos.
             let k = 0.33 + 0.0015 * f64::from(n);
             let map = Map::build(k, 0.2).unwrap();
             let mut memory = Memory::default();
-            let mut classifier = Classifier::<MEMORY>::build(TimingAccuracy::COMPUTED).unwrap();
+            let mut classifier =
+                Classifier::<JUDGED_IMPACTS>::build(TimingAccuracy::COMPUTED).unwrap();
             for event in Orbit::new(&map, exponent::start_near_lock(&map, 1))
                 .take(1500)
                 .skip(900)
@@ -123,19 +125,19 @@ mod tests {
                     classifier.flight(impact.flight);
                 }
             }
-            let said = classifier.verdict().regime;
-            assert_eq!(memory.verdict(), said, "{k}");
-            chaotic += u32::from(said == Regime::Chaotic && !memory.may_repeat());
+            let expected = classifier.verdict().regime;
+            assert_eq!(memory.verdict(), expected, "{k}");
+            chaotic += u32::from(expected == Regime::Chaotic && !memory.may_repeat());
         }
         assert!(chaotic > 10, "{chaotic}");
     }
 
     #[test]
     fn half_of_the_impacts_repeated_may_be_a_pattern() {
-        // Alternately an arbitrary time and a whole cycle: each second impact repeats the one
-        // before it.
+        // Alternately an arbitrary time and a whole cycle, so each second impact repeats the
+        // previous one.
         let mut memory = Memory::default();
-        for n in 0..MEMORY {
+        for n in 0..JUDGED_IMPACTS {
             let any = 0.3 + 0.7 * (n as f64 * 0.618_034).fract();
             memory.take(TAU * if n % 2 == 0 { any } else { 1.0 });
         }

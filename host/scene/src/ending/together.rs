@@ -1,7 +1,7 @@
 //! Final regimes of many orbits at once, on one track or on many.
 //!
-//! They fly side by side in blocks, several times faster than in sequence. Each ends as it would
-//! alone.
+//! Blocks of orbits are several times faster than single ones. The results are those of single
+//! orbits.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -11,17 +11,17 @@ use kband::impact::{Impact, OrbitEvent, PartState};
 use kband::regime::classify::Regime;
 use kband::regime::gear;
 
-use super::followed::{Followed, Said};
-use super::{Endings, FOLLOWED};
+use super::followed::{Followed, Verdict};
+use super::{Endings, MAX_ORBIT_IMPACTS};
 
-/// Number of impacts for which irregular flights must stay in gear before their order's flights
-/// count as chaos.
+/// Number of impacts for which irregular flights must stay in gear to count as chaos.
 ///
-/// They start next to the period-1 orbit. 89 000 orbits below the flips were tried (orders 1 to 3,
-/// R 0.025 to 0.925). The last to leave did so after 29 640 impacts, and 6500 stayed for 100 000.
+/// The orbits start next to the period-1 orbit. 89 000 orbits below the flips were tried (orders 1
+/// to 3, R 0.025 to 0.925). The latest exit was after 29 640 impacts; 6500 orbits stayed for 100
+/// 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
 
-/// Number of impacts left out at the start of those.
+/// Number of impacts left out at the start of these.
 const SETTLING_IMPACTS: usize = 1000;
 
 /// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.
@@ -30,9 +30,9 @@ pub fn of_each(
     starts: impl ExactSizeIterator<Item = (usize, PartState)>,
 ) -> Vec<Regime> {
     let mut ends = vec![Regime::Undecided; starts.len()];
-    let queries = starts.enumerate().map(|(answer, (track, start))| {
+    let queries = starts.enumerate().map(|(index, (track, start))| {
         let followed = Followed::new(tracks[track].impacts);
-        (start, Query::new(answer, track, followed))
+        (start, Query::new(index, track, followed))
     });
     follow(tracks, queries, &mut ends, |query, _| {
         tracks[query.track].from_rest()
@@ -42,25 +42,24 @@ pub fn of_each(
 
 /// Final regimes of parts that are thrown from rest, on each track.
 ///
-/// For a return to rest it contains the drive cycles from one lift-off to the next.
+/// For a return to rest the regime contains the drive cycles from one lift-off to the next.
 pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
     let mut ends = vec![Regime::Rest; tracks.len()];
     let mut thrown = Vec::new();
     for (track, endings) in tracks.iter().enumerate() {
-        // A block has no release: an orbit computes the first flight.
+        // A block cannot start from rest: a single orbit computes the first flight.
         let first = endings.orbit(None).find_map(|event| match event {
             OrbitEvent::Impact(impact) => Some(impact),
             _ => None,
         });
-        let Some(first) = first else {
-            continue;
-        };
-        let mut query = Query::new(track, track, Followed::new(endings.impacts.max(FOLLOWED)));
-        if query.goes_on(endings, &first) {
+        let Some(first) = first else { continue };
+        let followed = Followed::new(endings.impacts.max(MAX_ORBIT_IMPACTS));
+        let mut query = Query::new(track, track, followed);
+        if query.add_impact(endings, &first) {
             thrown.push((first.next, query));
         } else {
-            ends[track] = match query.said {
-                Said::Ends(end) => end,
+            ends[track] = match query.verdict {
+                Verdict::Ends(end) => end,
                 _ => hops_and_rests(tracks, &query, first.next),
             };
         }
@@ -94,29 +93,28 @@ fn until_lift_off(endings: &Endings, last: PartState) -> f64 {
 
 /// An orbit that is followed to its final regime.
 struct Query {
-    /// Index of the answer.
-    answer: usize,
+    index: usize,
     track: usize,
     followed: Followed,
-    said: Said,
+    verdict: Verdict,
 }
 
 impl Query {
-    fn new(answer: usize, track: usize, followed: Followed) -> Self {
+    fn new(index: usize, track: usize, followed: Followed) -> Self {
         Self {
-            answer,
+            index,
             track,
             followed,
-            said: Said::GoesOn,
+            verdict: Verdict::Continues,
         }
     }
 
-    fn goes_on(&mut self, endings: &Endings, impact: &Impact<PartState>) -> bool {
-        let said = self.followed.take(endings, impact);
-        if said == Said::GoesOn {
+    fn add_impact(&mut self, endings: &Endings, impact: &Impact<PartState>) -> bool {
+        let verdict = self.followed.take(endings, impact);
+        if verdict == Verdict::Continues {
             return true;
         }
-        self.said = said;
+        self.verdict = verdict;
         false
     }
 }
@@ -135,26 +133,26 @@ fn follow(
         let mut waiting: Vec<(PartState, Query)> = Vec::new();
         fly(
             queries.map(|(start, query)| (&tracks[query.track], start, query)),
-            |query, impact| query.goes_on(&tracks[query.track], impact),
-            |query, last| match query.said {
-                Said::Ends(end) => ends[query.answer] = end,
-                Said::GoesOn | Said::Rests => ends[query.answer] = rested(&query, last),
-                Said::Asks(_) => waiting.push((last, query)),
+            |query, impact| query.add_impact(&tracks[query.track], impact),
+            |query, last| match query.verdict {
+                Verdict::Ends(end) => ends[query.index] = end,
+                Verdict::Continues | Verdict::Rests => ends[query.index] = rested(&query, last),
+                Verdict::NeedsGear(_) => waiting.push((last, query)),
             },
         );
         if waiting.is_empty() {
             return;
         }
-        let gears = waiting.iter().filter_map(|(_, query)| match query.said {
-            Said::Asks(order) => Some((query.track, order)),
+        let gears = waiting.iter().filter_map(|(_, query)| match query.verdict {
+            Verdict::NeedsGear(order) => Some((query.track, order)),
             _ => None,
         });
         hold(tracks, &gears.collect());
         let mut resumed = Vec::new();
         for (last, mut query) in waiting {
-            query.said = query.followed.weighed(&tracks[query.track]);
-            match query.said {
-                Said::Ends(end) => ends[query.answer] = end,
+            query.verdict = query.followed.judge(&tracks[query.track]);
+            match query.verdict {
+                Verdict::Ends(end) => ends[query.index] = end,
                 _ => resumed.push((last, query)),
             }
         }
@@ -162,14 +160,14 @@ fn follow(
     }
 }
 
-/// Computes for gears, each of a track and an order, whether flights stay in them.
+/// Computes whether flights stay in gear, for pairs of a track and an order.
 ///
-/// A gear has one attractor at a time, so one orbit from beside the period-1 orbit decides. Long
-/// transients count as lost: all of them leave gear sooner or later.
+/// A gear has one attractor at a time, so one orbit from near the period-1 orbit decides. Long
+/// transients count as lost, because all of them leave gear at some time.
 pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     let mut flown = Vec::new();
     for (track, order) in gears.iter().copied() {
-        let mut held = Held {
+        let mut trial = Trial {
             track,
             order,
             flights: 0,
@@ -177,20 +175,20 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
         };
         let endings = &tracks[track];
         let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
-        // Up to its first impact: a period-1 orbit that does not exist begins with a throw.
+        // Advances to the first impact: without a period-1 orbit the start is a lift-off.
         loop {
             match orbit.next() {
                 Some(OrbitEvent::Impact(impact)) => {
-                    if held.goes_on(&impact) {
-                        flown.push((endings, impact.next, held));
+                    if trial.add_impact(&impact) {
+                        flown.push((endings, impact.next, trial));
                     } else {
-                        endings.set_held(order, held.stays);
+                        endings.set_stays(order, trial.stays);
                     }
                     break;
                 }
-                Some(OrbitEvent::LiftOff { .. }) if held.flights == 0 => held.flights += 1,
+                Some(OrbitEvent::LiftOff { .. }) if trial.flights == 0 => trial.flights += 1,
                 _ => {
-                    endings.set_held(order, false);
+                    endings.set_stays(order, false);
                     break;
                 }
             }
@@ -198,23 +196,24 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     }
     fly(
         flown.into_iter(),
-        |held, impact| held.goes_on(impact),
-        |held, _| {
-            tracks[held.track].set_held(held.order, held.stays && held.flights >= MAX_GEAR_IMPACTS)
+        |trial, impact| trial.add_impact(impact),
+        |trial, _| {
+            let stays = trial.stays && trial.flights >= MAX_GEAR_IMPACTS;
+            tracks[trial.track].set_stays(trial.order, stays);
         },
     );
 }
 
 /// Irregular flights of one gear.
-struct Held {
+struct Trial {
     track: usize,
     order: u32,
     flights: usize,
     stays: bool,
 }
 
-impl Held {
-    fn goes_on(&mut self, impact: &Impact<PartState>) -> bool {
+impl Trial {
+    fn add_impact(&mut self, impact: &Impact<PartState>) -> bool {
         let settled = self.flights >= SETTLING_IMPACTS;
         self.flights += 1;
         if settled {
@@ -224,11 +223,10 @@ impl Held {
     }
 }
 
-/// Number of orbits in a block: smallest; with fewer the registers are not full, and a sequence is
-/// as fast.
+/// Smallest number of orbits in a block. Below it, registers are not full and single orbits are as
+/// fast.
 const MIN_BLOCK_ORBITS: usize = 16;
 
-/// A flying orbit.
 struct Flying<'m, W> {
     lane: usize,
     endings: &'m Endings,
@@ -238,11 +236,11 @@ struct Flying<'m, W> {
 
 /// Flies orbits side by side, each from its state just after an impact.
 ///
-/// An orbit ends when `goes_on` returns false or when it rests; `done` gets its observer and its
+/// An orbit ends when `add_impact` returns false or when it rests; `done` gets its observer and its
 /// last state.
 fn fly<'m, W>(
     mut orbits: impl Iterator<Item = (&'m Endings, PartState, W)>,
-    mut goes_on: impl FnMut(&mut W, &Impact<PartState>) -> bool,
+    mut add_impact: impl FnMut(&mut W, &Impact<PartState>) -> bool,
     mut done: impl FnMut(W, PartState),
 ) {
     let mut next = |lane: usize| {
@@ -258,7 +256,7 @@ fn fly<'m, W>(
     if flying.len() >= MIN_BLOCK_ORBITS {
         let mut block = Block::new();
         for orbit in &flying {
-            // Every lane is one of the block's.
+            // Every lane is within the block.
             let _ = block.put(orbit.lane, &orbit.endings.map, orbit.last);
         }
         while flying.len() >= MIN_BLOCK_ORBITS {
@@ -266,16 +264,16 @@ fn fly<'m, W>(
             let mut place = 0;
             while let Some(orbit) = flying.get_mut(place) {
                 let lane = orbit.lane;
-                // A lane that rests from the start has no impact.
+                // A lane at rest from the start has no impact.
                 let struck = block.impact(lane).filter(|impact| impact.flight > 0.0);
                 let on = struck.is_some_and(|touch| {
-                    let impact = orbit.endings.hold(touch);
+                    let impact = orbit.endings.extend(touch);
                     orbit.last = impact.next;
                     if !orbit.endings.contact.is_instant() {
-                        // The block ends at the touch: the launch after the contact starts anew.
+                        // The block ends at the touch; the launch after the contact is a new start.
                         let _ = block.put(lane, &orbit.endings.map, orbit.last);
                     }
-                    goes_on(&mut orbit.watch, &impact) && !block.rests(lane)
+                    add_impact(&mut orbit.watch, &impact) && !block.rests(lane)
                 });
                 if on {
                     place += 1;
@@ -302,7 +300,7 @@ fn fly<'m, W>(
                 break;
             };
             orbit.last = impact.next;
-            if !goes_on(&mut orbit.watch, &impact) {
+            if !add_impact(&mut orbit.watch, &impact) {
                 break;
             }
         }
@@ -325,10 +323,10 @@ mod tests {
         for event in endings.orbit(start) {
             match event {
                 OrbitEvent::Impact(impact) => match followed.take(endings, &impact) {
-                    Said::Ends(end) => return Some(end),
-                    Said::GoesOn => {}
-                    Said::Rests => return None,
-                    Said::Asks(order) => {
+                    Verdict::Ends(end) => return Some(end),
+                    Verdict::Continues => {}
+                    Verdict::Rests => return None,
+                    Verdict::NeedsGear(order) => {
                         let period = TAU * f64::from(order);
                         let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
                         let stays = (0..MAX_GEAR_IMPACTS).all(|n| match orbit.next() {
@@ -338,8 +336,8 @@ mod tests {
                             Some(OrbitEvent::LiftOff { .. }) => n == 0,
                             Some(OrbitEvent::Rest { .. }) | None => false,
                         });
-                        endings.set_held(order, stays);
-                        if let Said::Ends(end) = followed.weighed(endings) {
+                        endings.set_stays(order, stays);
+                        if let Verdict::Ends(end) = followed.judge(endings) {
                             return Some(end);
                         }
                     }
@@ -353,8 +351,8 @@ mod tests {
 
     #[test]
     fn many_tracks_side_by_side_end_as_each_alone() {
-        // Through the cascade into chaos in gear and out of it, hops and rests, and above the limit
-        // of lift-off.
+        // The range covers the cascade, chaos in and out of gear, hopping and resting, and k above
+        // the limit of lift-off.
         let places: Vec<(f64, f64)> = (0..40)
             .map(|n| 0.31 + 0.02 * f64::from(n))
             .flat_map(|k| [(k, 0.2), (k, 0.0), (k, 0.6)])
@@ -362,29 +360,20 @@ mod tests {
         let mut chaotic = 0;
         let all = [0.0, 0.1].map(|c| {
             let contact = ContactTime::build(c).unwrap();
-            let together = Endings::of_tracks(&places, 1500, contact).unwrap();
-            let start = PartState {
-                phase: 0.7,
-                velocity: 0.9,
-            };
+            let together = Endings::from_tracks(&places, 1500, contact).unwrap();
+            let start = PartState::new(0.7, 0.9);
             let starts: Vec<(usize, PartState)> = (0..places.len()).map(|n| (n, start)).collect();
             let ends = of_each(&together, starts.into_iter());
             for (n, (k, restitution)) in places.iter().copied().enumerate() {
                 let one = Endings::with_contact(k, restitution, 1500, contact).unwrap();
-                let after_rest = alone(&one, None, Followed::new(FOLLOWED));
-                let hops = matches!(
-                    together[n].from_rest(),
-                    Regime::HopAndRest { .. } | Regime::Rest
-                );
+                let after_rest = alone(&one, None, Followed::new(MAX_ORBIT_IMPACTS));
+                let from_rest = together[n].from_rest();
+                let hops = matches!(from_rest, Regime::HopAndRest { .. } | Regime::Rest);
                 assert_eq!(after_rest.is_none(), hops, "{k} {restitution}");
                 if let Some(end) = after_rest {
-                    assert_eq!(together[n].from_rest(), end, "{k} {restitution}");
+                    assert_eq!(from_rest, end, "{k} {restitution}");
                 }
-                assert_eq!(
-                    one.from_rest(),
-                    together[n].from_rest(),
-                    "{k} {restitution}"
-                );
+                assert_eq!(one.from_rest(), from_rest, "{k} {restitution}");
                 let end = alone(&one, Some(start), Followed::new(1500));
                 assert_eq!(ends[n], end.unwrap_or(one.from_rest()), "{k} {restitution}");
                 chaotic += u32::from(ends[n] == Regime::Chaotic);
@@ -396,10 +385,7 @@ mod tests {
 
     #[test]
     fn a_part_hops_and_rests_for_as_many_cycles_as_its_orbit_takes() {
-        let start = PartState {
-            phase: 0.7,
-            velocity: 0.1,
-        };
+        let start = PartState::new(0.7, 0.1);
         for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.97, 0.1), (0.45, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
             let map = Map::build(k, restitution).unwrap();
@@ -419,9 +405,10 @@ mod tests {
                 }
             }
             let cycles = (time / TAU).round() as u32;
-            // The table of certain rests, which many starts make, changes no answer.
+            // The table of states that certainly come to rest, used for many starts, changes no
+            // result.
             let many = Endings::new(k, restitution, 1500).unwrap();
-            many.of_all([start; 64].into_iter());
+            many.classify_all([start; 64].into_iter());
             for endings in [endings, many] {
                 assert_eq!(endings.from_rest(), Regime::HopAndRest { cycles }, "{k}");
             }

@@ -1,5 +1,7 @@
 //! Items between the axes.
 
+use std::collections::BTreeSet;
+
 use super::axes::Pixels;
 use super::map::{Grid, raster};
 use super::style::marks;
@@ -21,10 +23,6 @@ pub(super) enum Item {
         series: usize,
         points: Vec<(f64, f64, f64)>,
     },
-    Bars {
-        series: usize,
-        bars: Vec<(f64, f64, f64)>,
-    },
     Density(Vec<(f64, f64)>),
     /// Heights of evenly spaced columns.
     Columns(Vec<Vec<f32>>),
@@ -38,11 +36,6 @@ pub(super) enum Item {
         low: f64,
         high: f64,
         of_y: bool,
-    },
-    Note {
-        x: f64,
-        y: f64,
-        words: String,
     },
 }
 
@@ -60,23 +53,20 @@ impl Pixels<'_> {
                 shapes.push(Shape::lines(self.pieces(points), stroke, Some(plot)));
             }
             Item::Markers { series, points } => {
-                let places: Vec<(f64, f64)> = points
-                    .iter()
-                    .map(|(x, y)| (self.across(*x), self.down(*y)))
-                    .filter(|(x, y)| x.is_finite() && y.is_finite())
-                    .collect();
-                // A marker on the frame is drawn whole.
+                // A marker on the frame is drawn completely.
                 let clip = Rect {
                     left: plot.left - 4.0,
                     top: plot.top - 4.0,
                     width: plot.width + 8.0,
                     height: plot.height + 8.0,
                 };
-                let within = |place: &(f64, f64)| {
-                    (plot.left - 0.1..=plot.right() + 0.1).contains(&place.0)
-                        && (plot.top - 0.1..=plot.bottom() + 0.1).contains(&place.1)
+                // NaN is outside.
+                let within = |(x, y): &(f64, f64)| {
+                    (plot.left - 0.1..=plot.right() + 0.1).contains(x)
+                        && (plot.top - 0.1..=plot.bottom() + 0.1).contains(y)
                 };
-                let places: Vec<(f64, f64)> = places.into_iter().filter(within).collect();
+                let place = |(x, y): &(f64, f64)| (self.x_pixel(*x), self.y_pixel(*y));
+                let places: Vec<_> = points.iter().map(place).filter(within).collect();
                 shapes.push(marks(theme, *series, &places, Some(clip)));
             }
             Item::Between { series, points } => {
@@ -86,31 +76,11 @@ impl Pixels<'_> {
                 };
                 let low = side(|(x, low, _)| (*x, *low));
                 let high = side(|(x, _, high)| (*x, *high));
-                let pieces = low
-                    .into_iter()
-                    .zip(high)
-                    .map(|(low, high)| low.into_iter().chain(high.into_iter().rev()).collect())
-                    .collect();
-                let (fill, edge) = (colour.faint(0.3), Stroke::solid(colour, 0.8));
-                shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
-            }
-            Item::Bars { series, bars } => {
-                let (colour, ..) = theme.series(*series);
-                let foot = plot.bottom();
-                let pieces = bars
-                    .iter()
-                    .filter(|(low, high, height)| low < high && height.is_finite())
-                    .map(|(low, high, height)| {
-                        let (left, right, top) = (
-                            self.across(*low),
-                            self.across(*high),
-                            self.down(*height).min(foot),
-                        );
-                        vec![(left, foot), (left, top), (right, top), (right, foot)]
-                    })
-                    .filter(|bar| bar.iter().all(|(x, y)| x.is_finite() && y.is_finite()))
-                    .collect();
-                let (fill, edge) = (colour.faint(0.45), Stroke::solid(colour, 0.8));
+                let outline = |(low, high): (Vec<_>, Vec<_>)| {
+                    [low, high.into_iter().rev().collect()].concat()
+                };
+                let pieces = low.into_iter().zip(high).map(outline).collect();
+                let (fill, edge) = (colour.with_opacity(0.3), Stroke::solid(colour, 0.8));
                 shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }
             Item::Density(points) => shapes.push(Shape::Image {
@@ -132,26 +102,24 @@ impl Pixels<'_> {
             Item::Strip { low, high, of_y } => {
                 let mut rect = plot;
                 if *of_y {
-                    rect.top = self.down(*high).clamp(plot.top, plot.bottom());
-                    rect.height = self.down(*low).clamp(plot.top, plot.bottom()) - rect.top;
+                    rect.top = self.y_pixel(*high).clamp(plot.top, plot.bottom());
+                    rect.height = self.y_pixel(*low).clamp(plot.top, plot.bottom()) - rect.top;
                 } else {
-                    rect.left = self.across(*low).clamp(plot.left, plot.right());
-                    rect.width = self.across(*high).clamp(plot.left, plot.right()) - rect.left;
+                    rect.left = self.x_pixel(*low).clamp(plot.left, plot.right());
+                    rect.width = self.x_pixel(*high).clamp(plot.left, plot.right()) - rect.left;
                 }
                 if rect.width > 0.0 && rect.height > 0.0 {
                     shapes.push(Shape::area(rect, theme.strip()));
                 }
             }
-            // Drawn last.
-            Item::Note { .. } => {}
         }
     }
 
-    /// The line as pieces of finite points.
+    /// Splits the line into pieces of finite points.
     ///
-    /// Within half a pixel's width only first, lowest, highest and last point remain, which looks
-    /// the same.
-    pub(super) fn pieces(&self, points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
+    /// Within half a pixel of width only the first, lowest, highest and last point remain, which
+    /// looks the same.
+    fn pieces(&self, points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
         let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
         let mut piece: Vec<(f64, f64)> = Vec::new();
         let mut bucket: Vec<(f64, f64)> = Vec::new();
@@ -162,22 +130,14 @@ impl Pixels<'_> {
             }
             let by_height = |a: &usize, b: &usize| bucket[*a].1.total_cmp(&bucket[*b].1);
             let last = bucket.len() - 1;
-            let mut kept = [
-                0,
-                (0..=last).min_by(by_height).unwrap_or(0),
-                (0..=last).max_by(by_height).unwrap_or(0),
-                last,
-            ];
-            kept.sort_unstable();
-            for (n, place) in kept.iter().enumerate() {
-                if n == 0 || kept[n - 1] != *place {
-                    piece.push(bucket[*place]);
-                }
-            }
+            let lowest = (0..=last).min_by(by_height).unwrap_or(0);
+            let highest = (0..=last).max_by(by_height).unwrap_or(0);
+            let extremes = BTreeSet::from([0, lowest, highest, last]);
+            piece.extend(extremes.into_iter().map(|place| bucket[place]));
             bucket.clear();
         };
         for (x, y) in points {
-            let place = (self.across(*x), self.down(*y));
+            let place = (self.x_pixel(*x), self.y_pixel(*y));
             if !place.0.is_finite() || !place.1.is_finite() {
                 flush(&mut bucket, &mut piece);
                 if piece.len() > 1 {
@@ -186,15 +146,13 @@ impl Pixels<'_> {
                 piece.clear();
                 continue;
             }
-            // Clamps places far outside the panel, which keeps huge numbers out of the file.
+            // Limits coordinates far outside the panel, to keep huge numbers out of the file.
             let place = (
                 place.0.clamp(self.plot.left - 2e3, self.plot.right() + 2e3),
                 place.1.clamp(self.plot.top - 2e3, self.plot.bottom() + 2e3),
             );
-            if bucket
-                .first()
-                .is_some_and(|first| (first.0 - place.0).abs() > 0.5)
-            {
+            let first = bucket.first();
+            if first.is_some_and(|first| (first.0 - place.0).abs() > 0.5) {
                 flush(&mut bucket, &mut piece);
             }
             bucket.push(place);

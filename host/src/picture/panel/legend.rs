@@ -1,8 +1,8 @@
 //! The legend of a panel.
 
 use super::item::Item;
-use super::style::{framed, label, marks, swatch};
-use super::{LINE, Panel, SMALL};
+use super::style::{frame_box, label, marks, swatch};
+use super::{LINE, Panel, SMALL_TEXT_SIZE};
 use crate::picture::axis::Axis;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
@@ -27,25 +27,21 @@ impl Panel {
         let finite =
             |points: &[(f64, f64)]| points.iter().any(|(x, y)| x.is_finite() && y.is_finite());
         self.items.iter().any(|item| match (key, item) {
-            (Key::Line(wanted), Item::Line { series, points })
-            | (Key::Marker(wanted), Item::Markers { series, points }) => {
-                series == wanted && finite(points)
+            (Key::Line(requested), Item::Line { series, points })
+            | (Key::Marker(requested), Item::Markers { series, points }) => {
+                series == requested && finite(points)
             }
-            (Key::Area(wanted), Item::Between { series, points }) => {
-                series == wanted
-                    && points
-                        .iter()
-                        .any(|(_, low, high)| low.is_finite() && high.is_finite())
-            }
-            (Key::Area(wanted), Item::Bars { series, bars }) => {
-                series == wanted && !bars.is_empty()
+            (Key::Area(requested), Item::Between { series, points }) => {
+                let mut points = points.iter();
+                series == requested
+                    && points.any(|(_, low, high)| low.is_finite() && high.is_finite())
             }
             (Key::Ink, Item::Density(points)) => finite(points),
             (Key::Ink, Item::Columns(columns)) => columns.iter().any(|column| !column.is_empty()),
             (Key::Strip, Item::Strip { low, high, of_y }) => {
                 within(if *of_y { &self.y } else { &self.x }, *low, *high)
             }
-            (Key::Plain(fill), Item::Classes(grid)) => grid.holds(fill),
+            (Key::Plain(fill), Item::Classes(grid)) => grid.values.contains(fill),
             _ => false,
         }) || matches!(key, Key::Fill(fill) if self.ribbon.iter().any(|stretch| stretch.2 == *fill))
     }
@@ -59,7 +55,7 @@ impl Panel {
             });
             lost.count()
         };
-        let of = |item: &Item| match item {
+        let count_lost = |item: &Item| match item {
             Item::Markers { points, .. } | Item::Density(points) => count(points),
             Item::Columns(columns) => {
                 let lost = columns.iter().flatten();
@@ -67,19 +63,16 @@ impl Panel {
             }
             _ => 0,
         };
-        self.items.iter().map(of).sum()
+        self.items.iter().map(count_lost).sum()
     }
 
     pub(super) fn draw_legend(&self, theme: Theme, plot: &Rect, shapes: &mut Vec<Shape>) -> f64 {
-        let shown: Vec<&(Key, String)> = self
-            .legend
-            .iter()
-            .filter(|(key, _)| self.shows(key))
-            .collect();
+        let displayed = self.legend.iter().filter(|(key, _)| self.shows(key));
+        let displayed: Vec<&(Key, String)> = displayed.collect();
         let left_out = self.left_out();
         let (mut x, mut y) = (plot.left, plot.top + 6.0);
-        for (key, name) in &shown {
-            let size = font::fitted(name, SMALL, false, plot.width - 32.0);
+        for (key, name) in &displayed {
+            let size = font::fit_size(name, SMALL_TEXT_SIZE, false, plot.width - 32.0);
             let length = 26.0 + 6.0 + font::width(name, size, false) + 18.0;
             if x > plot.left && x + length - 18.0 > plot.right() {
                 (x, y) = (plot.left, y + LINE);
@@ -98,21 +91,18 @@ impl Panel {
                         width: 2.0,
                         dash,
                     };
-                    shapes.push(Shape::lines(
-                        vec![vec![(x, y), (x + 26.0, y)]],
-                        stroke,
-                        None,
-                    ));
+                    let line = vec![(x, y), (x + 26.0, y)];
+                    shapes.push(Shape::lines(vec![line], stroke, None));
                 }
                 Key::Marker(series) => shapes.push(marks(theme, *series, &[(x + 13.0, y)], None)),
                 Key::Area(series) => {
                     let (colour, ..) = theme.series(*series);
-                    shapes.push(framed(box_, colour.faint(0.45), colour));
+                    shapes.push(frame_box(box_, colour.with_opacity(0.45), colour));
                 }
-                Key::Strip => shapes.push(framed(box_, theme.strip(), theme.muted())),
+                Key::Strip => shapes.push(frame_box(box_, theme.strip(), theme.muted())),
                 Key::Fill(fill) => swatch(theme, *fill, box_, true, shapes),
                 Key::Plain(fill) => {
-                    shapes.push(framed(box_, fill.colour(theme), theme.muted()));
+                    shapes.push(frame_box(box_, fill.colour(theme), theme.muted()));
                 }
                 Key::Ink => {
                     for n in 0..13 {
@@ -132,17 +122,17 @@ impl Panel {
             x += length;
         }
         if left_out > 0 {
-            let words = match left_out {
+            let text = match left_out {
                 1 => "1 point beyond the scale".into(),
                 n => format!("{n} points beyond the scale"),
             };
-            if x > plot.left && x + font::width(&words, SMALL, false) > plot.right() {
+            if x > plot.left && x + font::width(&text, SMALL_TEXT_SIZE, false) > plot.right() {
                 (x, y) = (plot.left, y + LINE);
             }
-            let label = label((x, y + 4.2), &words, Anchor::Start, theme.muted());
+            let label = label((x, y + 4.2), &text, Anchor::Start, theme.muted());
             shapes.push(Shape::Text(label));
         }
-        if shown.is_empty() && left_out == 0 {
+        if displayed.is_empty() && left_out == 0 {
             plot.top
         } else {
             y + LINE - 4.0

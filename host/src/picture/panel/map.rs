@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::axes::Pixels;
-use super::style::{frame_of, label, upright};
+use super::style::{frame_of, label, vertical_text};
 use crate::picture::axis::Axis;
 use crate::picture::shape::{Anchor, Raster, Rect, Shape};
 use crate::picture::theme::{Colour, Theme};
@@ -12,26 +12,15 @@ use crate::picture::theme::{Colour, Theme};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid<T> {
     columns: usize,
-    values: Vec<T>,
+    pub(super) values: Vec<T>,
 }
 
 impl<T> Grid<T> {
-    pub(super) fn holds(&self, value: &T) -> bool
-    where
-        T: PartialEq,
-    {
-        self.values.contains(value)
-    }
-
     /// A grid of rows of `columns` values; an incomplete last row is dropped.
     pub fn new(columns: usize, mut values: Vec<T>) -> Self {
         let columns = columns.max(1);
         values.truncate(values.len() / columns * columns);
         Self { columns, values }
-    }
-
-    fn rows(&self) -> usize {
-        self.values.len() / self.columns
     }
 }
 
@@ -53,7 +42,7 @@ impl Counts {
         }
     }
 
-    /// Adds a point at a relative height, 0 at the bottom; values outside 0..1 are omitted.
+    /// Adds a point at a relative height, 0 at the bottom; values outside 0..1 are left out.
     fn add(&mut self, column: usize, up: f64) {
         if (0.0..=1.0).contains(&up) {
             let column = column.min(self.columns - 1);
@@ -63,14 +52,14 @@ impl Counts {
     }
 
     fn raster(self, theme: Theme) -> Raster {
-        let most = f64::from(self.counts.iter().copied().max().unwrap_or(0).max(2));
+        let max_count = f64::from(self.counts.iter().copied().max().unwrap_or(0).max(2));
         let levels = 32;
-        let mut palette = vec![theme.background().faint(0.0)];
+        let mut palette = vec![theme.background().with_opacity(0.0)];
         palette.extend((0..levels).map(|n| theme.ink(f64::from(n) / f64::from(levels - 1))));
         let pixels = self.counts.into_iter().map(|count| match count {
             0 => 0,
             _ => {
-                let part = f64::from(count).ln() / most.ln();
+                let part = f64::from(count).ln() / max_count.ln();
                 1 + (part * f64::from(levels - 1)).round() as u8
             }
         });
@@ -85,8 +74,8 @@ impl Counts {
 
 impl Pixels<'_> {
     pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)]) -> Raster {
-        // Single points must be visible: with few points the cells are wider than a pixel, unless
-        // many are close together.
+        // Single points must be visible. With few points the cells are wider than a pixel, unless
+        // many points are close together.
         let cells = if points.len() > 40_000 {
             1.5
         } else if self.is_dense(points) {
@@ -94,10 +83,9 @@ impl Pixels<'_> {
         } else {
             0.5
         };
-        let mut counts = Counts::new(
-            (cells * self.plot.width) as usize,
-            (cells * self.plot.height) as usize,
-        );
+        let [columns, rows] =
+            [self.plot.width, self.plot.height].map(|size| (cells * size) as usize);
+        let mut counts = Counts::new(columns, rows);
         for (x, y) in points {
             let across = self.panel.x.part(*x);
             if (-1e-9..=1.0 + 1e-9).contains(&across) {
@@ -118,10 +106,10 @@ impl Pixels<'_> {
         counts.raster(theme)
     }
 
-    /// Whether the occupied squares of two pixels hold many points each.
+    /// Whether the occupied squares of two pixels have many points each.
     fn is_dense(&self, points: &[(f64, f64)]) -> bool {
         let square = |(x, y): &(f64, f64)| {
-            let place = (0.5 * self.across(*x), 0.5 * self.down(*y));
+            let place = (0.5 * self.x_pixel(*x), 0.5 * self.y_pixel(*y));
             (place.0 as i64, place.1 as i64)
         };
         let squares: HashSet<(i64, i64)> = points.iter().map(square).collect();
@@ -168,13 +156,13 @@ impl Pixels<'_> {
             },
         });
         shapes.push(frame_of(bar, theme.axis(), 1.0));
-        for (value, words) in scale.ticks((plot.height / 42.0) as usize) {
+        for (value, text) in scale.ticks((plot.height / 42.0) as usize) {
             let down = bar.bottom() - scale.part(value) * bar.height;
             let at = (bar.right() + 5.0, down + 4.2);
-            shapes.push(Shape::Text(label(at, &words, Anchor::Start, theme.text())));
+            shapes.push(Shape::Text(label(at, &text, Anchor::Start, theme.text())));
         }
         let at = (bar.right() + 58.0, plot.top + 0.5 * plot.height);
-        shapes.push(upright(at, &scale.title(), theme.text(), plot.height));
+        shapes.push(vertical_text(at, &scale.title(), theme.text(), plot.height));
     }
 }
 
@@ -183,7 +171,7 @@ pub(super) fn raster<T>(grid: &Grid<T>, palette: Vec<Colour>, number: impl Fn(&T
     let pixels = pixels.rev().flatten().map(number).collect();
     Raster {
         width: grid.columns,
-        height: grid.rows(),
+        height: grid.values.len() / grid.columns,
         palette,
         pixels,
     }

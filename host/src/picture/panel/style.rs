@@ -1,15 +1,15 @@
 //! Text, frames, swatches and markers of every panel.
 
-use super::SMALL;
+use super::SMALL_TEXT_SIZE;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
-use crate::picture::theme::{Colour, Fill, Hatch, Marker, Theme};
+use crate::picture::theme::{Colour, Fill, Marker, Theme};
 
-pub(super) fn label(at: (f64, f64), words: &str, anchor: Anchor, colour: Colour) -> Text {
+pub(super) fn label(at: (f64, f64), text: &str, anchor: Anchor, colour: Colour) -> Text {
     Text {
         at,
-        words: words.into(),
-        size: SMALL,
+        content: text.into(),
+        size: SMALL_TEXT_SIZE,
         bold: false,
         colour,
         anchor,
@@ -17,12 +17,12 @@ pub(super) fn label(at: (f64, f64), words: &str, anchor: Anchor, colour: Colour)
     }
 }
 
-/// Words that read upwards beside an axis of this length, smaller where they do not fit.
-pub(super) fn upright(at: (f64, f64), words: &str, colour: Colour, length: f64) -> Shape {
+/// Text that runs upwards beside an axis of this length, smaller if it does not fit.
+pub(super) fn vertical_text(at: (f64, f64), text: &str, colour: Colour, length: f64) -> Shape {
     Shape::Text(Text {
         upright: true,
-        size: font::fitted(words, 13.0, false, length + 36.0),
-        ..label(at, words, Anchor::Middle, colour)
+        size: font::fit_size(text, 13.0, false, length + 36.0),
+        ..label(at, text, Anchor::Middle, colour)
     })
 }
 
@@ -39,7 +39,7 @@ pub(super) fn frame_of(rect: Rect, colour: Colour, width: f64) -> Shape {
     Shape::areas(vec![rect.corners()], None, Some(stroke), None)
 }
 
-pub(super) fn framed(rect: Rect, fill: Colour, line: Colour) -> Shape {
+pub(super) fn frame_box(rect: Rect, fill: Colour, line: Colour) -> Shape {
     let stroke = Stroke::solid(line, 0.8);
     Shape::areas(vec![rect.corners()], Some(fill), Some(stroke), None)
 }
@@ -48,36 +48,25 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
     shapes.push(Shape::area(rect, fill.colour(theme)));
     let step = 6.0;
     let mut pieces = Vec::new();
-    let hatch = fill.hatch();
-    let rises: &[f64] = match hatch {
-        Hatch::None => &[],
-        Hatch::Up => &[1.0],
-        Hatch::Down => &[-1.0],
-        Hatch::Cross => &[1.0, -1.0],
-        Hatch::Upright => &[0.0],
-    };
     // The pattern is aligned to the sheet, not to the rectangle, so neighbours join.
-    for rise in rises {
+    for rise in fill.hatches() {
         let reach = rise.abs() * rect.height;
         let first = ((rect.left - reach) / step).ceil() as i64;
         let last = ((rect.right() + reach) / step).floor() as i64;
         for n in first..=last {
             let foot = n as f64 * step;
-            let ends = clipped(
-                rect,
-                (foot, rect.bottom()),
-                (foot + rise * rect.height, rect.top),
-            );
-            pieces.extend(ends.map(|(a, b)| vec![a, b]));
+            let head = foot + rise * rect.height;
+            let ends = clipped(rect, (foot, rect.bottom()), (head, rect.top));
+            pieces.extend(ends.map(Vec::from));
         }
     }
     if !pieces.is_empty() {
-        // The colour with more contrast to the fill: that of the text or of the sheet.
+        // Colour of text or sheet, whichever contrasts more with the fill.
         let fill = fill.colour(theme).luminance();
         let [ink, sheet] = [theme.text(), theme.background()];
         let from = |colour: Colour| (colour.luminance() - fill).abs();
         let colour = if from(ink) < from(sheet) { sheet } else { ink };
-        let stroke = Stroke::solid(colour.faint(0.55), 0.8);
+        let stroke = Stroke::solid(colour.with_opacity(0.55), 0.8);
         shapes.push(Shape::lines(pieces, stroke, None));
     }
     if frame {
@@ -86,11 +75,7 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
 }
 
 /// The part of a rising line within the sides of a rectangle.
-pub(super) fn clipped(
-    rect: Rect,
-    a: (f64, f64),
-    b: (f64, f64),
-) -> Option<((f64, f64), (f64, f64))> {
+fn clipped(rect: Rect, a: (f64, f64), b: (f64, f64)) -> Option<[(f64, f64); 2]> {
     let at = |x: f64| (x, a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0));
     let clip = |end: (f64, f64)| {
         if end.0 < rect.left {
@@ -102,10 +87,10 @@ pub(super) fn clipped(
         }
     };
     let outside = a.0.max(b.0) <= rect.left || a.0.min(b.0) >= rect.right();
-    (!outside).then(|| (clip(a), clip(b)))
+    (!outside).then(|| [a, b].map(clip))
 }
 
-/// Number of markers from which they are drawn small.
+/// Number of markers above which they are drawn small.
 const MIN_SMALL_MARKERS: usize = 120;
 
 pub(super) fn marks(
@@ -138,7 +123,7 @@ pub(super) fn marks(
             (-1.0, -1.0),
         ],
     };
-    // Many markers overlap: smaller ones without an edge do not hide each other.
+    // Many markers overlap; smaller ones without an edge do not hide each other.
     let many = places.len() > MIN_SMALL_MARKERS;
     let size = if many { 0.55 } else { 1.0 };
     let piece = |(x, y): &(f64, f64)| {

@@ -1,8 +1,8 @@
-//! Look-up in the manual: its pages, sections, and tables of words.
+//! Search in the manual: pages, sections, and the glossary's tables.
 
 macro_rules! pages {
     ($($name:literal)*) => {
-        /// The searched pages, by name.
+        /// Searched pages, by name.
         pub const PAGES: &[(&str, &str)] =
             &[$(($name, include_str!(concat!("../../../../docs/", $name)))),*];
     };
@@ -19,23 +19,21 @@ pages! {
     "theory-real-parts.md"
 }
 
-/// A word of the glossary.
+/// An entry of the glossary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Word {
-    /// Its symbols, as in formulas.
     pub symbols: Vec<String>,
-    /// The term.
     pub term: String,
-    /// Its unit; empty for a pure notion.
+    /// Unit; empty for a concept without one.
     pub unit: String,
-    /// Its names in the sources and in machine-readable output.
+    /// Names in the sources and in machine-readable output.
     pub names: Vec<String>,
-    /// Its meaning, as Markdown.
+    /// Meaning, as Markdown.
     pub meaning: String,
 }
 
 impl Word {
-    /// The section that its meaning refers to, as Markdown.
+    /// The section that the meaning refers to, as Markdown.
     pub fn section(&self) -> Option<String> {
         let (_, link) = self.meaning.rsplit_once("](")?;
         let (page, anchor) = link.split_once(')')?.0.split_once('#')?;
@@ -43,21 +41,18 @@ impl Word {
     }
 }
 
-/// The text of a page.
 pub fn page(name: &str) -> Option<&'static str> {
-    let found = PAGES.iter().find(|(page, _)| *page == name);
-    found.map(|(_, text)| *text)
+    let entry = PAGES.iter().find(|(page, _)| *page == name);
+    entry.map(|(_, text)| *text)
 }
 
-/// Every word of the glossary, in its order.
+/// All entries of the glossary, in order.
 pub fn words() -> impl Iterator<Item = Word> {
-    page("glossary.md")
-        .unwrap_or_default()
-        .lines()
-        .filter_map(word)
+    let glossary = page("glossary.md").unwrap_or_default();
+    glossary.lines().filter_map(word)
 }
 
-/// A row of the glossary's tables of five columns.
+/// A row of the glossary, with five columns.
 fn word(line: &str) -> Option<Word> {
     let cells = line.strip_prefix('|')?.strip_suffix('|')?;
     let cells: Vec<&str> = cells.split('|').map(str::trim).collect();
@@ -74,7 +69,6 @@ fn word(line: &str) -> Option<Word> {
     })
 }
 
-/// Texts between backquotes.
 fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(Into::into).collect()
 }
@@ -91,13 +85,11 @@ fn anchored(page: &str, anchor: &str) -> Option<String> {
     sections(page, heading).into_iter().next()
 }
 
-/// The anchor that a heading has on a page.
 fn slug(heading: &str) -> String {
-    let words = heading.trim_start_matches(['#', ' ']).to_lowercase();
-    let kept = words
-        .chars()
-        .filter(|c| c.is_alphanumeric() || " -".contains(*c));
-    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+    let title = heading.trim_start_matches(['#', ' ']).to_lowercase();
+    let letters = title.chars();
+    let letters = letters.filter(|c| c.is_alphanumeric() || " -".contains(*c));
+    letters.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
 /// The sections whose headings begin with `heading`, each up to the next heading.
@@ -111,8 +103,8 @@ pub fn sections(page: &str, heading: &str) -> Vec<String> {
                 sections.push(String::new());
             }
         }
-        let shown = within && !line.starts_with("<a id=");
-        if let (true, Some(section)) = (shown, sections.last_mut()) {
+        let is_text = within && !line.starts_with("<a id=");
+        if let (true, Some(section)) = (is_text, sections.last_mut()) {
             section.push_str(line);
             section.push('\n');
         }
@@ -123,31 +115,28 @@ pub fn sections(page: &str, heading: &str) -> Vec<String> {
 /// The numbers of the sections `## Fault N: ...` or `## Limit N: ...`.
 pub fn numbers(heading: &str) -> String {
     let faults = page("faults.md").unwrap_or_default();
-    let numbers: Vec<&str> = faults
-        .lines()
-        .filter_map(|line| line.strip_prefix(heading)?.split(':').next())
-        .collect();
-    numbers.join(", ")
+    let numbers = faults.lines();
+    let numbers = numbers.filter_map(|line| line.strip_prefix(heading)?.split(':').next());
+    numbers.collect::<Vec<_>>().join(", ")
 }
 
-/// The section of the fault or limit of this name.
+/// Section of the fault or limit with this name.
 pub fn fault_or_limit(name: &str) -> Option<String> {
     let faults = page("faults.md")?;
     let heading = faults.lines().find(|line| {
-        let title = line
-            .strip_prefix("## ")
-            .and_then(|line| line.split_once(": "));
+        let title = line.strip_prefix("## ");
+        let title = title.and_then(|line| line.split_once(": "));
         title.is_some_and(|(_, title)| title.eq_ignore_ascii_case(name))
     })?;
     sections(faults, heading).into_iter().next()
 }
 
-/// The text on a state or a regime: the sentences after its name in bold.
+/// Text on a state or regime: the sentences after its name in bold.
 pub fn state(name: &str) -> Option<String> {
     let faults = page("faults.md")?;
     let states = sections(faults, "## States").concat() + &sections(faults, "## Regimes").concat();
-    let mut said = states.split("**").skip(1);
-    while let (Some(title), Some(text)) = (said.next(), said.next()) {
+    let mut pieces = states.split("**").skip(1);
+    while let (Some(title), Some(text)) = (pieces.next(), pieces.next()) {
         if title.eq_ignore_ascii_case(name) {
             let text = text.split("\n\n").next().unwrap_or_default();
             return Some(format!("**{title}**{}\n", text.trim_end()));
@@ -156,7 +145,7 @@ pub fn state(name: &str) -> Option<String> {
     None
 }
 
-/// The text on an event of the log: its row.
+/// Text on an event of the log: its row.
 pub fn event(name: &str) -> Option<String> {
     let events = sections(page("faults.md")?, "## Events").concat();
     let row = events.lines().find_map(|line| {
@@ -175,14 +164,14 @@ mod tests {
 
     #[test]
     fn every_word_that_refers_to_a_section_finds_it() {
-        let mut found = 0;
+        let mut count = 0;
         for word in words() {
             if word.meaning.contains("](") && !word.meaning.contains(".md)") {
                 let section = word.section();
                 assert!(section.is_some_and(|text| text.len() > 80), "{}", word.term);
-                found += 1;
+                count += 1;
             }
         }
-        assert!(found > 20, "{found}");
+        assert!(count > 20, "{count}");
     }
 }

@@ -3,14 +3,14 @@
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use textwrap::{Options as Wrap, fill};
 
-/// Columns that a text takes at most.
+/// Largest width of a text, columns.
 pub const WIDTH: usize = 80;
 
-/// Least width of a table's last column beside the others; below it each row becomes a paragraph.
-const LEAST_COLUMN: usize = 24;
+/// Smallest width of a table's last column; below it each row becomes a paragraph.
+const MIN_COLUMN_WIDTH: usize = 24;
 
-/// The text of `markdown`: paragraphs wrapped, lists indented, tables aligned, links by their
-/// words.
+/// The text of `markdown`: paragraphs are wrapped, lists indented, tables aligned, and links
+/// replaced by their words.
 pub fn plain(markdown: &str) -> String {
     let mut page = Page::default();
     for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {
@@ -24,9 +24,7 @@ pub fn plain(markdown: &str) -> String {
 #[derive(Default)]
 struct Page {
     text: String,
-    /// Words of the block that is read.
-    words: String,
-    /// Depth of lists.
+    block: String,
     depth: usize,
     code: bool,
     rows: Vec<Vec<String>>,
@@ -37,12 +35,11 @@ impl Page {
         match event {
             Event::Text(text) if self.code => {
                 for line in text.lines() {
-                    self.text.push_str(&format!("    {line}"));
-                    self.text.push('\n');
+                    self.text += &format!("    {line}\n");
                 }
             }
-            Event::Text(text) | Event::Code(text) => self.words.push_str(&text),
-            Event::SoftBreak | Event::HardBreak => self.words.push(' '),
+            Event::Text(text) | Event::Code(text) => self.block.push_str(&text),
+            Event::SoftBreak | Event::HardBreak => self.block.push(' '),
             Event::Start(Tag::List(_)) => {
                 self.block("");
                 self.depth += 1;
@@ -50,15 +47,14 @@ impl Page {
             Event::Start(Tag::CodeBlock(_)) => self.code = true,
             Event::Start(Tag::TableRow | Tag::TableHead) => self.rows.push(Vec::new()),
             Event::End(TagEnd::TableCell) => {
-                let cell = std::mem::take(&mut self.words);
+                let cell = std::mem::take(&mut self.block);
                 if let Some(row) = self.rows.last_mut() {
                     row.push(cell);
                 }
             }
             Event::End(TagEnd::Table) => {
                 let rows = std::mem::take(&mut self.rows);
-                self.text.push_str(&table(&rows));
-                self.text.push('\n');
+                self.text += &(table(&rows) + "\n");
             }
             Event::End(TagEnd::CodeBlock) => {
                 self.code = false;
@@ -70,11 +66,9 @@ impl Page {
                 self.text.push('\n');
             }
             Event::End(TagEnd::Heading(_)) => {
-                let heading = std::mem::take(&mut self.words);
-                self.text.push_str(&heading);
-                self.text.push('\n');
-                self.text.push_str(&"-".repeat(heading.chars().count()));
-                self.text.push_str("\n\n");
+                let heading = std::mem::take(&mut self.block);
+                let line = "-".repeat(heading.chars().count());
+                self.text += &format!("{heading}\n{line}\n\n");
             }
             Event::End(TagEnd::Paragraph) if self.depth == 0 => {
                 self.block("");
@@ -84,38 +78,31 @@ impl Page {
         }
     }
 
-    /// Ends the block that is read, if there is one.
+    /// Ends the present block, if any.
     fn block(&mut self, mark: &str) {
-        let words = std::mem::take(&mut self.words);
-        if words.trim().is_empty() {
+        let text = std::mem::take(&mut self.block);
+        if text.trim().is_empty() {
             return;
         }
         let first = format!("{}{mark}", "  ".repeat(self.depth.saturating_sub(1)));
         let rest = " ".repeat(first.len());
-        let wrap = Wrap::new(WIDTH)
-            .initial_indent(&first)
-            .subsequent_indent(&rest);
-        self.text.push_str(&fill(words.trim(), wrap));
-        self.text.push('\n');
+        self.text += &wrapped(text.trim(), &first, &rest);
     }
 }
 
-/// A table whose last column is wrapped; where there is no room for it, a paragraph for each row.
+/// A table with its last column wrapped; without enough width, one paragraph for each row.
 fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or_default();
     let width = |column: usize| {
         let cells = rows.iter().filter_map(|row| row.get(column));
-        cells
-            .map(|cell| cell.chars().count())
-            .max()
-            .unwrap_or_default()
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
     };
     let Some(last) = columns.checked_sub(1) else {
         return String::new();
     };
     let before: usize = (0..last).map(|column| width(column) + 2).sum();
-    if before + LEAST_COLUMN.min(width(last)) > WIDTH {
-        return listed(rows);
+    if before + MIN_COLUMN_WIDTH.min(width(last)) > WIDTH {
+        return list_rows(rows);
     }
     let mut text = String::new();
     for row in rows {
@@ -123,41 +110,36 @@ fn table(rows: &[Vec<String>]) -> String {
         for (column, cell) in row.iter().take(last).enumerate() {
             first.push_str(&format!("{cell:<width$}  ", width = width(column)));
         }
-        let rest = " ".repeat(before);
-        let wrap = Wrap::new(WIDTH)
-            .initial_indent(&first)
-            .subsequent_indent(&rest);
         let cell = row.get(last).map_or("", String::as_str);
-        text.push_str(fill(cell, wrap).trim_end());
+        text += wrapped(cell, &first, &" ".repeat(before)).trim_end();
         text.push('\n');
     }
     text
 }
 
-fn listed(rows: &[Vec<String>]) -> String {
+/// Wrapped lines with the indent of the first and of the others.
+fn wrapped(text: &str, first: &str, rest: &str) -> String {
+    let wrap = Wrap::new(WIDTH).initial_indent(first);
+    fill(text, wrap.subsequent_indent(rest)) + "\n"
+}
+
+fn list_rows(rows: &[Vec<String>]) -> String {
     let Some((head, rows)) = rows.split_first() else {
         return String::new();
     };
     let mut text = String::new();
     for row in rows {
-        let said = row.iter().zip(head).filter(|(cell, _)| !cell.is_empty());
-        let mut said = said.map(|(cell, name)| {
+        let fields = row.iter().zip(head).filter(|(cell, _)| !cell.is_empty());
+        let mut fields = fields.map(|(cell, name)| {
             if name.is_empty() {
                 cell.clone()
             } else {
                 format!("{name}: {cell}")
             }
         });
-        let first = said.next().unwrap_or_default();
-        text.push_str(&fill(&first, WIDTH));
-        text.push('\n');
-        for line in said {
-            let wrap = Wrap::new(WIDTH)
-                .initial_indent("  ")
-                .subsequent_indent("    ");
-            text.push_str(&fill(&line, wrap));
-            text.push('\n');
-        }
+        let first = fields.next().unwrap_or_default();
+        text += &wrapped(&first, "", "");
+        text.extend(fields.map(|line| wrapped(&line, "  ", "    ")));
     }
     text
 }

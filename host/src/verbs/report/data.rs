@@ -11,23 +11,23 @@ use kband::regime::classify::Regime;
 use serde_json::{Map, Value as Json, json};
 
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS, FOLLOWED};
+use crate::ending::{self, Endings, FILLS, MAX_ORBIT_IMPACTS};
 use crate::picture::Fill;
 use crate::provenance;
 use crate::refusal::Refusal;
-use crate::report::number;
-use crate::simulate::{Outcome, STATE_FILLS, kin, state_fill};
-use crate::verbs::gear::{Lot, LotSettings};
-use crate::verbs::{basins, transport};
+use crate::report::{counted, number};
+use crate::simulate::{Outcome, STATE_FILLS, part_group, state_fill};
+use crate::verbs::map::gear::{Lot, LotSettings};
+use crate::verbs::map::{basins, transport};
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
 const RESTITUTIONS: usize = 141;
 const RESTITUTION_STEP: f64 = 0.005;
 /// Largest order in the diagram of bands.
 const ORDERS: u32 = 3;
-/// Number of amplitudes of the gear map, of parts of the lot, of their runs, and of drive periods
-/// of a run.
-const GEAR_PLACES: usize = 41;
+/// Resolution of the gear map: amplitudes, parts of the lot, their runs, and drive periods of a
+/// run.
+const GEAR_AMPLITUDES: usize = 41;
 const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
 const GEAR_PERIODS: f64 = 250.0;
@@ -37,16 +37,13 @@ const SECOND_TONE: Tone = Tone::new(0.15, 2.356);
 const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;
 const BASIN_VELOCITY: f64 = 3.0;
-/// Impacts after which a start counts as undecided: a twentieth of those of `kband basins`, because
-/// the page has 130 000 starts.
-const BASIN_IMPACTS: usize = FOLLOWED / 20;
-/// Throw numbers at which the speed is computed.
+/// Impacts after which a start is undecided: a twentieth of those of `kband basins`, because the
+/// page has 130 000 starts.
+const BASIN_IMPACTS: usize = MAX_ORBIT_IMPACTS / 20;
 const THROWS: &str = "0.3..3.5:81";
-/// Frictions at which the speed is computed.
 const FRICTIONS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0];
 /// Scatters at which the gear map is computed.
 const SCATTERS: [f64; 8] = [0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12, 0.15];
-/// Largest number of drawn impacts of a run.
 const MAX_DRAWN_IMPACTS: usize = 1500;
 
 #[derive(Clone, Debug)]
@@ -61,7 +58,7 @@ pub(super) struct Feeder {
 }
 
 impl Feeder {
-    pub fn of(outcome: &Outcome) -> Result<Self, Refusal> {
+    pub fn from_outcome(outcome: &Outcome) -> Result<Self, Refusal> {
         let scene = &outcome.file().scene;
         let settings = &scene.settings;
         Ok(Self {
@@ -97,7 +94,7 @@ impl Feeder {
     /// The bands of the whole lot, order by order.
     pub fn bands_in_words(&self) -> Vec<Vec<String>> {
         let mm = |k: f64| number(self.millimetres(k), 4);
-        let words = |order: u32| {
+        let cells = |order: u32| {
             let Ok(band) = Band::common_with_contact(self.lot, order, self.contact) else {
                 return vec![order.to_string(), "none for the whole lot".into()];
             };
@@ -111,11 +108,11 @@ impl Feeder {
                 number(self.track.acceleration(self.track.amplitude(k)), 3),
             ]
         };
-        (1..=ORDERS).map(words).collect()
+        (1..=ORDERS).map(cells).collect()
     }
 }
 
-/// Six significant digits: more than a picture shows, a third of the characters.
+/// Rounds to six significant digits: more than a picture shows, in a third of the characters.
 fn short(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -147,7 +144,7 @@ pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Jso
             "friction": feeder.friction.map(short),
             "order": feeder.order,
         },
-        "fills": Fill::ALL.map(|fill| FILLS.iter().find(|(known, _)| *known == fill).map(|(_, name)| *name)),
+        "fills": Fill::ALL.map(|fill| FILLS.iter().find(|(entry, _)| *entry == fill).map(|(_, name)| *name)),
         "bands": bands()?,
         "gear": gear(feeder, desk)?,
         "basins": basin_maps(feeder, desk)?,
@@ -163,8 +160,8 @@ fn bands() -> Result<Json, Refusal> {
     for order in 1..=ORDERS {
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for n in 0..RESTITUTIONS {
-            // Separate edges: a lot's band is from the flip of its liveliest part to the birth of
-            // its deadest.
+            // Separate edges: the band of a lot extends from the flip of its liveliest part to the
+            // birth of its deadest.
             low.push(band::flip(restitution(n), order)?);
             high.push(band::first_return_edge(restitution(n), order)?);
         }
@@ -177,7 +174,7 @@ fn bands() -> Result<Json, Refusal> {
 }
 
 /// Ascending values with one value inserted, and its index.
-fn with(values: &[f64], one: f64) -> (Vec<f64>, usize) {
+fn insert(values: &[f64], one: f64) -> (Vec<f64>, usize) {
     let mut values = values.to_vec();
     let place = values.partition_point(|value| *value < one - 1e-6);
     let other = |value: &f64| (value - one).abs() > 1e-6;
@@ -189,14 +186,14 @@ fn with(values: &[f64], one: f64) -> (Vec<f64>, usize) {
 
 fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     let order = feeder.order;
-    let born = band::birth(feeder.lot.high().min(0.99), order)?;
+    let birth = band::birth(feeder.lot.high().min(0.99), order)?;
     let [low, highest] = [0.15, 1.0].map(|k| k / f64::from(order));
-    let high = (1.02 * born).min(highest);
-    let last = (GEAR_PLACES - 1) as f64;
+    let high = (1.02 * birth).min(highest);
+    let last = (GEAR_AMPLITUDES - 1) as f64;
     // From the smallest amplitude to the largest.
     let place = |n: usize| high + (low - high) * n as f64 / last;
-    let k: Vec<f64> = (0..GEAR_PLACES).map(place).collect();
-    let (scatters, at) = with(&SCATTERS, feeder.scatter);
+    let k: Vec<f64> = (0..GEAR_AMPLITUDES).map(place).collect();
+    let (scatters, at) = insert(&SCATTERS, feeder.scatter);
     let waves = [Wave::sine(), Wave::build(feeder.second, Tone::default())?];
     let lot = |&scatter: &f64| {
         Lot::build(LotSettings {
@@ -217,8 +214,8 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
         lots[rest % scatters.len()].at(&waves[rest / scatters.len()], place)
     })?;
     let curve = |curve: &[[f64; 2]]| {
-        let [mean, least] = [0, 1].map(|n| shorts(curve.iter().map(|share| share[n])));
-        json!({"mean": mean, "least": least})
+        let [mean, min] = [0, 1].map(|n| shorts(curve.iter().map(|share| share[n])));
+        json!({"mean": mean, "least": min})
     };
     let curves: Vec<Json> = shares.chunks(k.len()).map(curve).collect();
     let curves: Vec<&[Json]> = curves.chunks(scatters.len()).collect();
@@ -248,14 +245,8 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
         let ends = basins::ends(&endings, BASIN_SIDE, BASIN_VELOCITY, desk)?;
         let sign = |end: &Regime| char::from(b'0' + ending::fill(*end) as u8);
         let signs: String = ends.iter().map(sign).collect();
-        let mut shares: Vec<(String, usize)> = Vec::new();
-        for end in &ends {
-            let name = ending::describe_regime(*end, BASIN_IMPACTS);
-            match shares.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, count)) => *count += 1,
-                None => shares.push((name, 1)),
-            }
-        }
+        let name = |end: &Regime| ending::describe_regime(*end, BASIN_IMPACTS);
+        let mut shares = counted(ends.iter().map(name));
         shares.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
         let share = |(name, count): &(String, usize)| json!({"regime": name, "share": short(*count as f64 / ends.len() as f64)});
         let shares: Vec<Json> = shares.iter().map(share).collect();
@@ -279,11 +270,11 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
 }
 
 fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
-    let (frictions, at) = with(&FRICTIONS, feeder.friction.unwrap_or(0.3));
+    let (frictions, at) = insert(&FRICTIONS, feeder.friction.unwrap_or(0.3));
     let track = &feeder.track;
     let mut curves = Vec::new();
     for friction in &frictions {
-        let found = transport::speeds(
+        let rows = transport::from_rest(
             &format!(
                 "--restitution {} --friction {friction} --throw {THROWS} --frequency {} --incline={} --amplitude-ratio {} \
                  --phase-lead={} --impacts 300 --settle 300 --contact {}",
@@ -296,11 +287,11 @@ fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
             ),
             desk,
         )?;
-        let row = |at: &transport::Speed| {
-            let (throw, amplitude) = (short(at.throw), short(at.amplitude));
-            json!([throw, amplitude, at.speed.map(short), at.regime])
+        let row = |at: &transport::Row| {
+            let (throw, amplitude) = (short(at.throw()), short(at.amplitude()));
+            json!([throw, amplitude, at.speed().map(short), at.regime()])
         };
-        let rows: Vec<Json> = found.iter().map(row).collect();
+        let rows: Vec<Json> = rows.iter().map(row).collect();
         curves.push(json!({"friction": friction, "rows": rows}));
     }
     Ok(json!({
@@ -314,27 +305,26 @@ fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
 }
 
 fn run(outcome: &Outcome) -> Json {
-    let Some(sketch) = outcome.record().sketch() else {
+    let Some(sketch) = &outcome.record().sketch else {
         return Json::Null;
     };
-    let end = sketch.time();
-    let states = sketch.states();
+    let end = sketch.time;
+    let states = &sketch.states;
     let ribbon = states.iter().enumerate().map(|(n, (from, state))| {
         let until = states.get(n + 1).map_or(end, |next| next.0);
         let fill = state_fill(*state) as u8;
         json!([short(*from), short(until), fill, state.name()])
     });
-    let event = |at: kband_scene::Happened| json!([short(at.time), at.words()]);
-    let impacts = sketch.impacts();
+    let event = |at: kband_scene::TimedEvent| json!([short(at.time), at.name()]);
+    let impacts = &sketch.impacts;
     let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
-    let kinds = kin(&outcome.file().scene.parts);
-    let parts = kinds.iter().map(|kin| {
-        let of = impacts
-            .iter()
-            .filter(|impact| kin.parts.contains(&impact.part));
-        let of = of.step_by(stride);
-        let of = of.map(|impact| [impact.time, impact.phase, impact.speed].map(short));
-        json!({"name": kin.name, "impacts": of.collect::<Vec<_>>()})
+    let kinds = part_group(&outcome.file().scene.parts);
+    let parts = kinds.iter().map(|part_group| {
+        let chosen = impacts.iter();
+        let chosen = chosen.filter(|impact| part_group.parts.contains(&impact.part));
+        let chosen = chosen.step_by(stride);
+        let chosen = chosen.map(|impact| [impact.time, impact.phase, impact.speed].map(short));
+        json!({"name": part_group.name, "impacts": chosen.collect::<Vec<_>>()})
     });
     json!({
         "duration_s": short(end),
@@ -345,7 +335,7 @@ fn run(outcome: &Outcome) -> Json {
         "in_gear_true": outcome.in_gear().map(short),
         "lock_phase_rad": outcome.expected_phase().filter(|_| outcome.last().shape.is_sine()).map(short),
         "states": ribbon.collect::<Vec<_>>(),
-        "state_fills": Fill::ALL.map(|fill| STATE_FILLS.iter().find(|(known, _)| *known == fill).map(|(_, name)| *name)),
+        "state_fills": Fill::ALL.map(|fill| STATE_FILLS.iter().find(|(entry, _)| *entry == fill).map(|(_, name)| *name)),
         "events": outcome.events().map(event).collect::<Vec<_>>(),
         "parts": parts.collect::<Vec<_>>(),
     })
@@ -365,8 +355,8 @@ mod tests {
 
     #[test]
     fn a_value_takes_its_place_once() {
-        assert_eq!(with(&[0.1, 0.3], 0.2), (vec![0.1, 0.2, 0.3], 1));
-        assert_eq!(with(&[0.1, 0.3], f64::from(0.3_f32)), (vec![0.1, 0.3], 1));
-        assert_eq!(with(&[0.1], 0.4), (vec![0.1, 0.4], 1));
+        assert_eq!(insert(&[0.1, 0.3], 0.2), (vec![0.1, 0.2, 0.3], 1));
+        assert_eq!(insert(&[0.1, 0.3], f64::from(0.3_f32)), (vec![0.1, 0.3], 1));
+        assert_eq!(insert(&[0.1], 0.4), (vec![0.1, 0.4], 1));
     }
 }

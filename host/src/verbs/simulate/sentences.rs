@@ -6,13 +6,13 @@ use kband::regime::classify::Regime;
 use kband_control::{Event, Fault, Report, State, Target, UpperTone};
 use serde_json::{Value as Json, json};
 
-use super::summary::Seen;
+use super::summary::Observed;
 use crate::causes;
 use crate::refusal::Refusal;
-use crate::report::{Field, Printout, View, columns, fields, number, when};
-use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, SETTLED, describe, words};
+use crate::report::{Field, Printout, View, columns, fields, finite, number, when};
+use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describe, regime_text};
 
-/// Smallest amplitude of a second tone, over the first, that counts as one.
+/// Smallest amplitude of the second tone, over the first, that is reported.
 const MIN_TONE_RATIO: f64 = 0.01;
 
 pub(super) struct Written<'a> {
@@ -28,9 +28,12 @@ pub(super) fn report(
     unmet: Option<&[String]>,
     written: &Written<'_>,
 ) -> Result<Printout, Refusal> {
-    let seen = Seen::of(outcome);
-    let summary = seen.lines();
+    let observed = Observed::from_outcome(outcome);
+    let summary = observed.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
+    let speed = number(outcome.speed() * 1e3, 3);
+    let times = number(outcome.times_real_time(), 3);
+    let real_time = format!("speed            {times} times real time ({fidelity})");
     let sentences = [
         describe_state(outcome),
         describe_setpoint(outcome),
@@ -38,53 +41,47 @@ pub(super) fn report(
         vec![format!("regime           {}", outcome.regime())],
         describe_share_in_gear(outcome),
         Vec::from_iter(describe_expected_share(outcome)),
-        list_causes(&seen),
+        list_causes(&observed),
         Vec::from_iter(describe_strays(outcome)),
         Vec::from_iter(describe_measured_regime(outcome)),
         Vec::from_iter(describe_identification(outcome)),
         Vec::from_iter(describe_margin(outcome)),
         Vec::from_iter(describe_load(outcome)),
         describe_lock_phase(outcome),
-        vec![format!(
-            "conveying speed  {} mm/s",
-            number(outcome.speed() * 1e3, 3)
-        )],
+        vec![format!("conveying speed  {speed} mm/s")],
         describe_expectation(unmet),
         list_files(written),
-        vec![format!(
-            "speed            {} times real time ({fidelity})",
-            number(outcome.times_real_time(), 3)
-        )],
+        vec![real_time],
     ];
     timeline(outcome)
         .heading(heading)
         .notes(sentences.into_iter().flatten())
-        .json(&as_json(outcome, &seen, fidelity, unmet, written))
+        .json(&as_json(outcome, &observed, fidelity, unmet, written))
 }
 
-type Happened = (f64, String, Report);
+type TimedEvent = (f64, String, Report);
 
 fields! {
-    /// An event with the state and the drive after it.
-    fn state_after(at: Happened) {
+    /// An event with the resulting state and drive.
+    fn state_after(at: TimedEvent) {
         all TIME.digits(4) => at.0;
         all EVENT => at.1.clone();
         all STATE => at.2.state.name();
-        all B.digits(3) => moving(&at.2).then_some(1e3 * f64::from(at.2.amplitude));
-        all K.digits(4) => moving(&at.2).then_some(f64::from(at.2.k));
+        all B.digits(3) => is_moving(&at.2).then_some(1e3 * f64::from(at.2.amplitude));
+        all K.digits(4) => is_moving(&at.2).then_some(f64::from(at.2.k));
     }
 }
 
 fields! {
-    /// The measured regime after it.
-    fn regime_after(at: Happened) {
+    /// The measured regime after the event.
+    fn regime_after(at: TimedEvent) {
         all IN_GEAR_ESTIMATED.titled("in gear (estimated)").digits(2) => f64::from(at.2.in_gear);
         all FLIP_ESTIMATED.titled("margin (to the flip)").digits(2) =>
             at.2.margin.map(|margin| f64::from(margin.flip));
     }
 }
 
-fn moving(report: &Report) -> bool {
+fn is_moving(report: &Report) -> bool {
     f64::from(report.amplitude) > RESTING_AMPLITUDE
 }
 
@@ -94,33 +91,32 @@ fn timeline(outcome: &Outcome) -> Printout {
     let upper = outcome.file().scene.settings.upper_tones();
     let named = [(columns::E, columns::TH), (columns::E3, columns::TH3)];
     for (n, (e, th)) in named.into_iter().enumerate().take(upper) {
-        let tone = move |at: &Happened| at.2.shape.tones()[n];
-        let e = e.titled(e.name()).digits(3);
+        let tone = move |at: &TimedEvent| at.2.shape.tones()[n];
+        let e = e.titled(e.name).digits(3);
         tones.push(Field::all(e, move |at| f64::from(tone(at).ratio)));
         tones.push(Field::all(th.digits(4), move |at| {
             let UpperTone { ratio, phase } = tone(at);
             (ratio > 0.0).then_some(f64::from(phase))
         }));
     }
-    let event = |happened: kband_scene::Happened| {
+    let event = |happened: kband_scene::TimedEvent| {
         let name = name_event(outcome, happened.event, &happened.report);
         (happened.time, name, happened.report)
     };
-    let mut rows: Vec<Happened> = outcome.events().map(event).collect();
+    let mut rows: Vec<TimedEvent> = outcome.events().map(event).collect();
     rows.push((outcome.file().duration, "end".into(), outcome.last()));
-    let view = state_after().and(View::of(tones)).and(regime_after());
-    view.printout(&rows)
+    let view = state_after().and(View::from_fields(tones));
+    view.and(regime_after()).printout(&rows)
 }
 
 /// Name of an event, with the number of the kick or of the fault.
 fn name_event(outcome: &Outcome, event: Event, report: &Report) -> String {
     let name = event.name();
     match (event, report.fault) {
-        (Event::KickBegun, _) => format!(
-            "{name} ({} of {})",
-            report.attempts,
-            outcome.attempts_allowed()
-        ),
+        (Event::KickBegun, _) => {
+            let (kick, allowed) = (report.attempts, outcome.attempts_allowed());
+            format!("{name} ({kick} of {allowed})")
+        }
         (Event::Faulted, Some(fault)) => {
             format!("{name}: {} (fault {})", fault.name(), fault.number())
         }
@@ -145,7 +141,6 @@ fn describe_scene(outcome: &Outcome) -> String {
     )
 }
 
-/// State of the controller at the end, and the fault.
 fn describe_state(outcome: &Outcome) -> Vec<String> {
     let last = outcome.last();
     let fault = |fault: Fault| format!(": {} (fault {})", fault.name(), fault.number());
@@ -165,11 +160,8 @@ fn describe_state(outcome: &Outcome) -> Vec<String> {
 fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
     let limits = outcome.limits().into_iter();
     let mut lines = Vec::from_iter(limits.map(|limit| format!("held back by     {limit}")));
-    lines.extend(
-        outcome
-            .no_setpoint()
-            .map(|why| format!("no setpoint      {why}")),
-    );
+    let no_setpoint = outcome.no_setpoint();
+    lines.extend(no_setpoint.map(|why| format!("no setpoint      {why}")));
     let (b, k) = if outcome.amplitude() > RESTING_AMPLITUDE {
         let b = number(outcome.amplitude() * 1e3, 4);
         (format!("{b} mm"), number(outcome.k(), 4))
@@ -183,8 +175,8 @@ fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
 
 /// Gear band for a target of gear, band of the lock, and whether k is inside.
 fn describe_band(outcome: &Outcome) -> Vec<String> {
-    let (k, moving) = (outcome.k(), outcome.amplitude() > RESTING_AMPLITUDE);
-    let place = |inside: bool| match (moving, inside) {
+    let (k, is_moving) = (outcome.k(), outcome.amplitude() > RESTING_AMPLITUDE);
+    let place = |inside: bool| match (is_moving, inside) {
         (false, _) => "",
         (true, true) => ", k inside",
         (true, false) => ", k outside",
@@ -197,7 +189,7 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
             "gear band        k {} .. {}{}{}",
             number(low, 4),
             number(high, 4),
-            when(moving, amplitudes),
+            when(is_moving, amplitudes),
             place((low..=high).contains(&k))
         )
     });
@@ -230,7 +222,7 @@ fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
         None => "never lost".into(),
     };
     let mut lines = vec![format!(
-        "in gear          {} of the time from {SETTLED} s on (order {}), {lost}",
+        "in gear          {} of the time from {STATISTICS_START} s on (order {}), {lost}",
         number(share, 3),
         outcome.gear_order()
     )];
@@ -260,7 +252,7 @@ fn configured_lot(outcome: &Outcome) -> Lot {
 
 /// Lot for which the controller planned: the measured one, else that of the settings.
 fn planned_lot(outcome: &Outcome) -> Lot {
-    let planned = outcome.record().planned_for();
+    let planned = outcome.record().gear_lot;
     planned.unwrap_or_else(|| configured_lot(outcome))
 }
 
@@ -270,7 +262,6 @@ fn predicted_share(outcome: &Outcome) -> Option<f64> {
         .then_some(f64::from(outcome.last().expected_in_gear))
 }
 
-/// Share of time in gear that the plan predicts.
 fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     let lot = planned_lot(outcome);
     let expected = number(predicted_share(outcome)?, 3);
@@ -283,17 +274,16 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     ))
 }
 
-/// The predicted effect of one change of drive or lot, if parts do not stay in gear.
-fn list_causes(seen: &Seen) -> Vec<String> {
-    let causes = causes::describe(seen.causes());
+/// Predicted effect of one change of drive or lot, if parts do not stay in gear.
+fn list_causes(observed: &Observed) -> Vec<String> {
+    let causes = causes::describe(&observed.causes);
     if causes.is_empty() {
         return vec![];
     }
-    let heading = "causes           one change at a time is predicted to give".into();
-    let causes = causes
-        .iter()
-        .map(|cause| format!("                 {cause}"));
-    std::iter::once(heading).chain(causes).collect()
+    let mut lines = vec!["causes           one change at a time is predicted to give".into()];
+    let line = |cause| format!("                 {cause}");
+    lines.extend(causes.into_iter().map(line));
+    lines
 }
 
 fn describe_strays(outcome: &Outcome) -> Option<String> {
@@ -309,11 +299,10 @@ fn describe_strays(outcome: &Outcome) -> Option<String> {
     })
 }
 
-/// Regime as the controller measures it.
 fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
     let last = outcome.last();
     let measured = last.regime?;
-    // Scattering phases repeat nothing, in gear or not.
+    // With scatter no phases repeat, in gear or not.
     let unrepeated = matches!(measured.regime, Regime::Chaotic | Regime::Undecided);
     Some(if unrepeated && last.in_gear >= 0.5 {
         format!("estimated        in gear, order {}", last.gear)
@@ -327,24 +316,21 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
             number(measured.confidence, 2)
         )
     } else {
-        format!(
-            "estimated        {} (confidence {})",
-            words(measured.regime),
-            number(measured.confidence, 2)
-        )
+        let (regime, confidence) = (regime_text(measured.regime), number(measured.confidence, 2));
+        format!("estimated        {regime} (confidence {confidence})")
     })
 }
 
 fn describe_identification(outcome: &Outcome) -> Option<String> {
-    let found = outcome.identified()?;
-    let scatter = || format!(", scattering by {}", number(found.scatter, 2));
+    let identified = outcome.identified()?;
+    let scatter = || format!(", scattering by {}", number(identified.scatter, 2));
     Some(format!(
         "restitution      {} identified{}, standard error {}, {} hops at k {}",
-        number(found.restitution, 3),
-        when(found.scatter > 0.0, scatter),
-        number(found.deviation, 1),
-        found.hops,
-        number(found.k, 3)
+        number(identified.restitution, 3),
+        when(identified.scatter > 0.0, scatter),
+        number(identified.deviation, 1),
+        identified.hops,
+        number(identified.k, 3)
     ))
 }
 
@@ -385,9 +371,9 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
         return vec![];
     };
     let last = outcome.last();
-    let measures = |regime: Regime| last.regime.is_some_and(|found| found.regime == regime);
+    let measures = |regime: Regime| last.regime.is_some_and(|end| end.regime == regime);
     let silent = measures(Regime::Rest);
-    // The controller detects no lock from rare impacts.
+    // Impacts that are too rare for the controller to detect a lock.
     let faint =
         matches!(last.state, State::Holding | State::Capturing) && measures(Regime::Undecided);
     let expected = outcome.expected_phase().map(|phase| {
@@ -415,10 +401,8 @@ fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
         None => Vec::new(),
         Some([]) => vec!["expectation      met".into()],
         Some(unmet) => {
-            let lines = unmet.iter();
-            lines
-                .map(|line| format!("NOT AS EXPECTED  {line}"))
-                .collect()
+            let lines = unmet.iter().map(|line| format!("NOT AS EXPECTED  {line}"));
+            lines.collect()
         }
     }
 }
@@ -426,30 +410,30 @@ fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
 fn list_files(written: &Written<'_>) -> Vec<String> {
     let picture = ("picture", Some(written.picture));
     let files = [picture, ("trace", written.trace), ("scope", written.scope)].into_iter();
-    files
-        .filter_map(|(name, file)| Some(format!("{name:<16} {}", file?.display())))
-        .collect()
+    let line =
+        |(name, file): (&str, Option<&Path>)| Some(format!("{name:<16} {}", file?.display()));
+    files.filter_map(line).collect()
 }
 
 fn as_json(
     outcome: &Outcome,
-    seen: &Seen,
+    observed: &Observed,
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &Written<'_>,
 ) -> Json {
-    let (last, k, lot) = (outcome.last(), outcome.k(), planned_lot(outcome));
+    let (last, lot) = (outcome.last(), planned_lot(outcome));
     let path = |path: &Path| path.display().to_string();
-    let event = |at: kband_scene::Happened| json!({"time": at.time, "event": at.event.name(), "state": at.report.state.name()});
+    let event = |at: kband_scene::TimedEvent| json!({"time": at.time, "event": at.event.name(), "state": at.report.state.name()});
     json!({
-        "summary": seen.lines(),
-        "causes": causes::describe(seen.causes()),
+        "summary": observed.lines(),
+        "causes": causes::describe(&observed.causes),
         "events": outcome.events().map(event).collect::<Vec<_>>(),
         "state": last.state.name(),
         "fault": last.fault.map(|fault| fault.name()),
         "limits": outcome.limits(),
         "b": outcome.amplitude() * 1e3,
-        "k": k.is_finite().then_some(k),
+        "k": finite(outcome.k()),
         "band": outcome.band().map(|band| [band.low(), band.high()]),
         "gear_band": last.gear_band,
         "regime": outcome.regime(),
@@ -473,7 +457,7 @@ fn as_json(
         "mass": outcome.file().scene.masses.iter().any(|mass| *mass > 0.0).then(|| outcome.mass()),
         "mass_weighed": last.load.map(|load| load.mass),
         "flow_weighed": last.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
-        "restitution_identified": outcome.identified().map(|found| found.restitution),
+        "restitution_identified": outcome.identified().map(|identified| identified.restitution),
         "not_as_expected": unmet,
         "picture": path(written.picture),
         "trace": written.trace.map(path),

@@ -3,13 +3,13 @@
 //! Amplitudes are in mm, speeds in mm/s, rates in parts a minute, times in s.
 
 use kband::regime::classify::Regime;
-use kband_control::{Fault, Identification, Limits, State, Target};
+use kband_control::{Identification, Limits, Report, State, Target};
 
-use crate::causes::{Best, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
+use crate::causes::{BestSetpoint, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
 use crate::report::number;
 use crate::simulate::Outcome;
 
-/// Relative difference below which two amplitudes count as equal: a setter sees no change.
+/// Relative difference below which two amplitudes count as equal.
 const SAME_AMPLITUDE: f64 = 0.03;
 /// Share of the time in the air below which parts are reported to hop and rest.
 const MIN_TIME_IN_AIR: f64 = 0.9;
@@ -19,17 +19,13 @@ const MIN_TIME_IN_AIR: f64 = 0.9;
 const THIN_MARGIN: f64 = 0.01;
 
 #[derive(Clone, Debug)]
-pub(super) struct Seen {
+pub(super) struct Observed {
     /// Amplitude in mm, and the track's peak acceleration over gravity.
     amplitude: f64,
     peak: f64,
     target: Target,
-    state: State,
-    fault: Option<Fault>,
-    limits: Limits,
-    /// Why the target has no setpoint.
+    last: Report,
     no_setpoint: Option<String>,
-    identification: Identification,
     parts: usize,
     resting: usize,
     k: f64,
@@ -37,16 +33,14 @@ pub(super) struct Seen {
     /// Share of time in gear, for parts that scatter.
     in_gear: Option<f64>,
     /// The predicted best setpoint of the lot, if parts do not stay in gear.
-    best: Option<Best>,
-    /// Causes why the lot is out of gear at its best setpoint.
-    causes: Vec<Cause>,
+    best: Option<BestSetpoint>,
+    /// Causes why the lot is out of gear at its best setpoint, the most likely one first.
+    pub causes: Vec<Cause>,
     /// Share of the time in the air.
     in_air: f64,
     /// Time in gear until its loss, in s.
     loss: Option<f64>,
     locked: bool,
-    /// Whether successive flights alternate, as measured.
-    doubled: bool,
     regime: String,
     /// Conveying speed in mm/s, upwards positive.
     speed: f64,
@@ -62,8 +56,8 @@ pub(super) struct Seen {
     longer: f64,
 }
 
-impl Seen {
-    pub(super) fn of(outcome: &Outcome) -> Self {
+impl Observed {
+    pub(super) fn from_outcome(outcome: &Outcome) -> Self {
         let last = outcome.last();
         let scene = &outcome.file().scene;
         let settings = &scene.settings;
@@ -73,33 +67,35 @@ impl Seen {
         let (low, high) = (settings.restitution_low, settings.restitution_high);
         let rate = std::f64::consts::TAU * frequency;
         let target = outcome.target();
-        let in_gear = outcome.in_gear().filter(|_| outcome.file().scatters());
+        let is_gear = matches!(target, Target::Gear { .. });
+        let in_gear = outcome.in_gear();
+        let in_gear = in_gear.filter(|_| is_gear || outcome.file().scatters());
         let held = last.state == State::Holding && last.fault.is_none();
         let poor = held && in_gear.is_some_and(|share| share < MIN_SHARE_IN_GEAR);
         let (best, causes) = match target {
             Target::Gear { order } if poor => {
-                let best = Best {
+                let best = BestSetpoint {
                     share: f64::from(last.expected_in_gear),
                     amplitude: amplitude * 1e3,
                 };
                 (Some(best), causes(settings, order, best))
             }
-            Target::K(_) | Target::Amplitude(_) if poor => (Some(Best::of(settings, 1)), vec![]),
+            Target::K(_) | Target::Amplitude(_) if poor => {
+                (Some(BestSetpoint::from_settings(settings, 1)), vec![])
+            }
             _ if last.limits.contains(Limits::MISFIT) => {
                 (None, vec![misfit(settings, amplitude * 1e3)])
             }
             _ => (None, vec![]),
         };
+        let band = outcome.band().filter(|band| band.contains(k));
         Self {
             amplitude: amplitude * 1e3,
             peak: amplitude * rate * rate * f64::from(last.shape.peaks()[1])
                 / kband::feeder::STANDARD_GRAVITY,
             target,
-            state: last.state,
-            fault: last.fault,
-            limits: last.limits,
+            last,
             no_setpoint: outcome.no_setpoint(),
-            identification: last.identification,
             parts: scene.parts.len(),
             resting: outcome.resting(),
             k,
@@ -110,16 +106,10 @@ impl Seen {
             in_air: outcome.in_air(),
             loss: outcome.time_to_loss().map(|cycles| cycles / frequency),
             locked: outcome.is_locked(),
-            doubled: last
-                .regime
-                .is_some_and(|found| matches!(found.regime, Regime::Doubled { .. })),
             regime: outcome.regime(),
             speed: outcome.speed() * 1e3,
             part_length: outcome.file().part_length,
-            margin: outcome
-                .band()
-                .filter(|band| band.contains(k))
-                .map(|band| band.margins(k).smallest()),
+            margin: band.map(|band| band.margins(k).smallest()),
             lot: if low == high {
                 format!("{low}")
             } else {
@@ -131,9 +121,10 @@ impl Seen {
         }
     }
 
-    /// Why the lot is out of gear at its best, the most likely cause first.
-    pub(super) fn causes(&self) -> &[Cause] {
-        &self.causes
+    /// Whether successive flights alternate, as measured.
+    fn doubled(&self) -> bool {
+        let measured = self.last.regime;
+        measured.is_some_and(|measured| matches!(measured.regime, Regime::Doubled { .. }))
     }
 
     /// The lines, the last of them the next step.
@@ -151,11 +142,8 @@ impl Seen {
         if self.amplitude <= 1e-3 {
             return "The track stands still.".into();
         }
-        format!(
-            "The track moves {} mm to each side, {} g at its peak.",
-            number(self.amplitude, 3),
-            number(self.peak, 3)
-        )
+        let [amplitude, peak] = [self.amplitude, self.peak].map(|value| number(value, 3));
+        format!("The track moves {amplitude} mm to each side, {peak} g at its peak.")
     }
 
     fn parts(&self) -> Option<String> {
@@ -175,15 +163,15 @@ impl Seen {
                 number(100.0 * share, 3)
             ),
             None if self.locked => format!("Parts hop once {stroke}, in lock with the drive"),
-            None => format!(
-                "Parts do not hop in one rhythm with the drive ({})",
-                self.regime
-            ),
+            None => {
+                let regime = &self.regime;
+                format!("Parts do not hop in one rhythm with the drive ({regime})")
+            }
         };
-        let way = if self.speed < 0.0 { "DOWN" } else { "up" };
+        let direction = if self.speed < 0.0 { "DOWN" } else { "up" };
         let rate = 60.0 * self.speed.abs() / self.part_length;
         Some(format!(
-            "{hop} and travel {} mm/s {way} the track: about {} parts a minute of {} mm each.",
+            "{hop} and travel {} mm/s {direction} the track: about {} parts a minute of {} mm each.",
             number(self.speed.abs(), 3),
             whole(rate),
             number(self.part_length, 4)
@@ -196,7 +184,7 @@ impl Seen {
             "lie at rest".into()
         } else if self.in_air < MIN_TIME_IN_AIR {
             format!("hop and rest in turn, in the air for {air} % of the time,")
-        } else if self.doubled {
+        } else if self.doubled() {
             "hop by turns high and low (doubled),".into()
         } else {
             format!("hop irregularly, in the air for {air} % of the time,")
@@ -204,7 +192,7 @@ impl Seen {
     }
 
     /// The fault of a configured amplitude, and the one to choose.
-    fn misplaced(&self, best: Best) -> Option<String> {
+    fn misplaced(&self, best: BestSetpoint) -> Option<String> {
         let ratio = self.amplitude / best.amplitude;
         if best.share < 0.5 || (ratio - 1.0).abs() < SAME_AMPLITUDE {
             return None;
@@ -230,11 +218,8 @@ impl Seen {
             })
         } else if self.locked {
             let margin = self.margin?;
-            let margin_line = format!(
-                "Margin: {} % of the amplitude ({} mm)",
-                number(100.0 * margin, 2),
-                number(margin * self.amplitude, 2)
-            );
+            let [percent, mm] = [100.0, self.amplitude].map(|scale| number(scale * margin, 2));
+            let margin_line = format!("Margin: {percent} % of the amplitude ({mm} mm)");
             Some(if margin < THIN_MARGIN {
                 format!("{margin_line}: thin, not every part of this lot may hold.")
             } else {
@@ -247,49 +232,39 @@ impl Seen {
 
     /// The next step, for every state, limit and result.
     fn next(&self) -> String {
-        if let Some(fault) = self.fault {
-            return format!(
-                "remove the cause of '{}': kband explain fault {}",
-                fault.name(),
-                fault.number()
-            );
+        if let Some(fault) = self.last.fault {
+            let (name, number) = (fault.name(), fault.number());
+            return format!("remove the cause of '{name}': kband explain fault {number}");
         }
-        if let Some(limit) = Limits::ALL
-            .into_iter()
-            .find(|limit| self.limits.contains(*limit))
-        {
+        let mut limits = Limits::ALL.into_iter();
+        if let Some(limit) = limits.find(|limit| self.last.limits.contains(*limit)) {
             let why = self.no_setpoint.as_ref();
             let why = why.map_or(String::new(), |why| format!(": {why}"));
-            return format!(
-                "{} (limit {}){why}; kband explain limit {}",
-                limit.name(),
-                limit.number(),
-                limit.number()
-            );
+            let (name, number) = (limit.name(), limit.number());
+            return format!("{name} (limit {number}){why}; kband explain limit {number}");
         }
-        if self.target == Target::Identify
-            && let Identification::Listening { hops } = self.identification
-        {
-            let longer = number(self.longer, 4);
-            return format!(
-                "no restitution is identified yet ({hops} hops detected): run longer, with --duration {longer}"
-            );
-        }
-        match self.identification {
-            Identification::Found(found) if self.target == Target::Identify => {
-                let r = number(found.restitution, 3);
+        let longer = number(self.longer, 4);
+        match self.last.identification {
+            _ if self.target != Target::Identify => {}
+            Identification::Idle => {}
+            Identification::Listening { hops } => {
+                return format!(
+                    "no restitution is identified yet ({hops} hops detected): run longer, with --duration {longer}"
+                );
+            }
+            Identification::Found(identified) => {
+                let r = number(identified.restitution, 3);
                 return format!(
                     "the parts rebound with R = {r}: set part.restitution to an interval about it, and [target] gear = 1"
                 );
             }
-            Identification::NotFound(_) if self.target == Target::Identify => {
+            Identification::NotFound(_) => {
                 return "no restitution was identified: see which parts and sensor it needs in the manual's commissioning".into();
             }
-            _ => {}
         }
         if self.strays
             && matches!(
-                self.state,
+                self.last.state,
                 State::Holding | State::Locked | State::Capturing | State::Lost
             )
         {
@@ -297,12 +272,10 @@ impl Seen {
                     Kick and amplitude are chosen for the configured lot only"
                 .into();
         }
-        if self.state == State::Locked && self.resting > 0 {
-            let rest = format!(
-                "the lock is of {} of the {} parts, the others lie at rest",
-                self.parts - self.resting,
-                self.parts
-            );
+        if self.last.state == State::Locked && self.resting > 0 {
+            let (locked, all) = (self.parts - self.resting, self.parts);
+            let rest =
+                format!("the lock is of {locked} of the {all} parts, the others lie at rest");
             return if self.k >= 1.0 {
                 format!(
                     "{rest}: above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: \
@@ -313,20 +286,19 @@ impl Seen {
                 format!("{rest}: [target] gear = 1 throws them")
             };
         }
-        if self.state == State::Locked && self.doubled {
+        if self.last.state == State::Locked && self.doubled() {
             return format!(
                 "the flights have doubled, as of parts livelier than the lot: kband bands --restitution {}",
                 self.lot
             );
         }
-        let longer = number(self.longer, 4);
-        match self.state {
+        match self.last.state {
             State::Off => "the enable input starts the drive: kband explain off".into(),
             State::Starting => format!("the setpoint is not reached yet: --duration {longer} gives it time"),
             State::Capturing => format!("the parts are not in lock yet: --duration {longer} gives it time"),
             State::Stopping => "the drive comes to rest: kband explain stopping".into(),
             State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
-            State::Fault | State::Limiting => format!("kband explain {}", self.state.name()),
+            State::Fault | State::Limiting => format!("kband explain {}", self.last.state.name()),
             State::Locked if self.margin.is_some_and(|margin| margin < THIN_MARGIN) => {
                 format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
             }
@@ -336,10 +308,8 @@ impl Seen {
     }
 
     fn held(&self) -> String {
-        let gear = format!(
-            "kband gear --restitution {} --scatter {}",
-            self.lot, self.scatter
-        );
+        let (lot, scatter) = (&self.lot, self.scatter);
+        let gear = format!("kband gear --restitution {lot} --scatter {scatter}");
         match (self.target, self.in_gear) {
             _ if self.speed < 0.0 => {
                 "the track is too steep for this amplitude ratio: kband transport --help".into()
@@ -366,10 +336,7 @@ impl Seen {
                     .into()
             }
             (Target::Locked { .. }, None) if !self.locked => {
-                format!(
-                    "no kick brought every part into lock: kband capture --restitution {}",
-                    self.lot
-                )
+                format!("no kick brought every part into lock: kband capture --restitution {lot}")
             }
             _ => "kband explain holding; the picture shows the run".into(),
         }
@@ -384,18 +351,21 @@ fn whole(value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use kband::regime::classify::Verdict;
+    use kband_control::Fault;
+
     use super::*;
 
-    fn seen() -> Seen {
-        Seen {
+    fn observed() -> Observed {
+        Observed {
             amplitude: 0.25,
             peak: 2.5,
             target: Target::Gear { order: 1 },
-            state: State::Holding,
-            fault: None,
-            limits: Limits::default(),
+            last: Report {
+                state: State::Holding,
+                ..Report::default()
+            },
             no_setpoint: None,
-            identification: Identification::Idle,
             parts: 1,
             resting: 0,
             k: 0.4,
@@ -406,7 +376,6 @@ mod tests {
             in_air: 0.9,
             loss: Some(1.5),
             locked: false,
-            doubled: false,
             regime: "in gear 0.99, order 1".into(),
             speed: 87.5,
             part_length: 15.0,
@@ -421,7 +390,7 @@ mod tests {
     #[test]
     fn the_summary_of_gear_uses_mm_strokes_and_parts_a_minute() {
         assert_eq!(
-            seen().lines(),
+            observed().lines(),
             [
                 "The track moves 0.25 mm to each side, 2.5 g at its peak.",
                 "Parts hop once every stroke for 99 % of the time (in gear) and travel 87.5 mm/s up the track: \
@@ -434,24 +403,24 @@ mod tests {
     }
 
     #[track_caller]
-    fn says(change: fn(&mut Seen), words: &[&str]) {
-        let mut seen = seen();
-        change(&mut seen);
-        let lines = seen.lines().join("\n");
-        for said in words {
-            assert!(lines.contains(said), "{said}: {lines}");
+    fn assert_lines(change: fn(&mut Observed), expected: &[&str]) {
+        let mut observed = observed();
+        change(&mut observed);
+        let lines = observed.lines().join("\n");
+        for text in expected {
+            assert!(lines.contains(text), "{text}: {lines}");
         }
     }
 
     #[test]
     fn the_summary_warns_of_thin_margin_and_short_run() {
-        says(
-            |seen| {
-                seen.state = State::Locked;
-                seen.target = Target::Locked { order: 1 };
-                (seen.in_gear, seen.locked) = (None, true);
-                seen.margin = Some(0.0005);
-                seen.speed = -3.0;
+        assert_lines(
+            |observed| {
+                observed.last.state = State::Locked;
+                observed.target = Target::Locked { order: 1 };
+                (observed.in_gear, observed.locked) = (None, true);
+                observed.margin = Some(0.0005);
+                observed.speed = -3.0;
             },
             &[
                 "0.05 % of the amplitude",
@@ -460,42 +429,49 @@ mod tests {
                 "kband bands --restitution 0.18..0.22",
             ],
         );
-        says(
-            |seen| {
-                seen.target = Target::Identify;
-                seen.identification = Identification::Listening { hops: 12 };
+        assert_lines(
+            |observed| {
+                observed.target = Target::Identify;
+                observed.last.identification = Identification::Listening { hops: 12 };
             },
             &["12 hops detected", "--duration 30"],
         );
-        says(|seen| seen.state = State::Capturing, &["--duration 30"]);
+        let capture = |observed: &mut Observed| observed.last.state = State::Capturing;
+        assert_lines(capture, &["--duration 30"]);
     }
 
     #[test]
     fn the_summary_names_strays_doubling_and_missing_setpoint() {
         for state in [State::Holding, State::Locked, State::Capturing, State::Lost] {
-            let strays = Seen {
-                strays: true,
-                state,
-                ..seen()
-            };
+            let mut strays = observed();
+            (strays.strays, strays.last.state) = (true, state);
             let next = strays.next();
             assert!(next.contains("outside the configured lot"), "{state:?}");
         }
-        says(
-            |seen| (seen.state, seen.doubled) = (State::Locked, true),
+        assert_lines(
+            |observed| {
+                let regime = Regime::Doubled {
+                    order: 1,
+                    doublings: 1,
+                };
+                let confidence = 1.0;
+                observed.last.regime = Some(Verdict { regime, confidence });
+                observed.last.state = State::Locked;
+            },
             &["the flights have doubled"],
         );
-        says(
-            |seen| {
-                (seen.state, seen.k) = (State::Locked, 1.08);
-                (seen.parts, seen.resting) = (3, 2);
+        assert_lines(
+            |observed| {
+                (observed.last.state, observed.k) = (State::Locked, 1.08);
+                (observed.parts, observed.resting) = (3, 2);
             },
             &["lock is of 1 of the 3 parts", "above k = 1"],
         );
-        says(
-            |seen| {
-                (seen.state, seen.limits) = (State::Limiting, Limits::NO_SETPOINT);
-                seen.no_setpoint = Some("a reason".into());
+        assert_lines(
+            |observed| {
+                (observed.last.state, observed.last.limits) =
+                    (State::Limiting, Limits::NO_SETPOINT);
+                observed.no_setpoint = Some("a reason".into());
             },
             &[": a reason; kband explain"],
         );
@@ -504,27 +480,25 @@ mod tests {
     #[test]
     fn every_state_fault_and_limit_has_its_next_step() {
         for &state in State::ALL {
-            let said = Seen { state, ..seen() }.next();
-            assert!(said.len() > 15, "{state:?}: {said}");
+            let mut observed = observed();
+            observed.last.state = state;
+            let text = observed.next();
+            assert!(text.len() > 15, "{state:?}: {text}");
         }
         for &fault in Fault::ALL {
-            let faulty = Seen {
-                fault: Some(fault),
-                ..seen()
-            };
+            let mut faulty = observed();
+            faulty.last.fault = Some(fault);
             let end = format!("kband explain fault {}", fault.number());
             assert!(faulty.next().ends_with(&end), "{}", faulty.next());
         }
         for limits in Limits::ALL {
-            let limited = Seen { limits, ..seen() };
+            let mut limited = observed();
+            limited.last.limits = limits;
             let end = format!("kband explain limit {}", limits.number());
             assert!(limited.next().ends_with(&end), "{}", limited.next());
         }
-        let still = Seen {
-            amplitude: 0.0,
-            state: State::Off,
-            ..seen()
-        };
+        let mut still = observed();
+        (still.amplitude, still.last.state) = (0.0, State::Off);
         assert_eq!(still.lines()[0], "The track stands still.");
         assert_eq!(still.lines().len(), 2);
     }

@@ -1,13 +1,13 @@
-//! The table of registers: where each quantity is, in which form, and who may write it.
+//! The table of registers: address and form of each quantity, and its write access.
 //!
-//! The server's answers, `kband registers` and the manual's page come from this table. An address
-//! never changes its meaning. New registers take free addresses, new settings the end of their
-//! list.
+//! The server's answers, `kband registers` and the manual's page are generated from this table. An
+//! address never changes its meaning. New registers get free addresses; new settings are appended
+//! to their list.
 
 use kband_control::Settings;
 use kband_control::wire::Record;
 
-use crate::machine::Seen;
+use crate::machine::Snapshot;
 use crate::protocol::Counters;
 
 mod list;
@@ -27,19 +27,20 @@ const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
 const EVENT_REGISTERS: u16 = 8;
+
 /// Form of a register's content.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
     /// 16 bits without sign.
     Word,
-    /// 16 bits with sign, in this unit of the quantity; 32767 and -32767 where it is beyond, -32768
-    /// where there is none.
+    /// 16 bits with sign, in this unit of the quantity. Values beyond the range are 32767 or
+    /// -32767; a missing value is -32768.
     Scaled(f32),
     /// 32 bits without sign, the high word first.
     Long,
     /// IEEE 754 single precision, the high word first.
     Float,
-    /// Text of ASCII characters, two a register, the first in the high byte; filled with zeros.
+    /// ASCII text, two characters per register, the first in the high byte; padded with zeros.
     Text(u16),
 }
 
@@ -54,28 +55,28 @@ impl Form {
     }
 }
 
-/// What may be written.
+/// Write access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Nothing.
     Read,
-    /// With authority 1; as a whole, in one request.
+    /// With authority 1; all registers in one request.
     Write,
-    /// With authority 1 while the drive is at rest; as a whole, in one request.
+    /// With authority 1 while the drive is at rest; all registers in one request.
     AtRest,
 }
 
-/// All that the registers show.
+/// Data from which all registers are filled.
 #[derive(Clone, Copy)]
 pub(crate) struct Picture<'a> {
-    pub seen: &'a Seen<'a>,
+    pub snapshot: &'a Snapshot<'a>,
     pub settings: &'a Settings,
     pub counters: &'a Counters,
     pub control: u16,
     pub event: &'a dyn Fn(u32) -> Option<Record>,
 }
 
-/// Where a register's content comes from.
+/// Source of a register's content.
 #[derive(Clone, Copy)]
 enum Source {
     Whole(fn(&Picture<'_>) -> u32),
@@ -92,19 +93,19 @@ pub struct Register {
     pub address: u16,
     /// Form of its content.
     pub form: Form,
-    /// What may be written.
+    /// Write access.
     pub access: Access,
     source: Source,
 }
 
-/// What the manual says of a register.
+/// Description of a register for the manual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Words {
     /// Its name.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// Accepted range in words, of a setting; else empty.
+    /// Accepted range in words for a setting; otherwise empty.
     pub accepted: &'static str,
     /// Its meaning.
     pub meaning: &'static str,
@@ -124,12 +125,12 @@ impl Register {
                 Form::Scaled(unit) => return scaled(of(picture), unit),
                 _ => of(picture).to_bits(),
             },
-            Source::Image => return letters(picture.seen.image, offset),
+            Source::Image => return letters(picture.snapshot.image, offset),
             Source::Setting(number) => (picture.settings.values().get(number))
                 .copied()
                 .unwrap_or_default()
                 .to_bits(),
-            Source::Event { age, part } => (picture.seen.events)
+            Source::Event { age, part } => (picture.snapshot.events)
                 .checked_sub(1 + u32::from(age))
                 .and_then(picture.event)
                 .map_or(0, |record| part(&record)),
@@ -140,7 +141,7 @@ impl Register {
         }
     }
 
-    /// Index of its setting in [`Settings::KEYS`]; `None` where it is none.
+    /// Index of its setting in [`Settings::KEYS`]; `None` if it is not a setting.
     pub(crate) fn setting(&self) -> Option<usize> {
         match self.source {
             Source::Setting(number) => Some(number),
@@ -154,8 +155,8 @@ fn scaled(quantity: f32, unit: f32) -> u16 {
     if quantity.is_nan() {
         return i16::MIN as u16;
     }
-    let most = f32::from(i16::MAX);
-    libm::roundf(quantity / unit).clamp(-most, most) as i16 as u16
+    let limit = f32::from(i16::MAX);
+    libm::roundf(quantity / unit).clamp(-limit, limit) as i16 as u16
 }
 
 /// The pair of characters at `offset` of a text.
@@ -206,7 +207,7 @@ const IMAGE: Register = Register {
     source: Source::Image,
 };
 
-/// The register that contains this address; `None` where there is none.
+/// The register that contains this address; `None` if there is none.
 pub(crate) fn at(address: u16) -> Option<Register> {
     let within = |register: &Register| (register.address..register.end()).contains(&address);
     let found = match address {
@@ -226,7 +227,7 @@ pub(crate) fn at(address: u16) -> Option<Register> {
     found.filter(within)
 }
 
-/// Every register with its words, in the order of addresses; of the events only the newest.
+/// Every register with its description, in the order of addresses; of the events only the newest.
 pub fn all() -> impl Iterator<Item = (Register, Words)> {
     let fixed = || FIXED.iter().copied().zip(FIXED_WORDS.iter().copied());
     let readings = [Form::Scaled(1.0), Form::Float].map(|form| {
@@ -256,23 +257,23 @@ mod tests {
 
     #[test]
     fn no_address_is_used_twice_and_each_is_found() {
-        let mut taken = BTreeSet::new();
+        let mut addresses = BTreeSet::new();
         let mut before = 0;
         for (register, words) in all() {
             assert!(register.address >= before, "{}", words.name);
             before = register.end();
             for address in register.address..register.end() {
-                assert!(taken.insert(address), "{address}");
+                assert!(addresses.insert(address), "{address}");
                 let found = at(address).map(|found| (found.address, found.form));
                 assert_eq!(found, Some((register.address, register.form)));
             }
         }
         for age in 1..EVENTS {
             let first = FIRST_EVENT + EVENT_REGISTERS * age;
-            taken.extend(first..first + EVENT_REGISTERS);
+            addresses.extend(first..first + EVENT_REGISTERS);
         }
         let found: Vec<u16> = ((0..=u16::MAX).filter(|at| super::at(*at).is_some())).collect();
-        assert!(taken.into_iter().eq(found));
+        assert!(addresses.into_iter().eq(found));
     }
 
     #[test]

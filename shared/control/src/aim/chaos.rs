@@ -11,7 +11,7 @@ use kband::regime::{Lock, band};
 
 /// Impacts that one slice computes: 24 000 instructions at 190 an impact.
 const SLICE_IMPACTS: u32 = 128;
-/// Relative step of the scan in k: the middle of a stretch errs by 0.2 %.
+/// Relative step of the scan in k: the middle of an interval errs by 0.2 %.
 const SCAN_STEP: f64 = 0.004;
 /// Highest k of the scan over the flip at the lot's lowest restitution.
 const MAX_K_OVER_FLIP: f64 = 0.935;
@@ -39,7 +39,7 @@ impl Trial {
         let state = lock.state();
         Some(Self {
             map: Single::build(k, restitution).ok()?,
-            // Beside the orbit, which repels here.
+            // Beside the orbit, which is unstable here.
             state: Single::state(state.phase + 0.02, state.velocity).ok()?,
             impacts: 0,
             classifier: Classifier::build(TimingAccuracy::BOARD).ok()?,
@@ -62,16 +62,16 @@ impl Trial {
     }
 }
 
-/// The search for the widest stretch of k that is chaotic, by the board's classifier and without
-/// rest, for the lot's lowest, middle and highest restitution.
+/// Search for the widest chaotic interval of k without rest, by the board's classifier. It tests
+/// the lot's lowest, middle and highest restitution.
 #[derive(Clone, Copy, Debug)]
 pub struct ChaosSearch {
     parts: [f64; 3],
     k: f64,
-    lowest: f64,
+    lowest_k: f64,
     part: usize,
     trial: Option<Trial>,
-    /// The present stretch and the longest so far, as (high k, low k).
+    /// The present interval and the longest so far, as (high k, low k).
     growing: Option<(f64, f64)>,
     longest: Option<(f64, f64)>,
     done: bool,
@@ -86,7 +86,7 @@ impl ChaosSearch {
             // The part of highest restitution comes to rest first.
             parts: [high, low, lot.middle()],
             k: MAX_K_OVER_FLIP * band::flip(low, 1)?,
-            lowest: MIN_K_OVER_FLIP * band::flip(high, 1)?,
+            lowest_k: MIN_K_OVER_FLIP * band::flip(high, 1)?,
             part: 0,
             trial: None,
             growing: None,
@@ -101,7 +101,7 @@ impl ChaosSearch {
             return false;
         }
         for _ in 0..SLICE_IMPACTS {
-            if self.k < self.lowest {
+            if self.k < self.lowest_k {
                 self.done = true;
                 return false;
             }
@@ -130,9 +130,9 @@ impl ChaosSearch {
         true
     }
 
-    /// Goes on to the next k. `chaotic`: all parts were chaotic at this one.
+    /// Moves on to the next k. `chaotic`: all parts were chaotic at this one.
     fn next(&mut self, chaotic: bool) {
-        let width = |stretch: Option<(f64, f64)>| stretch.map_or(0.0, |(high, low)| high / low);
+        let width = |interval: Option<(f64, f64)>| interval.map_or(0.0, |(high, low)| high / low);
         self.growing = chaotic.then(|| (self.growing.map_or(self.k, |(high, _)| high), self.k));
         if width(self.growing) > width(self.longest) {
             self.longest = self.growing;
@@ -141,7 +141,7 @@ impl ChaosSearch {
         self.k *= 1.0 - SCAN_STEP;
     }
 
-    /// The result, once the search is over: k in the middle of the widest stretch.
+    /// The result, once the search is over: k in the middle of the widest interval.
     pub fn result(&self) -> Option<Option<f64>> {
         let middle = self.longest.map(|(high, low)| libm::sqrt(high * low));
         self.done.then_some(middle)

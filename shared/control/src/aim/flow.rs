@@ -1,20 +1,20 @@
-//! The order of gear that gives a wanted mass flow, in g/s.
+//! Order of gear that gives a requested mass flow, in g/s.
 //!
 //! In gear the parts' speed is proportional to the order and does not depend on the amplitude
-//! (docs/theory-transport.md#t8.3): the order whose predicted flow is nearest wins, debounced.
+//! (docs/theory-transport.md#t8.3). The order with the nearest predicted flow wins, debounced.
 
 use super::setpoint::ORDERS;
 
-/// Relative deviation from the wanted flow that is accepted, as for a speed.
+/// Largest accepted relative deviation from the requested flow, as for a speed.
 const FLOW_TOLERANCE: f32 = 0.1;
-/// Cycles in a row for which another order must be the best: eight memories of the weight.
+/// Consecutive cycles in which another order must be the best: eight memories of the weight.
 const DECISION_CYCLES: u32 = 512;
 
-/// Comparison of the orders of gear with a wanted flow.
+/// Comparison of the orders of gear with a requested flow.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowChoice {
-    wanted: f32,
-    /// Cycles in a row in which the present order was not the best.
+    requested: f32,
+    /// Consecutive cycles in which the present order was not the best.
     wrong_cycles: u32,
 }
 
@@ -28,10 +28,10 @@ pub enum FlowStep {
 }
 
 impl FlowChoice {
-    /// For a wanted flow in g/s.
-    pub fn new(wanted: f32) -> Self {
+    /// Comparison for a requested flow in g/s.
+    pub fn new(requested: f32) -> Self {
         Self {
-            wanted,
+            requested,
             wrong_cycles: 0,
         }
     }
@@ -41,16 +41,16 @@ impl FlowChoice {
         let Some(flow) = flow else {
             return FlowStep::Stay;
         };
-        let each = flow / f32::from(order);
-        let misses = |order: u8| (each * f32::from(order) - self.wanted).abs();
+        let flow_per_order = flow / f32::from(order);
+        let flow_error = |order: u8| (flow_per_order * f32::from(order) - self.requested).abs();
         let best = ORDERS.fold(order, |best, other| {
-            if misses(other) < misses(best) {
+            if flow_error(other) < flow_error(best) {
                 other
             } else {
                 best
             }
         });
-        if best == order && misses(best) <= FLOW_TOLERANCE * self.wanted {
+        if best == order && flow_error(best) <= FLOW_TOLERANCE * self.requested {
             self.wrong_cycles = 0;
             return FlowStep::Stay;
         }
@@ -59,8 +59,8 @@ impl FlowChoice {
             return FlowStep::Stay;
         }
         self.wrong_cycles = 0;
-        if misses(best) > FLOW_TOLERANCE * self.wanted {
-            FlowStep::None(each * f32::from(best))
+        if flow_error(best) > FLOW_TOLERANCE * self.requested {
+            FlowStep::None(flow_per_order * f32::from(best))
         } else {
             FlowStep::Order(best)
         }
@@ -72,21 +72,20 @@ mod tests {
     use super::*;
 
     /// Result for a constant flow.
-    fn comes_of(wanted: f32, order: u8, flow: f32) -> FlowStep {
-        let mut choice = FlowChoice::new(wanted);
-        (0..DECISION_CYCLES)
-            .map(|_| choice.cycle(order, Some(flow)))
-            .find(|step| *step != FlowStep::Stay)
-            .unwrap_or(FlowStep::Stay)
+    fn decide(requested: f32, order: u8, flow: f32) -> FlowStep {
+        let mut choice = FlowChoice::new(requested);
+        let mut steps = (0..DECISION_CYCLES).map(|_| choice.cycle(order, Some(flow)));
+        let decision = steps.find(|step| *step != FlowStep::Stay);
+        decision.unwrap_or(FlowStep::Stay)
     }
 
     #[test]
     fn flow_choice_finds_the_nearest_order_or_refuses() {
-        assert_eq!(comes_of(50.0, 1, 47.0), FlowStep::Stay);
-        assert_eq!(comes_of(100.0, 1, 48.0), FlowStep::Order(2));
-        assert_eq!(comes_of(50.0, 3, 150.0), FlowStep::Order(1));
-        assert_eq!(comes_of(70.0, 1, 48.0), FlowStep::None(48.0));
-        assert_eq!(comes_of(1000.0, 1, 48.0), FlowStep::None(384.0));
+        assert_eq!(decide(50.0, 1, 47.0), FlowStep::Stay);
+        assert_eq!(decide(100.0, 1, 48.0), FlowStep::Order(2));
+        assert_eq!(decide(50.0, 3, 150.0), FlowStep::Order(1));
+        assert_eq!(decide(70.0, 1, 48.0), FlowStep::None(48.0));
+        assert_eq!(decide(1000.0, 1, 48.0), FlowStep::None(384.0));
         // Without an estimate there is no decision.
         let mut choice = FlowChoice::new(50.0);
         assert!((0..2 * DECISION_CYCLES).all(|_| choice.cycle(1, None) == FlowStep::Stay));

@@ -1,6 +1,6 @@
 //! The amplitude at which the parts stay in gear the longest (docs/theory-real-parts.md#t10.8).
 //!
-//! The search is the planner of `regime::gear`; here are its limits in k, and its slices.
+//! The search is the planner of `regime::gear`. This module sets its limits in k and its slices.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
 use crate::drive::{Scale, Shape, absolute, upper_response};
@@ -9,8 +9,7 @@ use kband::feeder::OutOfRange;
 use kband::regime::band;
 use kband::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
 
-/// Impacts that one slice computes.
-const SLICE: u32 = 64;
+const SLICE_IMPACTS: u32 = 64;
 /// Lowest k of the search, times the order: below it no restitution has a band of order 1.
 const MIN_K: f64 = 0.28;
 /// Highest k of the search over the birth of the lock at the lot's highest restitution.
@@ -20,7 +19,8 @@ const MAX_K: f64 = 0.98;
 
 /// Limits in k of the configured drive at its configured frequency.
 pub fn drive_limits(settings: &Settings) -> GearLimits {
-    limits_at(settings, &Scale::at(settings, settings.frequency))
+    let scale = Scale::from_settings(settings, settings.frequency);
+    limits_at(settings, &scale)
 }
 
 fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
@@ -28,7 +28,8 @@ fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
         displacement: scale.k(settings.amplitude_limit * 1e-3),
         acceleration: scale.normal_gravity / settings.acceleration_limit,
         output: scale.k(settings.output_maximum * scale.full_amplitude),
-        overtones: upper_response(settings).map(|answer| scale.full_amplitude / absolute(answer)),
+        overtones: upper_response(settings)
+            .map(|response| scale.full_amplitude / absolute(response)),
     }
 }
 
@@ -40,7 +41,7 @@ pub struct GearPlanned {
     /// Settings of the search.
     pub settings: GearPlanSettings,
     /// Each plan with the number of the slice that found it; the last one is settled.
-    pub found: heapless::Vec<(u32, GearPlan), 8>,
+    pub result: heapless::Vec<(u32, GearPlan), 8>,
 }
 
 /// The search for the k at which the lot stays in gear the longest, within the drive's reach.
@@ -49,7 +50,7 @@ pub struct GearSearch {
     planner: GearPlanner,
     plan: Option<GearPlan>,
     /// Whether the last slice found a new plan.
-    fresh: bool,
+    is_new: bool,
     /// Slices so far, the plans that they found, and whether these were supplied.
     #[cfg(any(test, feature = "memo"))]
     memo: (u32, GearPlanned, bool),
@@ -64,81 +65,81 @@ impl GearSearch {
     ) -> Result<Result<Self, NoSetpoint>, OutOfRange> {
         let lot = settings.lot()?;
         let turns = f64::from(order);
-        let (liveliest, contact) = (lot.high().min(0.99), settings.contact_time());
-        let [edge, _] = band::edges_with_contact(liveliest, u32::from(order), contact)?;
-        let born = band::birth(liveliest, u32::from(order))?.max(edge);
-        let high = (MAX_K_OVER_BIRTH * born).min(MAX_K) as f32;
-        let reached = scale.k(scale.reach(settings));
-        if reached > high {
+        let (highest_restitution, contact) = (lot.high().min(0.99), settings.contact_time());
+        let [edge, _] = band::edges_with_contact(highest_restitution, u32::from(order), contact)?;
+        let birth_k = band::birth(highest_restitution, u32::from(order))?.max(edge);
+        let high = (MAX_K_OVER_BIRTH * birth_k).min(MAX_K) as f32;
+        let lowest_k = scale.k(scale.reach(settings));
+        if lowest_k > high {
             return Ok(Err(NoSetpoint::Gear {
                 needed: scale.amplitude(high) * 1e3,
             }));
         }
-        let asked = GearPlanSettings {
+        let pending_settings = GearPlanSettings {
             restitution: lot,
             scatter: settings.scatter,
             amplitude_error: settings.amplitude_error,
             order: u32::from(order),
-            k: [reached.max((MIN_K / turns) as f32), high],
+            k: [lowest_k.max((MIN_K / turns) as f32), high],
             max_tones: [settings.second_tone, settings.third_tone],
             limits: limits_at(settings, scale),
             contact,
         };
         Ok(Ok(Self {
-            planner: GearPlanner::new(asked)?,
+            planner: GearPlanner::new(pending_settings)?,
             plan: None,
-            fresh: false,
+            is_new: false,
             #[cfg(any(test, feature = "memo"))]
             memo: (
                 0,
                 GearPlanned {
-                    settings: asked,
-                    found: heapless::Vec::new(),
+                    settings: pending_settings,
+                    result: heapless::Vec::new(),
                 },
                 false,
             ),
         }))
     }
 
-    /// Computes one slice. Whether more remain.
+    /// Computes one slice. Returns whether more remain.
     pub fn step(&mut self) -> bool {
         #[cfg(any(test, feature = "memo"))]
         if let (slices, planned, true) = &mut self.memo {
             *slices += 1;
-            let found = planned.found.iter().find(|(after, _)| after == slices);
-            let found = found.map(|(_, plan)| *plan);
-            self.take(found);
+            let result = planned.result.iter().find(|(after, _)| after == slices);
+            let result = result.map(|(_, plan)| *plan);
+            self.store_plan(result);
             return !self.is_over();
         }
-        let more = self.planner.advance(SLICE);
-        let found = self.planner.plan().copied();
-        self.take(found.filter(|plan| self.plan != Some(*plan)));
+        let more = self.planner.advance(SLICE_IMPACTS);
+        let result = self.planner.plan().copied();
+        self.store_plan(result.filter(|plan| self.plan != Some(*plan)));
         #[cfg(any(test, feature = "memo"))]
         {
             self.memo.0 += 1;
             if let Some(plan) = self.last_plan().copied() {
-                let _ = self.memo.1.found.push((self.memo.0, plan));
+                let _ = self.memo.1.result.push((self.memo.0, plan));
             }
         }
         more
     }
 
-    fn take(&mut self, found: Option<GearPlan>) {
-        self.fresh = found.is_some();
-        self.plan = found.or(self.plan);
+    fn store_plan(&mut self, result: Option<GearPlan>) {
+        self.is_new = result.is_some();
+        self.plan = result.or(self.plan);
     }
 
     /// Settings of the running search; `None` once a result is supplied or found.
     #[cfg(any(test, feature = "memo"))]
-    pub fn asked(&self) -> Option<&GearPlanSettings> {
+    pub fn pending_settings(&self) -> Option<&GearPlanSettings> {
         Some(&self.memo.1.settings).filter(|_| !self.is_over() && !self.memo.2)
     }
 
     /// Supplies the result of an equal search. Its plans appear after the same numbers of slices.
     #[cfg(any(test, feature = "memo"))]
-    pub fn supply(&mut self, known: GearPlanned) {
-        if self.asked() == Some(&known.settings) {
-            (self.memo.1, self.memo.2) = (known, true);
+    pub fn supply(&mut self, stored: GearPlanned) {
+        if self.pending_settings() == Some(&stored.settings) {
+            (self.memo.1, self.memo.2) = (stored, true);
         }
     }
 
@@ -163,7 +164,7 @@ impl GearSearch {
 
     /// The plan of the last slice, if it found a new one.
     pub fn last_plan(&self) -> Option<&GearPlan> {
-        self.plan().filter(|_| self.fresh)
+        self.plan().filter(|_| self.is_new)
     }
 
     /// The setpoint of the best plan so far.
@@ -172,7 +173,7 @@ impl GearSearch {
             return Choice::level(Level::Pending);
         };
         Choice {
-            shape: Shape::of(plan.tones),
+            shape: Shape::from_tones(plan.tones),
             ..Choice::level(Level::K(f64::from(plan.k)))
         }
     }
@@ -186,16 +187,14 @@ mod tests {
     #[test]
     fn weak_drive_gets_the_sufficient_amplitude() {
         let settings = with(Settings::default(), |it| it.gain = 0.1);
-        let scale = Scale::at(&settings, 50.0);
+        let scale = Scale::from_settings(&settings, 50.0);
         let Err(NoSetpoint::Gear { needed }) = GearSearch::begin(1, &settings, &scale).unwrap()
         else {
             panic!("no amplitude of this drive throws the parts so far");
         };
-        let served = Settings {
-            gain: needed / settings.output_maximum * 1.01,
-            ..settings
-        };
-        let scale = Scale::at(&served, 50.0);
+        let gain = needed / settings.output_maximum * 1.01;
+        let served = with(settings, |it| it.gain = gain);
+        let scale = Scale::from_settings(&served, 50.0);
         assert!(GearSearch::begin(1, &served, &scale).unwrap().is_ok());
     }
 
@@ -203,29 +202,29 @@ mod tests {
     fn replayed_search_repeats_plans_and_slices() {
         let settings = Settings::default();
         let search = |settings: &Settings| {
-            let scale = Scale::at(settings, settings.frequency);
+            let scale = Scale::from_settings(settings, settings.frequency);
             GearSearch::begin(1, settings, &scale).unwrap().unwrap()
         };
         let mut first = search(&settings);
-        let mut spared = search(&settings);
-        let mut found = std::vec![];
+        let mut supplied = search(&settings);
+        let mut result = std::vec![];
         while first.step() {
-            found.push(first.plan().copied());
+            result.push(first.plan().copied());
         }
         let planned = first.planned().unwrap().clone();
-        assert!(planned.found.len() > 3);
+        assert!(planned.result.len() > 3);
         // The result of another lot is refused.
         let mut other = search(&with(settings, |it| it.restitution_high = 0.3));
         other.supply(planned.clone());
-        assert!(other.asked().is_some());
-        spared.step();
-        spared.supply(planned.clone());
-        assert_eq!(spared.plan().copied(), found[0]);
-        for plan in &found[1..] {
-            assert!(spared.step());
-            assert_eq!(spared.plan(), plan.as_ref());
+        assert!(other.pending_settings().is_some());
+        supplied.step();
+        supplied.supply(planned.clone());
+        assert_eq!(supplied.plan().copied(), result[0]);
+        for plan in &result[1..] {
+            assert!(supplied.step());
+            assert_eq!(supplied.plan(), plan.as_ref());
         }
-        assert!(!spared.step() && spared.is_over());
-        assert_eq!(spared.planned(), Some(&planned));
+        assert!(!supplied.step() && supplied.is_over());
+        assert_eq!(supplied.planned(), Some(&planned));
     }
 }

@@ -1,4 +1,4 @@
-//! The search for the kicks that bring parts from rest onto the wanted lock
+//! The search for the kicks that bring parts from rest onto the requested lock
 //! (docs/theory-capture.md#t7.3).
 //!
 //! The planner of `regime::capture` simulates the lot; here it runs in slices of idle time.
@@ -34,12 +34,12 @@ pub struct KickSearch {
     #[cfg(any(test, feature = "memo"))]
     settings: Option<PlanSettings>,
     slices: u32,
-    known: Option<KickResult>,
+    stored: Option<KickResult>,
     plan: Option<Plan>,
 }
 
 impl KickSearch {
-    /// Begins the search for kicks onto a lock, of at most `reserve` times its amplitude.
+    /// Begins the search for kicks onto a lock, with amplitudes up to `reserve` times the lock's.
     pub fn begin(settings: &Settings, lock: &LockWindow, reserve: f32) -> Result<Self, OutOfRange> {
         let envelope = f64::from(settings.envelope);
         let settings = PlanSettings {
@@ -72,9 +72,9 @@ impl KickSearch {
             return false;
         };
         self.slices = self.slices.saturating_add(1);
-        let progress = match &self.known {
-            Some(known) if self.slices < known.slices => Poll::Pending,
-            Some(known) => Poll::Ready(known.plan.clone()),
+        let progress = match &self.stored {
+            Some(stored) if self.slices < stored.slices => Poll::Pending,
+            Some(stored) => Poll::Ready(stored.plan.clone()),
             None => planner.advance(SLICE_IMPACTS),
         };
         match progress {
@@ -89,15 +89,15 @@ impl KickSearch {
 
     /// Settings of the running search; `None` once a plan is supplied or found.
     #[cfg(any(test, feature = "memo"))]
-    pub fn asked(&self) -> Option<&PlanSettings> {
-        (self.settings.as_ref()).filter(|_| self.planner.is_some() && self.known.is_none())
+    pub fn pending_settings(&self) -> Option<&PlanSettings> {
+        (self.settings.as_ref()).filter(|_| self.planner.is_some() && self.stored.is_none())
     }
 
     /// Supplies the plan of an equal search. It appears after the same number of slices.
     #[cfg(any(test, feature = "memo"))]
-    pub fn supply(&mut self, known: KickResult) {
-        if self.asked() == Some(&known.settings) {
-            self.known = Some(known);
+    pub fn supply(&mut self, stored: KickResult) {
+        if self.pending_settings() == Some(&stored.settings) {
+            self.stored = Some(stored);
         }
     }
 
@@ -127,13 +127,13 @@ mod tests {
         let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();
         for (reserve, limit) in [(0.5, 1.0), (1.3, 1.3), (2.4, 2.4), (9.0, 2.5)] {
             let search = KickSearch::begin(&settings, &lock, reserve).unwrap();
-            let asked = search.asked().unwrap().drive;
-            let wanted = DriveLag::build(DriveLagSettings {
+            let pending_settings = search.pending_settings().unwrap().drive;
+            let expected = DriveLag::build(DriveLagSettings {
                 time_constant: f64::from(settings.envelope),
                 start: 1.0,
                 limit: f64::from(limit as f32),
             });
-            assert_eq!(asked, wanted.unwrap(), "{reserve}");
+            assert_eq!(pending_settings, expected.unwrap(), "{reserve}");
         }
     }
 }

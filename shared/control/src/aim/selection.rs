@@ -1,4 +1,4 @@
-//! Setpoint selection: the target, its setpoint, and the searches that belong to it.
+//! Setpoint selection: the target, its setpoint, and its searches.
 
 use core::f32::consts::PI;
 
@@ -18,10 +18,10 @@ use kband::arithmetic::square_root_single;
 use kband::feeder::{OutOfRange, Restitution};
 use kband::regime::gear::GearPlan;
 
-/// Smallest predicted share of time in gear that serves a lot; below it an event is reported.
+/// Smallest acceptable predicted share of time in gear; below it an event is reported.
 pub const MIN_GEAR_SHARE: f32 = 0.7;
 
-/// The target, its setpoint, and the searches that still run.
+/// The target, its setpoint, and its unfinished searches.
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub target: Target,
@@ -29,16 +29,16 @@ pub struct Selection {
     lock: Option<LockWindow>,
     pub shape: Shape,
     speed: Option<SpeedSearch>,
-    /// The search for the k of the longest gear, where gear is the target.
+    /// The search for the k with the longest gear, if gear is the target.
     pub gear: Option<GearSearch>,
-    /// The wanted flow, and the order of gear that is requested or found for it.
+    /// The requested flow, and the order of gear that is requested or found for it.
     flow: Option<FlowChoice>,
     order: u8,
     plan: Option<GearPlan>,
     retuning: Retuning,
     /// The search for the kicks that bring the parts onto the lock.
     pub search: KickSearch,
-    /// The search for chaos, where that is the target.
+    /// The search for chaos, if that is the target.
     pub chaos: Option<ChaosSearch>,
     /// Whether the parts do not fit the configured lot.
     pub misfit: bool,
@@ -46,16 +46,16 @@ pub struct Selection {
 
 impl Selection {
     /// The selection for a target. The error names the number out of range.
-    pub fn of_target(
+    pub fn from_target(
         target: Target,
         settings: &Settings,
         scale: &Scale,
     ) -> Result<Self, OutOfRange> {
-        let mut choice = Choice::of_target(target, settings)?.within(settings, scale);
+        let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
                 GearSearch::begin(first_order(target), settings, scale)?
-                    .inspect_err(|why| choice.level = Level::None(*why))
+                    .inspect_err(|cause| choice.level = Level::None(*cause))
                     .ok()
             }
             _ => None,
@@ -69,7 +69,7 @@ impl Selection {
             speed: match target {
                 Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
                 Target::PartsPerMinute(rate) => {
-                    // Touching parts: each leaves room for the next after its own length.
+                    // Touching parts: the next one follows after a part's length.
                     Some(SpeedSearch::begin(rate * settings.part_length / 60.0))
                 }
                 _ => None,
@@ -82,17 +82,13 @@ impl Selection {
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: kicks(&choice, settings, scale)?,
-            chaos: if chaotic {
-                Some(ChaosSearch::begin(settings)?)
-            } else {
-                None
-            },
+            search: plan_kicks(&choice, settings, scale)?,
+            chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
         })
     }
 
-    /// The wanted lock, also on the way to chaos or for a speed.
+    /// The requested lock, also on the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
         self.lock.as_ref()
     }
@@ -105,12 +101,12 @@ impl Selection {
     /// The reason for having no setpoint, if so.
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
         match self.level {
-            Level::None(why) => Some(why),
+            Level::None(cause) => Some(cause),
             _ => None,
         }
     }
 
-    /// The setpoint's amplitude, in m; 0 where there is none.
+    /// The setpoint's amplitude, in m; 0 if there is none.
     pub fn setpoint(&self, scale: &Scale) -> f32 {
         match self.level {
             Level::K(k) => scale.amplitude(k as f32),
@@ -119,9 +115,9 @@ impl Selection {
         }
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes the
-    /// k at which a part thrown from rest flies one drive period, `1/sqrt(1 + pi^2)` = 0.303 (throw
-    /// number 3.3), near which scattered parts are fastest (docs/theory-real-parts.md#t10.1).
+    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes a k
+    /// of `1/sqrt(1 + pi^2)` = 0.303 (throw number 3.3). There a part thrown from rest flies one
+    /// drive period, and scattered parts are nearly fastest (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);
@@ -150,8 +146,8 @@ impl Selection {
         self.level = Level::None(NoSetpoint::Chaos);
     }
 
-    /// The result of the search for chaos, once it is over: its k, if there is one.
-    pub fn found_chaos(&self) -> Option<Option<f64>> {
+    /// The result of the finished search for chaos: its k, if there is one.
+    pub fn chaos_result(&self) -> Option<Option<f64>> {
         self.chaos.as_ref().and_then(ChaosSearch::result)
     }
 
@@ -163,18 +159,18 @@ impl Selection {
     /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
-            let asked = gear.settings();
-            return Some((asked.restitution, asked.scatter));
+            let planned = gear.settings();
+            return Some((planned.restitution, planned.scatter));
         }
         Some((settings.lot().ok()?, settings.scatter))
     }
 
-    /// Processes a cycle at the setpoint. Plans anew where the parts differ from the planned ones
-    /// or the drive lacks a tone. The setpoint stays until that plan is settled.
+    /// Processes a cycle at the setpoint. Plans again if the parts differ from the planned ones or
+    /// the drive lacks a tone. The setpoint stays until that plan is settled.
     pub fn retune(
         &mut self,
         margin: Option<&GearMargin>,
-        lacks: [bool; UPPER],
+        missing_tones: [bool; UPPER],
         settings: &Settings,
         scale: &Scale,
     ) {
@@ -184,26 +180,26 @@ impl Selection {
         let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
             return;
         };
-        let wanted = (self.retuning).cycle(gear.settings(), margin, lacks, settings);
-        if let Some(wanted) = wanted
-            && let Ok(Ok(search)) = GearSearch::begin(order, &wanted, scale)
+        let proposed = (self.retuning).cycle(gear.settings(), margin, missing_tones, settings);
+        if let Some(proposed) = proposed
+            && let Ok(Ok(search)) = GearSearch::begin(order, &proposed, scale)
         {
             self.gear = Some(search);
         }
     }
 
-    /// The requested order of gear, or the one found for a flow.
+    /// The requested order of gear, or the order found for a flow.
     pub fn gear_order(&self) -> Option<u8> {
         matches!(self.target, Target::Gear { .. } | Target::Flow(_)).then_some(self.order)
     }
 
-    /// Selects the order of gear that gives the wanted flow; `flow`: the present one, in g/s.
+    /// Selects the order of gear that gives the requested flow; `flow`: the present one, in g/s.
     pub fn serve_flow(
         &mut self,
         flow: Option<f32>,
         settings: &Settings,
         scale: &Scale,
-        news: &mut Events,
+        events: &mut Events,
     ) {
         let Some(choice) = &mut self.flow else {
             return;
@@ -216,24 +212,25 @@ impl Selection {
                     self.plan = None;
                     self.gear = Some(search);
                 }
-                _ => self.refuse_flow(flow, news),
+                _ => self.refuse_flow(flow, events),
             },
-            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), news),
+            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), events),
         }
     }
 
-    fn refuse_flow(&mut self, nearest: Option<f32>, news: &mut Events) {
+    fn refuse_flow(&mut self, nearest: Option<f32>, events: &mut Events) {
         self.level = Level::None(NoSetpoint::Flow(nearest.unwrap_or(0.0)));
         self.flow = None;
-        news.push(Event::NoSetpoint);
+        events.push(Event::NoSetpoint);
     }
 
     /// Computes one slice of the searches. Whether more remain.
-    pub fn step(&mut self, settings: &Settings, scale: &Scale, news: &mut Events) -> bool {
+    pub fn step(&mut self, settings: &Settings, scale: &Scale, events: &mut Events) -> bool {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
                 self.speed = None;
-                self.choose(choice.within(settings, scale), settings, scale, news);
+                let choice = choice.limited_to_reach(settings, scale);
+                self.choose(choice, settings, scale, events);
             }
             return true;
         }
@@ -247,11 +244,9 @@ impl Selection {
                 .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
             if better.is_some() {
                 self.plan = better.copied();
-                if self
-                    .plan
-                    .is_some_and(|plan| plan.settled && plan.share < MIN_GEAR_SHARE)
-                {
-                    news.push(Event::GearPoor);
+                let is_poor = |plan: GearPlan| plan.settled && plan.share < MIN_GEAR_SHARE;
+                if self.plan.is_some_and(is_poor) {
+                    events.push(Event::GearPoor);
                 }
                 let choice = gear.choice();
                 (self.level, self.shape) = (choice.level, choice.shape);
@@ -261,15 +256,15 @@ impl Selection {
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
     }
 
-    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, news: &mut Events) {
+    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
         (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
-        match kicks(&choice, settings, scale) {
+        match plan_kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
             Err(_) => (self.level, self.lock) = (Level::None(NoSetpoint::Speed(None)), None),
         }
         if self.no_setpoint().is_some() {
-            news.push(Event::NoSetpoint);
+            events.push(Event::NoSetpoint);
         }
     }
 }
@@ -281,7 +276,11 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
+fn plan_kicks(
+    choice: &Choice,
+    settings: &Settings,
+    scale: &Scale,
+) -> Result<KickSearch, OutOfRange> {
     match choice.lock {
         Some(lock) => {
             let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));

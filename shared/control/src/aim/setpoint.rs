@@ -14,10 +14,10 @@ use kband::feeder::{OutOfRange, accept};
 use kband::regime::Lock;
 use kband::regime::band::{Band, BandError, NoBand};
 
-/// Reason why a target has no setpoint.
+/// Reason for a missing setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoSetpoint {
-    /// The lot has no common band of the wanted order.
+    /// The lot has no common band of the requested order.
     Band(NoBand),
     /// The drive does not reach an amplitude at which a part of the lot is in gear.
     Gear {
@@ -31,11 +31,11 @@ pub enum NoSetpoint {
         /// The largest amplitude of the configured drive, in mm.
         reach: f32,
     },
-    /// The lot has no common chaotic stretch.
+    /// The lot has no common chaotic interval.
     Chaos,
     /// No lock conveys at this speed within 10 %; the speed of the nearest lock in mm/s.
     Speed(Option<f32>),
-    /// In no gear do the parts leave the track at this flow within 10 %. The nearest flow in g/s.
+    /// No order of gear gives this flow within 10 %; the nearest flow in g/s.
     Flow(f32),
 }
 
@@ -87,7 +87,7 @@ pub enum Level {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     pub level: Level,
-    /// The wanted lock at it, if there is one.
+    /// The requested lock at it, if there is one.
     pub lock: Option<LockWindow>,
     pub shape: Shape,
 }
@@ -99,10 +99,14 @@ pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
 
 impl Choice {
     /// The choice for a target. The error names a number out of range.
-    pub fn of_target(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
+    pub fn from_target(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
         let require = |parameter, value: f32, accepts, accepted| {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
         };
+        let require_positive =
+            |parameter, value: f32, accepted| require(parameter, value, value > 0.0, accepted);
+        let require_zero =
+            |parameter, value: f32, accepted| require(parameter, value, value == 0.0, accepted);
         let require_order = |parameter, order| {
             require(parameter, f32::from(order), ORDERS.contains(&order), "1..8")
         };
@@ -117,12 +121,8 @@ impl Choice {
             }
             // Chaos is reached through the lock of order 1.
             Target::Chaotic => {
-                require(
-                    "contact",
-                    settings.contact,
-                    settings.contact == 0.0,
-                    "0 with target chaotic: its search follows impacts in no time",
-                )?;
+                let accepted = "0 with target chaotic: its search follows impacts in no time";
+                require_zero("contact", settings.contact, accepted)?;
                 Self::lock(1, settings)
             }
             Target::K(k) => {
@@ -133,18 +133,12 @@ impl Choice {
                 require("target k", k, (0.02..=10.0).contains(&k), "0.02..10")?;
                 shape.check()?;
                 let [second, third] = shape.tones().map(|tone| tone.ratio);
-                require(
-                    "target second tone, ratio",
-                    second,
-                    second <= settings.second_tone,
-                    "0..second_tone, which is what the drive affords",
-                )?;
-                require(
-                    "target third tone, ratio",
-                    third,
-                    third <= settings.third_tone,
-                    "0..third_tone, which is what the drive affords",
-                )?;
+                let accepted = "0..second_tone, which is what the drive affords";
+                let accepts = second <= settings.second_tone;
+                require("target second tone, ratio", second, accepts, accepted)?;
+                let accepted = "0..third_tone, which is what the drive affords";
+                let accepts = third <= settings.third_tone;
+                require("target third tone, ratio", third, accepts, accepted)?;
                 Ok(Self {
                     shape,
                     ..Self::level(Level::K(f64::from(k)))
@@ -157,61 +151,37 @@ impl Choice {
                 Ok(Self::level(Level::Amplitude(b * 1e-3)))
             }
             Target::Flow(flow) => {
-                // The power that parts absorb gives their mass, on a track of one tone.
-                require(
-                    "track_mass",
-                    settings.track_mass,
-                    settings.track_mass > 0.0,
-                    "above 0 to 100000 kg with target flow: the mass that swings with the track",
-                )?;
-                require(
-                    "track_length",
-                    settings.track_length,
-                    settings.track_length > 0.0,
-                    "above 0 to 100000 mm with target flow: the length of the track on which parts are",
-                )?;
-                require(
-                    "second_tone",
-                    settings.second_tone,
-                    settings.second_tone == 0.0,
-                    "0 with target flow: parts are weighed on a track of one tone",
-                )?;
+                // The estimate of the mass from the parts' power requires a track of one tone.
+                let accepted =
+                    "above 0 to 100000 kg with target flow: the mass that swings with the track";
+                require_positive("track_mass", settings.track_mass, accepted)?;
+                let accepted = "above 0 to 100000 mm with target flow: the length of the track on which parts are";
+                require_positive("track_length", settings.track_length, accepted)?;
+                let accepted = "0 with target flow: parts are weighed on a track of one tone";
+                require_zero("second_tone", settings.second_tone, accepted)?;
                 let accepts = flow > 0.0 && flow <= 1e6;
                 require("target flow", flow, accepts, "above 0 to 1000000 g/s")?;
                 Ok(Self::level(Level::Pending))
             }
             Target::PartsPerMinute(rate) => {
-                let part_length = settings.part_length;
-                require(
-                    "part_length",
-                    part_length,
-                    part_length > 0.0,
-                    "above 0 to 10000 mm with target parts a minute: the length of a part along the track",
-                )?;
+                let accepted = "above 0 to 10000 mm with target parts a minute: the length of a part along the track";
+                require_positive("part_length", settings.part_length, accepted)?;
+                let accepted = "above 0 to 1000000 parts a minute";
                 let accepts = rate > 0.0 && rate <= 1e6;
-                require(
-                    "target parts a minute",
-                    rate,
-                    accepts,
-                    "above 0 to 1000000 parts a minute",
-                )?;
+                require("target parts a minute", rate, accepts, accepted)?;
                 Ok(Self::level(Level::Pending))
             }
             Target::Speed(speed) => {
-                require(
-                    "target speed",
-                    speed,
-                    speed.is_finite(),
-                    "a finite speed in mm/s",
-                )?;
+                let accepted = "a finite speed in mm/s";
+                require("target speed", speed, speed.is_finite(), accepted)?;
                 Ok(Self::level(Level::Pending))
             }
         }
     }
 
-    /// Refuses an amplitude that the output cannot reach: a smaller one gives another motion of the
-    /// parts. One beyond a hard limit is kept and limited there.
-    pub fn within(self, settings: &Settings, scale: &Scale) -> Self {
+    /// Refuses an amplitude that the output cannot reach, because parts move differently at a
+    /// smaller one. An amplitude beyond a hard limit is kept and limited there.
+    pub fn limited_to_reach(self, settings: &Settings, scale: &Scale) -> Self {
         let needed = match self.level {
             Level::K(k) => scale.amplitude(k as f32),
             Level::Amplitude(amplitude) => amplitude,
@@ -271,38 +241,37 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
-    #[test]
-    fn target_without_a_contact_time_is_refused() {
-        let settings = with(Settings::default(), |it| it.contact = 0.4);
-        let refused = Choice::of_target(Target::Chaotic, &settings).unwrap_err();
-        assert_eq!(refused.parameter, "contact");
-        let locked = Choice::of_target(Target::Locked { order: 1 }, &settings).unwrap();
-        let instant = Choice::of_target(Target::Locked { order: 1 }, &Settings::default());
-        let [lock, before] = [locked, instant.unwrap()].map(|choice| choice.lock.unwrap());
-        let holds = (lock.k / before.k - 1.0).abs() > 1e-3;
-        assert!(holds, "{lock:?} {before:?}");
-        assert!(lock.phase != before.phase);
+    fn refused(target: Target, settings: &Settings) -> Option<&'static str> {
+        let choice = Choice::from_target(target, settings);
+        choice.err().map(|refused| refused.parameter)
     }
 
     #[test]
-    fn a_flow_is_refused_where_nothing_can_be_weighed() {
-        let refused =
-            |settings: &Settings| Choice::of_target(Target::Flow(45.0), settings).unwrap_err();
+    fn a_target_needs_its_settings() {
         let bare = Settings::default();
-        assert_eq!(refused(&bare).parameter, "track_mass");
+        let slow = with(bare, |it| it.contact = 0.4);
+        assert_eq!(refused(Target::Chaotic, &slow), Some("contact"));
+        let parts = Target::PartsPerMinute(120.0);
+        assert_eq!(refused(parts, &bare), Some("part_length"));
+        let flow = Target::Flow(45.0);
+        assert_eq!(refused(flow, &bare), Some("track_mass"));
         let massive = with(bare, |it| it.track_mass = 10.0);
-        assert_eq!(refused(&massive).parameter, "track_length");
+        assert_eq!(refused(flow, &massive), Some("track_length"));
         let scale = with(massive, |it| it.track_length = 500.0);
-        assert!(Choice::of_target(Target::Flow(45.0), &scale).is_ok());
+        assert_eq!(refused(flow, &scale), None);
         let two = with(scale, |it| it.second_tone = 0.15);
-        assert_eq!(refused(&two).parameter, "second_tone");
+        assert_eq!(refused(flow, &two), Some("second_tone"));
     }
 
     #[test]
-    fn parts_a_minute_need_the_length_of_a_part() {
-        let target = Target::PartsPerMinute(120.0);
-        let refused = Choice::of_target(target, &Settings::default()).unwrap_err();
-        assert_eq!(refused.parameter, "part_length");
+    fn a_contact_time_shifts_the_lock() {
+        let [instant, slow] = [0.0, 0.4].map(|contact| {
+            let settings = with(Settings::default(), |it| it.contact = contact);
+            Choice::lock(1, &settings).unwrap().lock.unwrap()
+        });
+        let holds = (slow.k / instant.k - 1.0).abs() > 1e-3;
+        assert!(holds, "{slow:?} {instant:?}");
+        assert!(slow.phase != instant.phase);
     }
 
     #[test]
@@ -314,9 +283,9 @@ mod tests {
             lock.state().phase as f32
         };
         let (low, high) = (at(0.18), at(0.22));
-        let apart = (high - low).abs();
-        assert!(apart > 0.1, "{apart}");
-        assert!((lock.width - (0.5 * apart + LOCK_HALF_WIDTH)).abs() < 1e-5);
+        let distance = (high - low).abs();
+        assert!(distance > 0.1, "{distance}");
+        assert!((lock.width - (0.5 * distance + LOCK_HALF_WIDTH)).abs() < 1e-5);
         let middle = phase_of(0.5 * (low + high));
         assert!((lock.phase - middle).bits().cast_signed().abs() < 1000);
     }
@@ -337,8 +306,7 @@ mod tests {
             (Target::PartsPerMinute(f32::NAN), "target parts a minute"),
         ] {
             let settings = with(Settings::default(), |it| it.part_length = 10.0);
-            let refused = Choice::of_target(target, &settings).unwrap_err();
-            assert_eq!(refused.parameter, parameter);
+            assert_eq!(refused(target, &settings), Some(parameter));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The lock that conveys at a wanted speed: an exhaustive search over the orders of lock.
+//! The lock with a requested conveying speed: an exhaustive search over the orders of lock.
 //!
 //! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3).
 
@@ -9,14 +9,14 @@ use kband::impact::TangentialSettings;
 use kband::regime::{Lock, band};
 use kband::transport::locked;
 
-/// Relative deviation of a lock's speed from the wanted one that is accepted.
+/// Largest accepted relative deviation of a lock's speed from the requested one.
 const SPEED_TOLERANCE: f32 = 0.1;
 
-/// The search for the lock whose speed is nearest to a wanted one.
+/// The search for the lock with the speed nearest to a requested one.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedSearch {
-    /// The wanted speed in mm/s.
-    wanted: f32,
+    /// The requested speed in mm/s.
+    requested: f32,
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
     nearest: Option<(f32, Choice)>,
@@ -24,15 +24,15 @@ pub struct SpeedSearch {
 
 impl SpeedSearch {
     /// Begins the search for a speed in mm/s.
-    pub fn begin(wanted: f32) -> Self {
+    pub fn begin(requested: f32) -> Self {
         Self {
-            wanted,
+            requested,
             order: *ORDERS.start(),
             nearest: None,
         }
     }
 
-    /// Computes one slice, which is one order of lock. The choice, after the last order.
+    /// Computes one slice, which is one order of lock. Returns the choice after the last order.
     pub fn step(&mut self, settings: &Settings) -> Option<Choice> {
         if let Some((speed, choice)) = lock_speed(self.order, settings)
             && self
@@ -45,26 +45,22 @@ impl SpeedSearch {
         (self.order > *ORDERS.end()).then(|| self.choice())
     }
 
-    /// Distance of a speed from the wanted one, in mm/s.
+    /// Distance of a speed from the requested one, in mm/s.
     fn distance(&self, speed: f32) -> f32 {
-        (speed - self.wanted).abs()
+        (speed - self.requested).abs()
     }
 
     fn choice(&self) -> Choice {
+        let tolerance = SPEED_TOLERANCE * self.requested.abs();
+        let nearest_speed = self.nearest.map(|(speed, _)| speed);
         match self.nearest {
-            Some((speed, choice))
-                if self.distance(speed) <= SPEED_TOLERANCE * self.wanted.abs() =>
-            {
-                choice
-            }
-            other => Choice::level(Level::None(NoSetpoint::Speed(
-                other.map(|(speed, _)| speed),
-            ))),
+            Some((speed, choice)) if self.distance(speed) <= tolerance => choice,
+            _ => Choice::level(Level::None(NoSetpoint::Speed(nearest_speed))),
         }
     }
 }
 
-/// The lot's lock of an order and its conveying speed in mm/s; `None` where the lot has none.
+/// The lot's lock of an order and its conveying speed in mm/s; `None` if the lot has none.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
     // Without a band, `Choice::lock` slowly computes the narrower lot that would have one.
@@ -117,7 +113,7 @@ mod tests {
         for speed in [-80.0, 0.0, 40.0, 130.0] {
             let choice = choice(speed, &settings);
             assert!(
-                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(near))) if near > 80.0),
+                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(nearest_speed))) if nearest_speed > 80.0),
                 "{speed}: {choice:?}"
             );
         }

@@ -26,7 +26,8 @@ pub const PLAN_SLICES: usize = 16;
 /// The controller of one drive.
 ///
 /// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path
-/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle time.
+/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle
+/// time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -49,7 +50,7 @@ pub struct Controller {
     selection: Selection,
     machine: StateMachine,
     listener: Listener,
-    deafness: MissedImpactDetector,
+    missed_impact_detector: MissedImpactDetector,
     identifier: Identifier,
     /// Phase lead of the track in the last trusted cycle, in rad.
     lead: f32,
@@ -64,16 +65,15 @@ pub struct Controller {
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
     /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full
-    /// output. The first is of the cycle that the last output drives.
+    /// output. The first cycle is the one that the last output drives.
     predicted_envelopes: [Complex; 3],
-    /// Envelope under the measured current at the last cycle's end, over the steady one at 1 A.
+    /// Envelope by the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,
     faults: FaultDetector,
     rest_test: RestTest,
     swing: TestSwing,
     count: u32,
     measured: Measured,
-    /// Whether READY is read.
     watches_ready: bool,
 }
 
@@ -106,19 +106,19 @@ impl Controller {
         target: Target,
         interlock: &Interlock,
     ) -> Result<Self, OutOfRange> {
-        let pace = settings.frequency;
+        let rate = settings.frequency;
         let amplitude = AmplitudeLoop::build(settings)?;
         let resonance = Resonance::new(settings);
-        let scale = Scale::at(settings, resonance.frequency);
+        let scale = Scale::from_settings(settings, resonance.frequency);
         let mut controller = Self {
             settings: *settings,
             scale,
             resonance,
             amplitude,
-            selection: Selection::of_target(target, settings, &scale)?,
-            machine: StateMachine::begin(interlock.at_pace(pace), pace, settings.capture_attempts),
+            selection: Selection::from_target(target, settings, &scale)?,
+            machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),
             listener: Listener::build(build_gear_estimator(settings, false))?,
-            deafness: MissedImpactDetector::default(),
+            missed_impact_detector: MissedImpactDetector::default(),
             identifier: Identifier::new(),
             lead: 0.0,
             pending_events: Events::default(),
@@ -161,7 +161,7 @@ impl Controller {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;
         self.settings = settings;
-        self.tones.set_pace(&settings);
+        self.tones.set_rates(&settings);
         if let Some(meter) = &mut self.meter {
             meter.set_lot(&settings);
         }
@@ -181,15 +181,15 @@ impl Controller {
         self.pending_events.push(Event::RecipeRefused);
     }
 
-    /// The selection for a target that the drive reaches.
+    /// The setpoint selection for a target within the drive's reach.
     #[inline(never)]
     fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
-        let selection = Selection::of_target(target, settings, &self.scale)?;
+        let selection = Selection::from_target(target, settings, &self.scale)?;
         match selection.no_setpoint() {
-            Some(NoSetpoint::Output { .. }) => Err(refused(
-                target,
-                "what output_maximum and gain let the drive reach at its frequency",
-            )),
+            Some(NoSetpoint::Output { .. }) => {
+                let reach = "what output_maximum and gain let the drive reach at its frequency";
+                Err(refused(target, reach))
+            }
             _ => Ok(selection),
         }
     }
@@ -200,7 +200,7 @@ impl Controller {
     }
 
     fn begin_target(&mut self) {
-        self.machine.pursue(self.selection.chaos.is_some());
+        self.machine.set_chaotic(self.selection.chaos.is_some());
         let identifies = self.selection.target == Target::Identify;
         self.listener.gear = build_gear_estimator(&self.settings, identifies);
         self.listener.clear();
@@ -229,9 +229,9 @@ impl Controller {
         let finite = cycle.is_finite();
         let view = self.view(if finite { cycle } else { &silent }, finite);
         let was_limited = !self.limits.limits.is_empty();
-        let blind = self.detect_faults(&view, inputs, &mut events);
+        let untrusted = self.detect_faults(&view, inputs, &mut events);
         self.follow_enable_input(inputs, view.measured, &mut events);
-        if !blind {
+        if !untrusted {
             self.lead = radians_of(view.lead);
         }
         self.update_limits(inputs);
@@ -244,13 +244,13 @@ impl Controller {
             self.advance_sweep(view.measured, &mut events);
         } else {
             // The reading of a sensor that may be lost is not used: the output is held.
-            if !blind {
+            if !untrusted {
                 self.control_amplitude(&view);
                 self.listen(&view, goal);
                 self.follow_resonance(view.measured);
                 self.control_tones(&view.motion, &mut events);
             }
-            self.detect_deafness(view.cycle, goal, view.measured);
+            self.detect_missed_impacts(view.cycle, goal, view.measured);
             self.advance_state(goal, view.measured, &mut events);
             self.watch_fit();
             self.retune_gear();
@@ -259,11 +259,11 @@ impl Controller {
         }
         self.report_load(&mut events);
         self.report_limits(was_limited, &mut events);
-        if !(view.sound && self.commands_finite()) {
+        if !(view.finite && self.commands_finite()) {
             self.fail_firmware(&mut events);
         }
         // The limit also holds while an untrusted reading freezes the output.
-        self.output = self.output.min(self.most_output());
+        self.output = self.output.min(self.output_limit());
         self.predict_envelope();
         self.measured = Measured {
             amplitude: view.measured,
@@ -277,7 +277,7 @@ impl Controller {
         };
     }
 
-    /// Computes one bounded slice of planning, in idle time. Whether more remain.
+    /// Computes one bounded slice of planning, in idle time. Returns whether more remain.
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
         chosen && (self.identifier.step() || self.listener.share.step())
@@ -287,7 +287,7 @@ impl Controller {
     }
 }
 
-/// The refusal of a target's number, with the accepted range.
+/// The error for a target's number, with the accepted range.
 fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     let (parameter, value) = match target {
         Target::Locked { order } => ("target locked order", f64::from(order)),
@@ -307,14 +307,14 @@ fn refused(target: Target, accepted: &'static str) -> OutOfRange {
     }
 }
 
-/// The estimator of gear: for the configured lot, or for any restitution to identify.
+/// The gear estimator: for the configured lot, or for any restitution during identification.
 fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let [low, high] = if any {
+    let lot = if any {
         [0.0, 1.0]
     } else {
         [settings.restitution_low, settings.restitution_high]
     };
-    GearEstimator::new(low, high, settings.scatter).with_contact(settings.contact_time())
+    GearEstimator::new(lot, settings.scatter, settings.contact_time())
 }
 
 #[cfg(any(test, feature = "memo"))]

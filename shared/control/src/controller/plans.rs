@@ -6,14 +6,14 @@ use kband::regime::capture::PlanSettings;
 use kband::regime::gear::{GearPlan, GearPlanSettings, StrikeCount, StrikeSettings};
 
 impl Controller {
-    /// The search for kicks that [`Controller::plan_step`] runs; `None` where there is none.
+    /// The search for kicks that [`Controller::plan_step`] runs; `None` if there is none.
     pub fn kicks_search(&self) -> Option<&PlanSettings> {
-        self.selection.search.asked()
+        self.selection.search.pending_settings()
     }
 
     /// Supplies the result of the search of [`Controller::kicks_search`], from another controller.
-    pub fn supply_kicks(&mut self, known: KickResult) {
-        self.selection.search.supply(known);
+    pub fn supply_kicks(&mut self, stored: KickResult) {
+        self.selection.search.supply(stored);
     }
 
     /// The finished search for kicks of the present target.
@@ -21,15 +21,16 @@ impl Controller {
         self.selection.search.planned()
     }
 
-    /// The search for gear that [`Controller::plan_step`] runs; `None` where there is none.
+    /// The search for gear that [`Controller::plan_step`] runs; `None` if there is none.
     pub fn gear_search(&self) -> Option<&GearPlanSettings> {
-        self.selection.gear.as_ref().and_then(GearSearch::asked)
+        let gear = self.selection.gear.as_ref();
+        gear.and_then(GearSearch::pending_settings)
     }
 
     /// Supplies the result of the search of [`Controller::gear_search`], from another controller.
-    pub fn supply_gear(&mut self, known: GearPlanned) {
+    pub fn supply_gear(&mut self, stored: GearPlanned) {
         if let Some(gear) = &mut self.selection.gear {
-            gear.supply(known);
+            gear.supply(stored);
         }
     }
 
@@ -43,13 +44,13 @@ impl Controller {
         self.selection.gear_plan().copied()
     }
 
-    /// The count of strikes that [`Controller::plan_step`] runs; `None` where there is none.
+    /// The count of strikes that [`Controller::plan_step`] runs; `None` if there is none.
     pub fn strikes_search(&self) -> Option<&StrikeSettings> {
-        self.listener.share.asked()
+        self.listener.share.pending_settings()
     }
 
     /// Supplies the count of [`Controller::strikes_search`], made elsewhere.
     pub fn supply_strikes(&mut self, count: &StrikeCount) {
-        self.listener.share.know(count);
+        self.listener.share.set_stored_count(count);
     }
 }

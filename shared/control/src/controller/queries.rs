@@ -4,7 +4,7 @@ use super::Controller;
 use crate::aim::NoSetpoint;
 use crate::angle::{phase_of, radians_of};
 use crate::drive::absolute;
-use crate::hear::{Command, GearShare, Load, Overtone};
+use crate::hear::{Command, GearShare, Load};
 use crate::identify::Identification;
 use crate::report::Report;
 use crate::settings::Settings;
@@ -15,14 +15,15 @@ use crate::target::Target;
 impl Controller {
     /// Report of the last cycle.
     pub fn report(&self) -> Report {
-        let (seen, phases) = (&self.measured, &self.listener.phases);
+        let (measured, phases) = (&self.measured, &self.listener.phases);
+        let (margin, plan) = (self.listener.margin_of_all(), self.selection.gear_plan());
         Report {
             cycle: self.count,
-            k: self.k(seen.amplitude),
-            amplitude: seen.amplitude,
-            lead: radians_of(seen.lead),
-            shape: seen.shape,
-            reference: self.reference.now,
+            k: self.k(measured.amplitude),
+            amplitude: measured.amplitude,
+            lead: radians_of(measured.lead),
+            shape: measured.shape,
+            reference: self.reference.value,
             setpoint: self.setpoint(),
             rate: phases.rate(),
             phase: phases.phase(),
@@ -32,9 +33,9 @@ impl Controller {
             in_gear_error: self.in_gear_error(),
             gear: self.order().unwrap_or(1),
             to_loss: self.listener.time_to_loss(),
-            margin: self.listener.margin_of_all().filter(|_| !self.is_unknown()),
-            expected_in_gear: self.selection.gear_plan().map_or(0.0, |plan| plan.share),
-            gear_band: self.selection.gear_plan().map(|plan| plan.band),
+            margin: margin.filter(|_| !self.is_estimate_invalid()),
+            expected_in_gear: plan.map_or(0.0, |plan| plan.share),
+            gear_band: plan.map(|plan| plan.band),
             load: self.load(),
             attempts: self.machine.attempts(),
             identification: self.identifier.result,
@@ -43,21 +44,20 @@ impl Controller {
             state: self.machine.state,
             fault: self.machine.fault(),
             limits: self.limits.limits,
-            events: seen.events,
+            events: measured.events,
             command: self.command(),
         }
     }
 
     /// The next command.
     pub fn command(&self) -> Command {
-        let overtones = self.tones.output();
         Command {
             amplitude: self.output,
             lead: phase_of(self.output_lead),
-            overtones: overtones.map(|[sine, cosine]| Overtone { sine, cosine }),
+            overtones: self.tones.output(),
             step: self.scale.step,
             immediate: !self.machine.running() || self.amplitude.is_immediate(),
-            fold: self.identifier.fold(),
+            average_from: self.identifier.average_from(),
             whole: self.identifier.is_running(),
         }
     }
@@ -103,41 +103,44 @@ impl Controller {
 
     /// Estimated share of the parts' time in gear ([`Report::in_gear`]), 0..=1.
     pub fn in_gear(&self) -> f32 {
-        if self.is_unknown() {
+        if self.is_estimate_invalid() {
             return 0.0;
         }
         self.listener.in_gear_at_least()
     }
 
-    /// Whether no part would be detected: then nothing is reported of the parts.
-    fn is_deaf(&self) -> bool {
+    /// Whether impacts would not be detected. Then nothing is reported of the parts.
+    fn misses_impacts(&self) -> bool {
         self.limits.limits.contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: no part is detected, or parts do not fit the lot.
-    fn is_unknown(&self) -> bool {
-        self.is_deaf() || self.selection.misfit
+    /// Whether nothing is reported of gear: impacts are not detected, or parts do not fit the lot.
+    fn is_estimate_invalid(&self) -> bool {
+        self.misses_impacts() || self.selection.misfit
     }
 
-    /// That share with its error; `None` where it is only a lower bound.
+    /// That share with its error; `None` if it is only a lower bound.
     pub(crate) fn gear_share(&self) -> Option<GearShare> {
-        self.listener.in_gear().filter(|_| !self.is_unknown())
+        let share = self.listener.in_gear();
+        share.filter(|_| !self.is_estimate_invalid())
     }
 
-    /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the report.
+    /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the
+    /// report.
     pub fn estimated_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
     }
 
-    /// Standard error of that share; infinite where it is only a lower bound
+    /// Standard error of that share; infinite if it is only a lower bound
     /// ([`Report::in_gear_error`]).
     pub fn in_gear_error(&self) -> f32 {
-        self.gear_share().map_or(f32::INFINITY, |heard| heard.error)
+        self.gear_share()
+            .map_or(f32::INFINITY, |estimate| estimate.error)
     }
 
     /// Estimated load of the parts on the track ([`Report::load`]).
     pub fn load(&self) -> Option<Load> {
-        let weighs = !self.is_deaf() && !self.listener.empty;
+        let weighs = !self.misses_impacts() && !self.listener.empty;
         self.meter.as_ref().filter(|_| weighs)?.load()
     }
 
@@ -148,7 +151,7 @@ impl Controller {
 
     /// Reference amplitude at the end of the cycle after next, in m.
     pub fn reference(&self) -> f32 {
-        self.reference.now
+        self.reference.value
     }
 
     /// The settings in use.
@@ -161,12 +164,12 @@ impl Controller {
         self.selection.target
     }
 
-    /// Order of the wanted lock, also on the way to chaos or for a speed, or of the wanted gear.
+    /// Order of the requested gear or lock, also of a lock on the way to chaos or for a speed.
     pub fn order(&self) -> Option<u8> {
         (self.selection.gear_order()).or_else(|| self.selection.lock().map(|lock| lock.order))
     }
 
-    /// Amplitude of the target's setpoint in m, before any limit; 0 where there is none.
+    /// Amplitude of the target's setpoint in m, before any limit; 0 if there is none.
     pub fn setpoint(&self) -> f32 {
         self.selection.setpoint(&self.scale)
     }
@@ -191,8 +194,8 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// Progress of the identification of the parts' restitution ([`Target::Identify`]); its result
-    /// is applied nowhere, and stays until the next one.
+    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). Its result
+    /// is not applied, and stays until the next one.
     pub fn identification(&self) -> Identification {
         self.identifier.result
     }
@@ -202,7 +205,7 @@ impl Controller {
         self.watches_ready = watched;
     }
 
-    /// Sets whether the regime is classified also where nothing needs it. Default: yes.
+    /// Sets whether the regime is classified even if no decision needs it. Default: yes.
     pub fn watch_regime(&mut self, watched: bool) {
         self.listener.always_classifies = watched;
     }

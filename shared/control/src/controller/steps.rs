@@ -7,8 +7,10 @@ use num_complex::Complex32 as Complex;
 
 use super::Controller;
 use crate::angle::{phase_of, radians_of};
-use crate::drive::{Approach, ImpactPhase, Scale, Shape, ToneInputs, TrackMotion, UPPER, absolute};
-use crate::hear::{Cycle, DriveState, ImpactEvidence, LoadMeter, MissedImpactDetector, Weighed};
+use crate::drive::{Approach, ImpactPhase, Shape, ToneInputs, TrackMotion, UPPER, absolute};
+use crate::hear::{
+    Cycle, DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector,
+};
 use crate::identify::{self, Driven, Step};
 use crate::inputs::Inputs;
 use crate::state::{Event, Events, Fault, Limits, State};
@@ -30,11 +32,11 @@ const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
 /// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
-/// What a drive cycle shows of the track.
+/// Measured state of the track in a drive cycle.
 pub(super) struct View<'c> {
     pub(super) cycle: &'c Cycle,
     /// Whether all measurements are finite.
-    pub(super) sound: bool,
+    pub(super) finite: bool,
     /// Amplitude b, in m.
     pub(super) measured: f32,
     /// Phase lead of the track before the output.
@@ -43,7 +45,6 @@ pub(super) struct View<'c> {
 }
 
 impl Controller {
-    /// Counts the cycle.
     pub(super) fn count_cycle(&mut self) {
         self.count = self.count.wrapping_add(1);
         // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
@@ -58,13 +59,13 @@ impl Controller {
         let sine = -cycle.quadrature / self.scale.angular_squared;
         let cosine = -cycle.in_phase / self.scale.angular_squared;
         let [mut sine, mut cosine] = self.estimate_load(cycle, sine, cosine);
-        let sound = finite && sine.is_finite() && cosine.is_finite();
+        let finite = finite && sine.is_finite() && cosine.is_finite();
         if !(sine.is_finite() && cosine.is_finite()) {
             [sine, cosine] = [0.0; 2];
         }
         View {
             cycle,
-            sound,
+            finite,
             measured: square_root_single(sine * sine + cosine * cosine),
             lead: phase_of(libm::atan2f(cosine, sine)),
             motion: self.motion(cycle, Complex::new(sine, cosine)),
@@ -94,10 +95,10 @@ impl Controller {
         let one = self.listener.margin();
         let phases = &self.listener.phases;
         let goal = self.selection.setpoint(&self.scale);
-        let (across, along) = sine_cosine_single(phase_of(self.output_lead));
-        let seen = Weighed {
+        let (quadrature, in_phase) = sine_cosine_single(phase_of(self.output_lead));
+        let observed = LoadMeasurement {
             motion: Complex::new(sine, cosine),
-            output: Complex::new(along, across) * self.output,
+            output: Complex::new(in_phase, quadrature) * self.output,
             blanked: cycle.blanked,
             square: self.scale.angular_squared,
             frequency: self.resonance.frequency,
@@ -108,15 +109,16 @@ impl Controller {
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
             sine: self.selection.shape.is_sine(),
             concentration: phases.concentration(),
-            heard: !cycle.heard.is_empty(),
+            has_impact: !cycle.impacts.is_empty(),
             settled: self.machine.kick().is_none()
                 && self.machine.running()
                 && self.selection.chosen()
-                && (self.reference.now - goal).abs() < SETPOINT_TOLERANCE * goal
+                && (self.reference.value - goal).abs() < SETPOINT_TOLERANCE * goal
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
-        let found = (self.meter.as_mut()).map_or(seen.motion, |meter| meter.cycle(&seen));
-        [found.re, found.im]
+        let corrected =
+            (self.meter.as_mut()).map_or(observed.motion, |meter| meter.cycle(&observed));
+        [corrected.re, corrected.im]
     }
 
     /// Converts the demodulated acceleration to the track's motion, in m.
@@ -130,37 +132,38 @@ impl Controller {
         TrackMotion { first, upper }
     }
 
-    /// Controls the upper tones, where the settings allow any. Only at the chosen setpoint.
+    /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
     pub(super) fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
         let limits = self.limits.limits;
-        let sound = !limits.contains(Limits::LINK_LOST)
+        let allowed = !limits.contains(Limits::LINK_LOST)
             && !limits.contains(Limits::NO_SETPOINT)
             && self.machine.state != State::Stopping
             && self.selection.chosen();
-        let asked = ToneInputs {
+        let tone_inputs = ToneInputs {
             motion: *motion,
-            wanted: if sound {
+            requested: if allowed {
                 self.selection.shape
             } else {
                 Shape::SINE
             },
-            reference: self.reference.now,
+            reference: self.reference.value,
             square: self.scale.angular_squared,
-            room: self.settings.output_maximum - self.output,
-            least: MIN_FIRST_TONE_RATIO * self.scale.least,
+            headroom: self.settings.output_maximum - self.output,
+            min_amplitude: MIN_FIRST_TONE_RATIO * self.scale.min_amplitude,
         };
-        let unlike = [Event::SecondToneUnlike, Event::ThirdToneUnlike];
-        for (event, happened) in unlike.into_iter().zip(self.tones.cycle(&asked)) {
-            if happened {
-                events.push(event);
-            }
+        let [second, third] = self.tones.cycle(&tone_inputs);
+        if second {
+            events.push(Event::SecondToneUnlike);
+        }
+        if third {
+            events.push(Event::ThirdToneUnlike);
         }
     }
 
-    /// Detects faults. Whether this cycle's reading is untrusted.
+    /// Detects faults. Returns whether this cycle's reading is untrusted.
     pub(super) fn detect_faults(
         &mut self,
         view: &View,
@@ -184,37 +187,37 @@ impl Controller {
             }
         }
         self.rest_test.cycle(cycle);
-        let driven = self.scale.after(self.by_current, cycle.current);
+        let driven = (self.scale.envelope).advance(self.by_current, cycle.current);
         let by_current = (self.by_current + driven) * (0.5 * self.scale.per_ampere);
         self.by_current = driven;
-        let expects = (self.predicted_envelopes[1] + self.predicted_envelopes[2])
+        let predicted = (self.predicted_envelopes[1] + self.predicted_envelopes[2])
             * (0.5 * self.scale.full_amplitude);
         let expected = Prediction {
             running: self.machine.running(),
-            known: !self.resonance.is_sweeping(),
-            amplitude: absolute(expects),
+            valid: !self.resonance.is_sweeping(),
+            amplitude: absolute(predicted),
             by_current: (self.scale.per_ampere > 0.0).then(|| absolute(by_current)),
-            opposed: self.scale.is_opposed(expects, lead),
-            least: self.scale.least,
+            opposed: self.scale.is_opposed(predicted, lead),
+            min_amplitude: self.scale.min_amplitude,
             ceiling: self.scale.ceiling,
-            reference: self.reference.now,
+            reference: self.reference.value,
             error: cycle.noise * square_root_single(2.0 / f32::from(cycle.samples.max(1)))
                 / self.scale.angular_squared,
             tolerance: self.settings.load_tolerance,
             shifted: self.rest_test.deviates() == Some(true),
         };
-        let (fault, blind) = self.faults.cycle(cycle, measured, lead, &expected);
+        let (fault, untrusted) = self.faults.cycle(cycle, measured, lead, &expected);
         if let Some(fault) = fault {
             self.machine.fail(fault, events);
         }
         let by_current = expected.by_current.unwrap_or(expected.amplitude);
         match self.swing.cycle(measured, [expected.amplitude, by_current]) {
             SwingResult::Pending => {}
-            // The test swing moves no part, so the usual ratio under load is estimated from here.
-            SwingResult::Passed => self.faults.forget_usual(),
+            // The test swing moves no part, so the usual ratio under load must be estimated again.
+            SwingResult::Passed => self.faults.reset_load_ratio(),
             SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
         }
-        blind
+        untrusted
     }
 
     /// Follows the enable input, and the run bit of a bus in control.
@@ -225,8 +228,8 @@ impl Controller {
         events: &mut Events,
     ) {
         let at_rest =
-            self.reference.now <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
-        let patience = 4.0 * self.settings.soft_stop * self.settings.frequency;
+            self.reference.value <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
+        let stop_timeout = 4.0 * self.settings.soft_stop * self.settings.frequency;
         let waits = !inputs.enable || inputs.bus.is_some_and(|bus| !bus.runs());
         if waits && !self.machine.running() {
             self.rest_test.restart();
@@ -238,7 +241,7 @@ impl Controller {
         };
         let response =
             self.machine
-                .follow_enable_input(inputs, clearance, (at_rest, patience), events);
+                .follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
         match response {
             Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
             Some(EnableResponse::Stopping) if self.resonance.is_sweeping() => {
@@ -264,31 +267,31 @@ impl Controller {
         }
     }
 
-    /// Detects a target that depends on impacts while none are detected.
-    pub(super) fn detect_deafness(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
+    /// Detects missing impacts, if the target depends on them.
+    pub(super) fn detect_missed_impacts(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
         let limits = self.limits.limits;
         let settled = match self.machine.state {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
             State::Limiting => limits == Limits::DEAF || limits == Limits::MISFIT,
             _ => false,
         };
-        let near = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
+        let at_setpoint = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
             || self.machine.kick().is_some();
         let order = self.order();
-        let wanted = match self.selection.target {
+        let needs_impacts = match self.selection.target {
             Target::Gear { .. } | Target::Flow(_) => true,
             _ => self.selection.lock().is_some(),
         };
         let turns = f32::from(order.unwrap_or(1));
         let unit = measured * square_root_single(self.scale.angular_squared);
         let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
-        self.deafness.cycle(&ImpactEvidence {
-            listening: settled && wanted && self.selection.chosen(),
-            together: self.selection.lock().is_some(),
-            near,
+        self.missed_impact_detector.cycle(&ImpactEvidence {
+            listening: settled && needs_impacts && self.selection.chosen(),
+            single_lock: self.selection.lock().is_some(),
+            at_setpoint,
             rate: self.listener.phases.rate() * turns,
             concentration: self.listener.phases.concentration(),
-            thrown: unit * self.listener.gear.landing_speed_from_rest(),
+            speed_from_rest: unit * self.listener.gear.landing_speed_from_rest(),
             locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
             kicked: self.machine.attempts() > 0,
             noise: cycle.noise,
@@ -305,18 +308,12 @@ impl Controller {
         // The frequencies of a sweep differ from that of the setpoint.
         let above_ceiling = !self.resonance.is_sweeping()
             && self.selection.setpoint(&self.scale) > self.scale.ceiling;
-        for (limit, present) in [
-            (Limits::NO_SETPOINT, self.selection.no_setpoint().is_some()),
-            (self.scale.ceiling_limit, above_ceiling),
-            (Limits::DEAF, self.deafness.missed_impacts),
-            (Limits::MISFIT, self.selection.misfit),
-            (
-                Limits::SECOND_TONE,
-                self.tones.missing_tones() != [false; UPPER],
-            ),
-        ] {
-            causes.set(limit, present);
-        }
+        let lacks_tones = self.tones.missing_tones() != [false; UPPER];
+        causes.set(Limits::NO_SETPOINT, self.selection.no_setpoint().is_some());
+        causes.set(self.scale.ceiling_limit, above_ceiling);
+        causes.set(Limits::DEAF, self.missed_impact_detector.missed_impacts);
+        causes.set(Limits::MISFIT, self.selection.misfit);
+        causes.set(Limits::SECOND_TONE, lacks_tones);
         self.limits.cycle(&LimitInputs {
             running: self.machine.running(),
             frame_received: inputs.link_heard,
@@ -332,19 +329,19 @@ impl Controller {
         let limits = self.limits.limits;
         let safe = settings.safe_amplitude * 1e-3;
         let scale = setpoint.max(safe) / settings.frequency;
-        let (fewest, pace) = self.amplitude.start_limits();
-        let start = settings.soft_start.max(fewest / settings.frequency);
-        let up = Approach::Ramp(pace * scale / start);
+        let (min_cycles, share) = self.amplitude.start_limits();
+        let start = settings.soft_start.max(min_cycles / settings.frequency);
+        let up = Approach::Ramp(share * scale / start);
         let down = Approach::Ramp(scale / settings.soft_stop);
-        let (goal, pace) = match (self.machine.state, self.machine.kick()) {
+        let (goal, approach) = match (self.machine.state, self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Approach::Step),
             (State::Stopping, _) => (0.0, down),
-            // Without a certain target the amplitude falls or stays, and never rises.
+            // Without a certain target the amplitude falls or stays, but never rises.
             _ if limits.contains(Limits::LINK_LOST) => {
-                (safe.min(setpoint).min(self.reference.now), down)
+                (safe.min(setpoint).min(self.reference.value), down)
             }
-            _ if limits.contains(Limits::NO_SETPOINT) => (safe.min(self.reference.now), down),
-            _ if !self.selection.chosen() => (self.reference.now, Approach::Step),
+            _ if limits.contains(Limits::NO_SETPOINT) => (safe.min(self.reference.value), down),
+            _ if !self.selection.chosen() => (self.reference.value, Approach::Step),
             (_, Some(kick)) => (setpoint * kick, Approach::Lag),
             _ if self.machine.glides() => (
                 setpoint,
@@ -353,38 +350,36 @@ impl Controller {
             _ => (setpoint, up),
         };
         let goal = goal.min(self.scale.ceiling);
-        let allowed = self.swing_limits().map_or(goal, |[most, _]| goal.min(most));
+        let limits = self.swing_limits();
+        let allowed = limits.map_or(goal, |[limit, _]| goal.min(limit));
         self.reference
-            .advance(allowed, pace, self.lead, self.settings.envelope);
+            .advance(allowed, approach, self.lead, self.settings.envelope);
         self.swing
-            .hold(allowed < goal && self.reference.now == allowed);
+            .hold(allowed < goal && self.reference.value == allowed);
         goal
     }
 
     /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
     pub(super) fn swing_limits(&self) -> Option<[f32; 2]> {
-        let Scale { ceiling, least, .. } = self.scale;
-        let limits = self.swing.limits(self.reference.now, ceiling, least);
+        let (swing, scale) = (&self.swing, &self.scale);
+        let limits = swing.limits(self.reference.value, scale.ceiling, scale.min_amplitude);
         limits.filter(|_| !self.resonance.is_sweeping())
     }
 
     /// Upper limit of the next output, as a share of full output, without the accelerometer.
-    pub(super) fn most_output(&self) -> f32 {
-        let amplitude = self.swing_limits().map(|[_, most]| most);
+    pub(super) fn output_limit(&self) -> f32 {
+        let amplitude = self.swing_limits().map(|[_, limit]| limit);
         self.scale
-            .most_output(self.predicted_envelopes[0], amplitude)
+            .output_limit(self.predicted_envelopes[0], amplitude)
     }
 
     pub(super) fn switch_off(&mut self) {
-        (self.output, self.output_lead) = (0.0, 0.0);
-        self.reference.now = 0.0;
-        self.amplitude.reset();
-        self.tones.rest();
+        self.release_output();
         self.listener.clear();
-        self.deafness = MissedImpactDetector::default();
+        self.missed_impact_detector = MissedImpactDetector::default();
         self.limits.rest();
         if self.selection.misfit {
-            self.begin_again();
+            self.restart_target();
         }
         let decision = self.machine.rest();
         self.carry_out(decision);
@@ -394,7 +389,7 @@ impl Controller {
     /// Switches the output off while the track comes to rest; the bridge is open already.
     pub(super) fn release_output(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
-        self.reference.now = 0.0;
+        self.reference.value = 0.0;
         self.amplitude.reset();
         self.tones.rest();
     }
@@ -411,7 +406,7 @@ impl Controller {
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
         self.output = output.min(self.settings.output_maximum);
         self.output_lead = 0.0;
-        self.reference.now = measured;
+        self.reference.value = measured;
         let ended = self.resonance.advance_sweep(measured);
         self.update_scale();
         if ended {
@@ -434,9 +429,9 @@ impl Controller {
         self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
-    /// Confidence, 0..1, that the parts are in the wanted lock; 0 with too faint single impacts.
+    /// Confidence, 0..1, that parts are in the requested lock; 0 if single impacts are too faint.
     pub(super) fn confidence(&self) -> f32 {
-        if self.deafness.crowd {
+        if self.missed_impact_detector.merges_impacts {
             return 0.0;
         }
         self.listener.confidence(self.selection.lock())
@@ -445,26 +440,26 @@ impl Controller {
     /// Moves between the states of a running drive.
     #[inline(always)]
     pub(super) fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
-        let seen = Observation {
-            near: self.selection.chosen()
-                && self.reference.now == goal
+        let observed = Observation {
+            at_setpoint: self.selection.chosen()
+                && self.reference.value == goal
                 && (measured - goal).abs() < SETPOINT_TOLERANCE * goal
-                && self.tones.arrived(),
+                && self.tones.is_settled(),
             limits: self.limits.limits,
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan(),
-            chaos: self.selection.found_chaos(),
+            chaos: self.selection.chaos_result(),
         };
-        let decision = self.machine.advance(&seen, events);
+        let decision = self.machine.advance(&observed, events);
         self.carry_out(decision);
     }
 
-    /// Tests whether the parts fit the lot of gear. The verdict stays until the track is empty.
+    /// Tests whether the parts fit the lot of gear. The result stays until the track is empty.
     pub(super) fn watch_fit(&mut self) {
         if self.selection.misfit {
             if self.listener.empty {
-                self.begin_again();
+                self.restart_target();
             }
             return;
         }
@@ -476,9 +471,9 @@ impl Controller {
         }
     }
 
-    /// Begins the target anew, for other parts.
+    /// Restarts the target for other parts.
     #[inline(never)]
-    fn begin_again(&mut self) {
+    fn restart_target(&mut self) {
         if let Ok(selection) = self.select(self.selection.target, &self.settings) {
             self.selection = selection;
             self.begin_target();
@@ -524,21 +519,21 @@ impl Controller {
             }
             return;
         }
-        let off = if self.reference.now == goal {
+        let amplitude_error = if self.reference.value == goal {
             (measured - goal).abs() / goal
         } else {
             f32::INFINITY
         };
         let driven = Driven {
-            off,
+            amplitude_error,
             k: f64::from(self.scale.k(measured)),
             lead: phase_of(self.lead),
-            least: f64::from(self.scale.k(self.scale.reach(&self.settings))),
+            min_k: f64::from(self.scale.k(self.scale.reach(&self.settings))),
             normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
             margin: self.listener.margin(),
-            thrown: self.listener.gear.landing_speed_from_rest(),
-            loudness: self.listener.gear.loudness(),
+            speed_from_rest: self.listener.gear.landing_speed_from_rest(),
+            energy_per_squared_speed: self.listener.gear.energy_per_squared_speed(),
         };
         match self.identifier.cycle(&driven, cycle) {
             Step::Going => {}
@@ -553,16 +548,16 @@ impl Controller {
 
     /// Controls the amplitude: the next output and its phase lead.
     pub(super) fn control_amplitude(&mut self, view: &View) {
-        let reference = self.reference.now;
-        let most = self.most_output();
-        let struck = ImpactPhase {
-            at: (self.meter.as_ref()).map_or(Complex::default(), LoadMeter::struck),
-            silent: self.meter.as_ref().is_none_or(LoadMeter::silent),
+        let reference = self.reference.value;
+        let limit = self.output_limit();
+        let impact_phase = ImpactPhase {
+            at: (self.meter.as_ref()).map_or(Complex::default(), LoadMeter::impact_phase),
+            silent: self.meter.as_ref().is_none_or(LoadMeter::is_silent),
         };
         [self.output, self.output_lead] = self
             .amplitude
-            .control_under_load(view.motion.first, struck, reference, most)
-            .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, most), 0.0]);
+            .control_under_load(view.motion.first, impact_phase, reference, limit)
+            .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, limit), 0.0]);
     }
 
     /// Gives the cycle's impacts to the estimators of regime and gear.
@@ -575,18 +570,18 @@ impl Controller {
             shape: self.measured.shape,
             step: self.scale.step,
             lot: self.selection.lot(&self.settings),
-            stands: self.machine.kick().is_none()
-                && self.reference.now == goal
+            settled: self.machine.kick().is_none()
+                && self.reference.value == goal
                 && (view.measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal,
             contact: self.settings.contact_time(),
             detects_gear: self.detects_gear(),
-            needs_regime: self.machine.listens_for_chaos(),
+            needs_regime: self.machine.detects_chaos(),
         };
         self.listener
             .cycle(view.cycle, &drive_state, self.selection.lock());
     }
 
-    /// Selects the order of gear that gives the requested flow, by the present flow.
+    /// Selects the order of gear for the requested flow, from the present flow.
     pub(super) fn serve_flow(&mut self, events: &mut Events) {
         let flow = self.load().map(|load| load.flow);
         self.selection
@@ -609,7 +604,7 @@ impl Controller {
         }
     }
 
-    /// Switches the drive off after an error of the firmware, and drops what the loops estimated.
+    /// Switches the drive off after an error of the firmware, and clears the loops' estimates.
     pub(super) fn fail_firmware(&mut self, events: &mut Events) {
         self.machine.fail(Fault::ControlLate, events);
         self.amplitude.forget();
@@ -623,13 +618,10 @@ impl Controller {
     pub(super) fn predict_envelope(&mut self) {
         let [newest, before, _] = self.predicted_envelopes;
         // Missing amplitude counts as load only while impacts are detected.
-        let load = if self.listener.phases.rate() > 0.0 {
-            self.amplitude.load()
-        } else {
-            0.0
-        };
-        let (_, along) = sine_cosine_single(phase_of(self.output_lead));
-        let driven = self.output * along - load;
-        self.predicted_envelopes = [self.scale.after(newest, driven), newest, before];
+        let detected = self.listener.phases.rate() > 0.0;
+        let load = if detected { self.amplitude.load() } else { 0.0 };
+        let (_, in_phase) = sine_cosine_single(phase_of(self.output_lead));
+        let driven = self.output * in_phase - load;
+        self.predicted_envelopes = [self.scale.envelope.advance(newest, driven), newest, before];
     }
 }

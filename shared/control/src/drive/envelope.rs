@@ -1,9 +1,9 @@
 //! Envelope of the track's amplitude under the output, from cycle to cycle (slowly varying
 //! amplitude).
 //!
-//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. In the frame that turns
-//! with the drive the envelope is a phasor, here over its steady value, that decays and turns in a
-//! cycle by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
+//! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. The envelope is a phasor in
+//! the frame that rotates with the drive, here over its steady value. In a cycle it decays and
+//! rotates by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
 //! approximation).
 
 use core::f32::consts::{PI, TAU};
@@ -13,7 +13,7 @@ use num_complex::Complex32 as Complex;
 use crate::settings::Settings;
 use kband::arithmetic::square_root_single;
 
-/// Turn of the envelope within its time constant, in rad, below which it is a first-order lag.
+/// Rotation of the envelope within its time constant, in rad, below which it is a first-order lag.
 const MAX_FIRST_ORDER_TURN: f32 = 0.3;
 
 /// The envelope from cycle to cycle.
@@ -34,8 +34,8 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// The envelope of the configured drive; the one at resonance where the frequency tracks it.
-    pub fn at(settings: &Settings) -> Self {
+    /// The envelope of the configured drive; the one at resonance if the frequency tracks it.
+    pub fn from_settings(settings: &Settings) -> Self {
         let x = settings.frequency / settings.resonance;
         if settings.tracking > 0.0 || x == 1.0 {
             let pole = Complex::new(libm::expf(-PI / settings.quality), 0.0);
@@ -51,8 +51,8 @@ impl Envelope {
         let cycles = settings.quality * (1.0 / PI) * x;
         let damped = 1.0 - 0.25 / (settings.quality * settings.quality);
         let turn = TAU * (square_root_single(damped) / x - 1.0);
-        let left = libm::expf(-1.0 / cycles);
-        let pole = Complex::new(libm::cosf(turn), libm::sinf(turn)) * left;
+        let decayed = libm::expf(-1.0 / cycles);
+        let pole = Complex::new(libm::cosf(turn), libm::sinf(turn)) * decayed;
         // The mean of `e^(t ln pole)` over a cycle.
         let mean = (pole - 1.0) / Complex::new(-1.0 / cycles, turn);
         let (detuned, width) = (1.0 - x * x, x / settings.quality);
@@ -70,8 +70,8 @@ impl Envelope {
     /// The envelope after a cycle at an output, over the steady one at full output.
     pub fn advance(&self, before: Complex, output: f32) -> Complex {
         if self.pole.im == 0.0 {
-            let keep = self.pole.re;
-            return Complex::new(keep * before.re + (1.0 - keep) * output, 0.0);
+            let decay = self.pole.re;
+            return Complex::new(decay * before.re + (1.0 - decay) * output, 0.0);
         }
         (before - output) * self.pole + output
     }
@@ -81,19 +81,19 @@ impl Envelope {
         (before - output) * self.mean + output
     }
 
-    /// Largest output that keeps the envelope within `size` at the cycle's end; 0 where none does.
-    pub fn most_output(&self, before: Complex, size: f32) -> f32 {
+    /// Largest output that keeps the envelope within `size` at the cycle's end; 0 if none does.
+    pub fn output_limit(&self, before: Complex, size: f32) -> f32 {
         if self.pole.im == 0.0 {
-            let keep = self.pole.re;
-            return ((size - keep * before.re) / (1.0 - keep)).max(0.0);
+            let decay = self.pole.re;
+            return ((size - decay * before.re) / (1.0 - decay)).max(0.0);
         }
         // `|p z + (1 - p) u| = size`, a square in u.
-        let (left, step) = (self.pole * before, Complex::new(1.0, 0.0) - self.pole);
+        let (decayed, step) = (self.pole * before, Complex::new(1.0, 0.0) - self.pole);
         let square = step.norm_sqr();
-        let half = (left.conj() * step).re / square;
-        let room = half * half + (size * size - left.norm_sqr()) / square;
-        if room > 0.0 {
-            (square_root_single(room) - half).max(0.0)
+        let half = (decayed.conj() * step).re / square;
+        let discriminant = half * half + (size * size - decayed.norm_sqr()) / square;
+        if discriminant > 0.0 {
+            (square_root_single(discriminant) - half).max(0.0)
         } else {
             0.0
         }

@@ -1,8 +1,8 @@
 //! Gain and phase margin of the amplitude loop on a given drive, from its Nyquist curve (Astrom and
 //! Murray, Feedback Systems, 2008).
 //!
-//! Only the part of a change along the steady envelope counts: `P = (E(z) + E*(z)) / 2`. `E` is the
-//! envelope that turns by its pole, `E*` by the conjugate, with dead time and mean of a cycle.
+//! Only the component of a change along the steady envelope matters: `P = (E(z) + E*(z)) / 2`. `E`
+//! is the envelope with its pole, `E*` with the conjugate pole, both with dead time and cycle mean.
 
 use core::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use super::amplitude::AmplitudeLoop;
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
 
-/// Number of angles per cycle on the curve: over the logarithm, and around the envelope's turn.
+/// Number of angles per cycle on the curve: spaced logarithmically, and around the envelope's pole.
 const ANGLES: i32 = 1500;
 /// Smallest angle of the curve, in rad per cycle.
 const MIN_ANGLE: f64 = 1e-5;
@@ -36,7 +36,7 @@ struct Plant {
 }
 
 impl Plant {
-    fn of(settings: &Settings) -> Self {
+    fn from_settings(settings: &Settings) -> Self {
         let [frequency, resonance, quality] =
             [settings.frequency, settings.resonance, settings.quality].map(f64::from);
         let natural = resonance / frequency;
@@ -48,7 +48,7 @@ impl Plant {
             2.0 * PI * (natural * damped - 1.0)
         };
         let logarithm = Complex::new(decay, turn);
-        let pole = turned(turn) * libm::exp(decay);
+        let pole = unit_phasor(turn) * libm::exp(decay);
         Self {
             pole,
             mean: (pole - 1.0) / logarithm,
@@ -56,20 +56,22 @@ impl Plant {
     }
 
     /// Measured amplitude over output as a phasor, at `e^(i angle)` of the angle per cycle.
-    fn at(&self, turned: Complex) -> Complex {
-        let late = turned.conj();
-        let of = |pole: Complex, mean: Complex| {
-            late * late * (mean * late * (1.0 - pole) / (1.0 - pole * late) + (1.0 - mean))
+    fn at(&self, unit_phasor: Complex) -> Complex {
+        let delay = unit_phasor.conj();
+        let delayed_response = |pole: Complex, mean: Complex| {
+            delay * delay * (mean * delay * (1.0 - pole) / (1.0 - pole * delay) + (1.0 - mean))
         };
-        (of(self.pole, self.mean) + of(self.pole.conj(), self.mean.conj())) * 0.5
+        (delayed_response(self.pole, self.mean)
+            + delayed_response(self.pole.conj(), self.mean.conj()))
+            * 0.5
     }
 }
 
-fn turned(angle: f64) -> Complex {
+fn unit_phasor(angle: f64) -> Complex {
     Complex::new(libm::cos(angle), libm::sin(angle))
 }
 
-fn length(z: Complex) -> f64 {
+fn modulus(z: Complex) -> f64 {
     libm::sqrt(z.norm_sqr())
 }
 
@@ -77,65 +79,65 @@ impl LoopMargins {
     /// Margins of the loop built for the settings `configured`, on the drive `actual`, whose `gain`
     /// and `resonance` may differ. The error names a setting out of range.
     ///
-    /// At the resonance it is the PI loop at the configured gain. Off it the gain estimate is the
-    /// only feedback: an integral gain; the margins leave the model out.
-    pub fn of(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
+    /// At the resonance it is the PI loop at the configured gain. Off the resonance the only
+    /// feedback is the gain estimate, an integral gain; the margins omit its model.
+    pub fn from_settings(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(configured)?;
         actual.check()?;
-        let plant = Plant::of(actual);
-        let strength = |settings: &Settings| f64::from(settings.gain) * steady(settings);
-        let wrong = strength(actual) / strength(configured);
+        let plant = Plant::from_settings(actual);
+        let strength = |settings: &Settings| f64::from(settings.gain) * steady_response(settings);
+        let gain_ratio = strength(actual) / strength(configured);
         let [proportional, integral, forgetting] = control.gains().map(f64::from);
-        let open = |turned: Complex| {
-            let sum = turned - 1.0;
+        let open = |unit_phasor: Complex| {
+            let sum = unit_phasor - 1.0;
             let control = if forgetting > 0.0 {
                 forgetting / sum
             } else {
-                wrong * proportional * (1.0 + integral / sum)
+                gain_ratio * proportional * (1.0 + integral / sum)
             };
-            control * plant.at(turned)
+            control * plant.at(unit_phasor)
         };
-        Ok(Self::around(open, plant.pole))
+        Ok(Self::from_open_loop(open, plant.pole))
     }
 
-    /// Margins of an open loop over the angle per cycle, finer near the turn of a pole.
-    pub(super) fn around(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
+    /// Margins of an open loop over the angle per cycle, sampled finely near the angle of a pole.
+    pub(super) fn from_open_loop(open: impl Fn(Complex) -> Complex, pole: Complex) -> Self {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
         // A decay within a few cycles is smooth enough for the even angles.
-        let width = (-libm::log(length(pole))).min(0.2);
-        let mut found = Self {
+        let width = (-libm::log(modulus(pole))).min(0.2);
+        let mut margins = Self {
             gain: f64::INFINITY,
             phase: 180.0,
             distance: 1.0,
         };
-        let mut look = |angles: &mut dyn Iterator<Item = f64>| {
+        let mut scan = |angles: &mut dyn Iterator<Item = f64>| {
             let mut before: Option<Complex> = None;
             for angle in angles.filter(|angle| (MIN_ANGLE..=PI).contains(angle)) {
-                let now = open(turned(angle));
+                let now = open(unit_phasor(angle));
                 if let Some(before) = before {
                     // Crossings of the negative real axis and of the unit circle.
                     if (now.im < 0.0) != (before.im < 0.0) && now.re < 0.0 && before.re < 0.0 {
-                        found.gain = found.gain.min(1.0 / length(now).max(length(before)));
+                        margins.gain = margins.gain.min(1.0 / modulus(now).max(modulus(before)));
                     }
                     if (now.norm_sqr() < 1.0) != (before.norm_sqr() < 1.0) {
                         let lag = libm::fabs(libm::atan2(now.im, now.re)) * (180.0 / PI);
-                        found.phase = found.phase.min(180.0 - lag);
+                        margins.phase = margins.phase.min(180.0 - lag);
                     }
                 }
-                found.distance = found.distance.min(length(now + 1.0));
+                margins.distance = margins.distance.min(modulus(now + 1.0));
                 before = Some(now);
             }
         };
         let step = libm::log(PI / MIN_ANGLE) / f64::from(ANGLES);
-        look(&mut (0..=ANGLES).map(|n| MIN_ANGLE * libm::exp(step * f64::from(n))));
+        scan(&mut (0..=ANGLES).map(|n| MIN_ANGLE * libm::exp(step * f64::from(n))));
         let near = 6.0 * width / f64::from(ANGLES);
-        look(&mut (-ANGLES..=ANGLES).map(|n| turn + near * f64::from(n)));
-        found
+        scan(&mut (-ANGLES..=ANGLES).map(|n| turn + near * f64::from(n)));
+        margins
     }
 }
 
 /// Steady amplitude over the one at resonance.
-fn steady(settings: &Settings) -> f64 {
+fn steady_response(settings: &Settings) -> f64 {
     let [frequency, resonance, quality] =
         [settings.frequency, settings.resonance, settings.quality].map(f64::from);
     if settings.tracking > 0.0 {
@@ -165,31 +167,32 @@ mod tests {
     fn detunings() -> impl Iterator<Item = f32> {
         let fine = (0..40).map(|n| 0.0002 * n as f32);
         let coarse = (0..49).map(|n| 0.008 + 0.004 * n as f32);
-        fine.chain(coarse).flat_map(|off| [off, -off])
+        fine.chain(coarse)
+            .flat_map(|detuning| [detuning, -detuning])
     }
 
     /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
     #[test]
     fn the_loop_has_margins_at_every_quality_detuning_and_gain() {
-        for wrong in [1.0, 0.5, 2.0] {
-            let mut least = [f64::INFINITY; 3];
+        for gain_ratio in [1.0, 0.5, 2.0] {
+            let mut minimum = [f64::INFINITY; 3];
             for quality in QUALITIES {
-                for off in detunings() {
-                    let configured = drive(quality, off);
-                    let actual = with(configured, |it| it.gain = configured.gain * wrong);
-                    let found = LoopMargins::of(&configured, &actual).unwrap();
-                    let found = [found.gain, found.phase, found.distance];
-                    for (least, found) in least.iter_mut().zip(found) {
-                        *least = least.min(found);
+                for detuning in detunings() {
+                    let configured = drive(quality, detuning);
+                    let actual = with(configured, |it| it.gain = configured.gain * gain_ratio);
+                    let margins = LoopMargins::from_settings(&configured, &actual).unwrap();
+                    let margins = [margins.gain, margins.phase, margins.distance];
+                    for (minimum, margins) in minimum.iter_mut().zip(margins) {
+                        *minimum = minimum.min(margins);
                     }
                 }
             }
-            std::println!("gain {wrong}: {least:?}");
-            let [gain, phase, distance] = least;
-            if wrong > 1.0 {
-                assert!(gain > 2.2 && phase > 44.0 && distance > 0.45, "{least:?}");
+            std::println!("gain {gain_ratio}: {minimum:?}");
+            let [gain, phase, distance] = minimum;
+            if gain_ratio > 1.0 {
+                assert!(gain > 2.2 && phase > 44.0 && distance > 0.45, "{minimum:?}");
             } else {
-                assert!(gain > 4.5 && phase > 65.0 && distance > 0.7, "{least:?}");
+                assert!(gain > 4.5 && phase > 65.0 && distance > 0.7, "{minimum:?}");
             }
         }
     }
@@ -197,7 +200,7 @@ mod tests {
     /// Any frequency on any resonance, and the smallest quality, within the settings' ranges.
     #[test]
     fn far_from_the_resonance_the_margins_stay() {
-        let mut least = [f64::INFINITY; 2];
+        let mut minimum = [f64::INFINITY; 2];
         for quality in [1.0, 1.5, 2.0, 10.0, 200.0] {
             for n in -60..=60 {
                 let ratio = 10.0_f32.powf(n as f32 / 30.0);
@@ -208,11 +211,11 @@ mod tests {
                     safe_amplitude: 0.0,
                     ..Settings::default()
                 };
-                let found = LoopMargins::of(&settings, &settings).unwrap();
-                least = [least[0].min(found.gain), least[1].min(found.phase)];
+                let margins = LoopMargins::from_settings(&settings, &settings).unwrap();
+                minimum = [minimum[0].min(margins.gain), minimum[1].min(margins.phase)];
             }
         }
-        std::println!("{least:?}");
-        assert!(least[0] > 3.9 && least[1] > 65.0, "{least:?}");
+        std::println!("{minimum:?}");
+        assert!(minimum[0] > 3.9 && minimum[1] > 65.0, "{minimum:?}");
     }
 }

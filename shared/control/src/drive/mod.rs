@@ -1,24 +1,24 @@
 //! Control of the track's amplitude, tones and frequency.
 
 mod amplitude;
-mod answer;
 mod envelope;
 mod margins;
 mod observer;
 mod reference;
 mod resonance;
+mod response;
 mod scale;
 mod shape;
 mod tone;
 mod tones;
 
 pub use amplitude::AmplitudeLoop;
-pub use answer::upper_response;
 pub use envelope::absolute;
 pub use margins::LoopMargins;
 pub use observer::ImpactPhase;
 pub use reference::{Approach, Reference};
 pub use resonance::Resonance;
+pub use response::upper_response;
 pub use scale::Scale;
 pub use shape::{Shape, TrackMotion, UPPER, UpperTone};
 pub use tones::{ToneInputs, Tones, affordable_tones};

@@ -2,14 +2,14 @@
 //!
 //! Parts of a twentieth of the track's mass absorb as much power as a drive of Q = 25 needs without
 //! them (docs/theory-real-parts.md#t10.5). A hopper that opens changes that faster than the gain
-//! estimate follows. The observer is of Luenberger's kind (1971), with the load and its rate as
-//! disturbance states and the prediction error of the envelope, a phasor, as input. The next output
+//! estimate follows. The observer is a Luenberger observer (1971). Its disturbance states are the
+//! load and its rate; its input is the prediction error of the envelope, a phasor. The next output
 //! compensates the load within one cycle (deadbeat control). Parts also shift the track's phase,
-//! and impacts follow it: an output that leads holds the phase as the amplitude is held.
+//! and impacts follow it. So a phase lead of the output holds the phase as the amplitude is held.
 //!
-//! The gains differ along the held motion and across it. An impact at a third of the cycle shows
-//! two thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter
-//! that does not repeat. Blanked impacts limit the envelope gain to 1.1.
+//! The gains differ along the held motion and across it. An impact at a third of the cycle has two
+//! thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter that
+//! does not repeat. Blanked impacts limit the envelope gain to 1.1.
 
 use core::f32::consts::{PI, TAU};
 
@@ -19,7 +19,7 @@ use super::envelope::absolute;
 
 /// Observer gains along and across the held motion: for envelope, load per cycle, and its change.
 const OBSERVER_GAINS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
-/// Share of the output's lead by which the held phase yields per cycle: it decays over 200 cycles.
+/// Share of the lead by which the held phase moves per cycle: the lead decays over 200 cycles.
 const PHASE_YIELD_SHARE: f32 = 1.0 / 200.0;
 
 /// Phase of the impacts in the cycle.
@@ -31,8 +31,8 @@ pub struct ImpactPhase {
     pub silent: bool,
 }
 
-/// Estimates of envelope and load: phasors in m, a quarter turn ahead of the motion, so that a
-/// drive at its resonance has a real envelope.
+/// Estimates of envelope and load as phasors in m. They are a quarter turn ahead of the motion, so
+/// that a drive at its resonance has a real envelope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
     /// Envelope at the end of the last cycle.
@@ -48,11 +48,11 @@ pub struct Observer {
 
 impl Observer {
     /// The observer of a steady envelope, `amplitude` and the unloaded `driven` in m.
-    pub fn at(amplitude: f32, driven: f32, keep: f32) -> Self {
+    pub fn from_amplitude(amplitude: f32, driven: f32, decay: f32) -> Self {
         let real = |number: f32| Complex::new(number, 0.0);
         Self {
             envelope: real(amplitude),
-            load: real((1.0 - keep) * (amplitude - driven)),
+            load: real((1.0 - decay) * (amplitude - driven)),
             load_rate: real(0.0),
             output_envelope: real(driven),
             held_phase: real(1.0),
@@ -60,45 +60,51 @@ impl Observer {
     }
 
     /// Load, in m of the amplitude that the drive would have without it.
-    pub fn load(&self, keep: f32) -> f32 {
-        -(self.load * self.held_phase.conj()).re / (1.0 - keep)
+    pub fn load(&self, decay: f32) -> f32 {
+        -(self.load * self.held_phase.conj()).re / (1.0 - decay)
     }
 
-    /// Processes the mean motion of a cycle; `keep`: share of the envelope that survives it, 0..1.
+    /// Processes the mean motion of a cycle; `decay`: share of the envelope that survives it, 0..1.
     /// Returns the unloaded envelope (m) that gives the next cycle the mean amplitude `goal` (m).
-    pub fn cycle(&mut self, motion: Complex, struck: ImpactPhase, goal: f32, keep: f32) -> Complex {
-        // A cycle's fundamental has half of a drift, and of a jump the rest of the cycle after it.
-        // The ends of the cycle add the conjugate term.
+    pub fn cycle(
+        &mut self,
+        motion: Complex,
+        impact_phase: ImpactPhase,
+        goal: f32,
+        decay: f32,
+    ) -> Complex {
+        // A cycle's fundamental contains half of a drift, and of a jump the part after it. The ends
+        // of the cycle add the conjugate term.
         let ends = Complex::new(0.0, 0.25 / PI);
         // Angle from the impact to half a turn.
-        let since = libm::atan2f(struck.at.im, -struck.at.re);
-        let early = Complex::new(-since / TAU, 0.25 / PI) * absolute(struck.at);
+        let since = libm::atan2f(impact_phase.at.im, -impact_phase.at.re);
+        let before_impact = Complex::new(-since / TAU, 0.25 / PI) * absolute(impact_phase.at);
         let mean = |drift: Complex, jump: Complex| {
             let all = drift + jump;
-            all * 0.5 + all.conj() * ends + jump * early
+            all * 0.5 + all.conj() * ends + jump * before_impact
         };
-        let drift = (self.output_envelope - self.envelope) * (1.0 - keep);
-        let mut missed = motion - self.envelope - mean(drift, self.load);
-        if struck.silent {
-            // A motion that drifts has a larger acceleration, by this.
-            missed += (drift + self.load) * Complex::new(0.0, 1.0 / PI);
+        let drift = (self.output_envelope - self.envelope) * (1.0 - decay);
+        let mut innovation = motion - self.envelope - mean(drift, self.load);
+        if impact_phase.silent {
+            // Under a drifting motion the acceleration is larger by this term.
+            innovation += (drift + self.load) * Complex::new(0.0, 1.0 / PI);
         }
-        let missed = missed * self.held_phase.conj();
+        let innovation = innovation * self.held_phase.conj();
         let [envelope, load, rate] = OBSERVER_GAINS.map(|[along, across]| {
-            Complex::new(missed.re * along, missed.im * across) * self.held_phase
+            Complex::new(innovation.re * along, innovation.im * across) * self.held_phase
         });
         self.envelope += drift + self.load + envelope;
         self.load_rate += rate;
         self.load += load + self.load_rate;
-        let goal = self.held_phase * goal - self.load * early;
-        (goal - self.envelope * keep - self.load) / (1.0 - keep)
+        let goal = self.held_phase * goal - self.load * before_impact;
+        (goal - self.envelope * decay - self.load) / (1.0 - decay)
     }
 
     /// Limits the requested envelope to `high` and the track's direction; size (m), lead (rad).
-    pub fn limit_output(&mut self, wanted: Complex, high: f32) -> [f32; 2] {
-        let against = wanted * self.held_phase.conj();
-        let mut driven = if against.re > 0.0 {
-            against
+    pub fn limit_output(&mut self, requested: Complex, high: f32) -> [f32; 2] {
+        let relative = requested * self.held_phase.conj();
+        let mut driven = if relative.re > 0.0 {
+            relative
         } else {
             Complex::default()
         };
@@ -111,9 +117,9 @@ impl Observer {
         if length <= 0.0 {
             return [0.0; 2];
         }
-        let turned =
+        let rotated =
             Complex::new(length, -PHASE_YIELD_SHARE * self.output_envelope.im) * self.held_phase;
-        self.held_phase = turned / absolute(turned);
+        self.held_phase = rotated / absolute(rotated);
         [
             length,
             libm::atan2f(self.output_envelope.im, self.output_envelope.re),

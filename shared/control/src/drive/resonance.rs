@@ -37,11 +37,11 @@ struct Sweep {
     /// Largest amplitude so far in m, and its frequency in Hz.
     best: (f32, f32),
     /// Whether the drive is back at the peak and settles there.
-    back: bool,
+    returning: bool,
 }
 
 impl Resonance {
-    /// The drive at its configured frequency; it stays there where `tracking` is 0.
+    /// The drive at its configured frequency; it stays there if `tracking` is 0.
     pub fn new(settings: &Settings) -> Self {
         Self {
             low: (settings.frequency - settings.tracking).max(5.0),
@@ -70,7 +70,7 @@ impl Resonance {
             point: 0,
             cycles: 0,
             best: (0.0, self.low),
-            back: false,
+            returning: false,
         });
     }
 
@@ -89,7 +89,7 @@ impl Resonance {
         {
             return false;
         }
-        if sweep.back {
+        if sweep.returning {
             self.sweep = None;
             return true;
         }
@@ -100,7 +100,7 @@ impl Resonance {
         sweep.point += 1;
         if sweep.point > sweep.intervals {
             self.frequency = sweep.best.1;
-            sweep.back = true;
+            sweep.returning = true;
             return false;
         }
         let part = f32::from(sweep.point) / f32::from(sweep.intervals);
@@ -113,9 +113,9 @@ impl Resonance {
         let hold = PI * self.frequency / SAMPLE_RATE as f32;
         let error = lead + FRAC_PI_2 + hold;
         // Near the peak the lead falls by 2 Q per relative change of frequency.
-        let towards = self.frequency * error / (2.0 * self.quality);
+        let correction = self.frequency * error / (2.0 * self.quality);
         let share = PI / (PHASE_LOOP_RATIO * self.quality);
-        self.frequency = saturate(self.frequency + share * towards, self.low, self.high);
+        self.frequency = saturate(self.frequency + share * correction, self.low, self.high);
     }
 }
 

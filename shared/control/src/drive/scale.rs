@@ -12,7 +12,7 @@ use kband::arithmetic::sine_cosine_single;
 use kband::feeder::STANDARD_GRAVITY;
 
 /// Smallest detectable swing in converter steps: a phase error of 0.04 rad at 500 Hz.
-const TELLS: f32 = 8.0;
+const MIN_RESOLVED_STEPS: f32 = 8.0;
 /// Largest predicted envelope over the hard limits, above the over-amplitude fault.
 const MAX_ENVELOPE_RATIO: f32 = 1.2;
 
@@ -27,7 +27,7 @@ fn min_acceleration(settings: &Settings) -> f32 {
     let step = settings.converter_reference
         / (libm::exp2f(settings.converter_bits) * settings.sensitivity)
         * STANDARD_GRAVITY as f32;
-    TELLS * step
+    MIN_RESOLVED_STEPS * step
 }
 
 /// The factors between amplitude, k and output.
@@ -46,19 +46,19 @@ pub struct Scale {
     /// Model of the track's amplitude under the output.
     pub envelope: Envelope,
     /// Share of the envelope's size that survives a cycle, 0..1.
-    keep: f32,
+    decay: f32,
     /// Amplitude at full output and the drive's frequency, in m; at the resonance if it is tracked.
     pub full_amplitude: f32,
-    /// Amplitude per ampere of the drive's current, in m/A; 0 where it is not commissioned.
+    /// Amplitude per ampere of the drive's current, in m/A; 0 if it is not commissioned.
     pub per_ampere: f32,
     /// Smallest detectable amplitude, in m.
-    pub least: f32,
+    pub min_amplitude: f32,
 }
 
 impl Scale {
     /// The factors at a frequency in Hz.
-    pub fn at(settings: &Settings, frequency: f32) -> Self {
-        let envelope = Envelope::at(settings);
+    pub fn from_settings(settings: &Settings, frequency: f32) -> Self {
+        let envelope = Envelope::from_settings(settings);
         let mut scale = Self {
             normal_gravity: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
             angular_squared: 0.0,
@@ -66,10 +66,10 @@ impl Scale {
             ceiling: 0.0,
             ceiling_limit: Limits::AMPLITUDE,
             envelope,
-            keep: libm::expf(-PI / settings.quality),
+            decay: libm::expf(-PI / settings.quality),
             full_amplitude: settings.gain * 1e-3 * envelope.response,
             per_ampere: settings.current_gain * 1e-3 * envelope.response,
-            least: 0.0,
+            min_amplitude: 0.0,
         };
         scale.retune(settings, frequency);
         scale
@@ -80,7 +80,7 @@ impl Scale {
         let angular = TAU * frequency;
         self.angular_squared = angular * angular;
         self.step = phase_step(frequency);
-        self.least = min_acceleration(settings) / self.angular_squared;
+        self.min_amplitude = min_acceleration(settings) / self.angular_squared;
         let by_acceleration = settings.acceleration_limit / self.angular_squared;
         let by_amplitude = settings.amplitude_limit * 1e-3;
         self.ceiling = by_acceleration.min(by_amplitude);
@@ -106,18 +106,13 @@ impl Scale {
         (settings.output_maximum * self.full_amplitude).min(self.ceiling)
     }
 
-    /// Largest output for the next cycle, as a share of full output: it keeps the predicted
+    /// Largest output for the next cycle, as a share of full output. It keeps the predicted
     /// envelope (over the steady one at full output) within 1.2 of the hard limits, or within
     /// `amplitude` (m). The prediction uses the configured gain and not the accelerometer.
-    pub fn most_output(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
+    pub fn output_limit(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
         self.envelope
-            .most_output(envelope, amplitude / self.full_amplitude)
-    }
-
-    /// The envelope after a cycle at an output, over the steady one at full output.
-    pub fn after(&self, envelope: Complex, output: f32) -> Complex {
-        self.envelope.advance(envelope, output)
+            .output_limit(envelope, amplitude / self.full_amplitude)
     }
 
     /// Whether a lead (rad) is more than a quarter turn from that of an envelope.
@@ -128,10 +123,10 @@ impl Scale {
 
     /// Largest amplitude of a kick over an amplitude (m), within output and hard limits.
     pub fn max_kick(&self, settings: &Settings, amplitude: f32) -> f32 {
-        // A command step from 1 to f needs an output of 1 + s (f - 1), s: its steepness.
-        let steeper = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.keep);
-        let strength = settings.output_maximum * settings.gain * 1e-3 / amplitude;
-        (1.0 + (strength - 1.0) / steeper.max(1.0)).min(self.ceiling / amplitude)
+        // A command step from 1 to f needs an output of 1 + s (f - 1), with the steepness s.
+        let rise_ratio = (1.0 - libm::expf(-1.0 / settings.envelope)) / (1.0 - self.decay);
+        let output_ratio = settings.output_maximum * settings.gain * 1e-3 / amplitude;
+        (1.0 + (output_ratio - 1.0) / rise_ratio.max(1.0)).min(self.ceiling / amplitude)
     }
 }
 
@@ -143,40 +138,38 @@ mod tests {
     #[test]
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
         let settings = Settings::default();
-        let scale = Scale::at(&settings, settings.frequency);
+        let scale = Scale::from_settings(&settings, settings.frequency);
         // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
-        assert!((scale.least - 6.4042e-6).abs() < 1e-9, "{}", scale.least);
-        assert_eq!(scale.least, min_amplitude(&settings));
+        let smallest = scale.min_amplitude;
+        assert!((smallest - 6.4042e-6).abs() < 1e-9, "{smallest}");
+        assert_eq!(smallest, min_amplitude(&settings));
         let steep = with(settings, |it| it.incline = -60.0);
-        let gravity = Scale::at(&steep, 50.0).normal_gravity;
+        let gravity = Scale::from_settings(&steep, 50.0).normal_gravity;
         assert!((gravity / (0.5 * settings.gravity) - 1.0).abs() < 2.5e-7);
-        // The output's 0.95 mm; a millimetre is allowed.
+        // The output's 0.95 mm are the limit; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
         let limited = with(settings, |it| it.amplitude_limit = 0.3);
-        let scale = Scale::at(&limited, limited.frequency);
+        let scale = Scale::from_settings(&limited, limited.frequency);
         assert_eq!(scale.reach(&limited), scale.ceiling);
-        let found = (scale.ceiling, scale.ceiling_limit);
-        assert_eq!(found, (0.3e-3, Limits::AMPLITUDE));
+        let actual = (scale.ceiling, scale.ceiling_limit);
+        assert_eq!(actual, (0.3e-3, Limits::AMPLITUDE));
         let reserve = scale.max_kick(&limited, 0.2e-3);
         assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
         // 40 m/s^2 at 50 Hz are 0.405 mm.
         let gentle = with(settings, |it| it.acceleration_limit = 40.0);
-        let scale = Scale::at(&gentle, gentle.frequency);
-        assert!(
-            (scale.ceiling - 0.40528e-3).abs() < 1e-8,
-            "{}",
-            scale.ceiling
-        );
+        let scale = Scale::from_settings(&gentle, gentle.frequency);
+        let ceiling = scale.ceiling;
+        assert!((ceiling - 0.40528e-3).abs() < 1e-8, "{ceiling}");
         assert_eq!(scale.ceiling_limit, Limits::ACCELERATION);
     }
 
     #[test]
     fn no_output_takes_the_envelope_further() {
         let settings = with(Settings::default(), |it| it.amplitude_limit = 0.3);
-        let scale = Scale::at(&settings, settings.frequency);
+        let scale = Scale::from_settings(&settings, settings.frequency);
         let mut envelope = Complex::default();
         for _ in 0..200 {
-            envelope = scale.after(envelope, scale.most_output(envelope, None));
+            envelope = (scale.envelope).advance(envelope, scale.output_limit(envelope, None));
         }
         let reached = envelope.norm_sqr().sqrt() * scale.full_amplitude / scale.ceiling;
         assert!((reached - 1.2).abs() < 0.02, "{reached}");

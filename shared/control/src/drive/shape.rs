@@ -41,7 +41,7 @@ impl UpperTone {
         Complex::new(cosine, sine) * self.ratio
     }
 
-    fn of(phasor: Complex) -> Self {
+    fn from_phasor(phasor: Complex) -> Self {
         if phasor == Complex::default() {
             return Self::NONE;
         }
@@ -82,7 +82,7 @@ impl Shape {
     }
 
     /// The shape of amplitudes over the first tone's and phase angles in rad.
-    pub fn of([second, third]: gear::Tones) -> Self {
+    pub fn from_tones([second, third]: gear::Tones) -> Self {
         let tone = |[ratio, phase]: [f32; 2]| UpperTone { ratio, phase };
         Self {
             second: tone(second),
@@ -101,7 +101,7 @@ impl Shape {
     }
 
     /// `e cos th` and `e sin th` of each tone; 0 for an absent one.
-    pub(crate) fn mixed(&self) -> [[f32; 2]; UPPER] {
+    pub(crate) fn cartesian_tones(&self) -> [[f32; 2]; UPPER] {
         self.tones().map(|tone| {
             if tone.ratio == 0.0 {
                 return [0.0; 2];
@@ -122,29 +122,19 @@ impl Shape {
             ("second tone, ratio", "second tone, phase"),
             ("third tone, ratio", "third tone, phase"),
         ];
-        for (UpperTone { ratio, phase }, (of_ratio, of_phase)) in
-            self.tones().into_iter().zip(names)
-        {
-            accept(
-                of_ratio,
-                f64::from(ratio),
-                (0.0..=0.5).contains(&ratio),
-                "0..0.5 of the first",
-            )?;
-            accept(
-                of_phase,
-                f64::from(phase),
-                (-TAU..=TAU).contains(&phase),
-                "-6.2832..6.2832 rad, which is one turn to either side",
-            )?;
+        let require = |parameter, value: f32, accepts, accepted| {
+            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
+        };
+        let a_turn = "-6.2832..6.2832 rad, which is one turn to either side";
+        for (tone, (of_ratio, of_phase)) in self.tones().into_iter().zip(names) {
+            let accepts = (0.0..=0.5).contains(&tone.ratio);
+            require(of_ratio, tone.ratio, accepts, "0..0.5 of the first")?;
+            let accepts = (-TAU..=TAU).contains(&tone.phase);
+            require(of_phase, tone.phase, accepts, a_turn)?;
         }
-        accept(
-            "third tone, ratio",
-            f64::from(self.third.ratio),
-            self.third.ratio == 0.0 || self.second.ratio > 0.0,
-            "0 without a second tone",
-        )?;
-        Ok(())
+        let (third, accepted) = (self.third.ratio, "0 without a second tone");
+        let accepts = third == 0.0 || self.second.ratio > 0.0;
+        require("third tone, ratio", third, accepts, accepted)
     }
 
     /// Largest displacement of the track over b, and largest acceleration over b w^2.
@@ -157,9 +147,7 @@ impl Shape {
 /// Im(upper[0] e^(2 i phi)) + Im(upper[1] e^(3 i phi))`, phi the output's phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackMotion {
-    /// The first tone.
     pub first: Complex,
-    /// The upper tones.
     pub upper: [Complex; UPPER],
 }
 
@@ -181,9 +169,8 @@ impl TrackMotion {
         })
     }
 
-    /// The measured shape.
     pub fn shape(&self) -> Shape {
-        let [second, third] = self.phasors().map(UpperTone::of);
+        let [second, third] = self.phasors().map(UpperTone::from_phasor);
         Shape { second, third }
     }
 }
@@ -209,10 +196,10 @@ mod tests {
                 first: turned(lead),
                 upper: [tone(0), tone(1)],
             };
-            for (seen, expected) in motion.shape().tones().into_iter().zip(expected) {
-                assert!((seen.ratio - expected.ratio).abs() < 1e-6);
-                let holds = (seen.phase - expected.phase).abs() < 2e-4;
-                assert!(holds, "{seen:?} {expected:?}");
+            for (actual, expected) in motion.shape().tones().into_iter().zip(expected) {
+                assert!((actual.ratio - expected.ratio).abs() < 1e-6);
+                let holds = (actual.phase - expected.phase).abs() < 2e-4;
+                assert!(holds, "{actual:?} {expected:?}");
             }
         }
     }
@@ -220,19 +207,19 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_refused_by_name() {
         let tone = |ratio, phase| UpperTone { ratio, phase };
-        let well = tone(0.1, 2.4);
+        let valid = tone(0.1, 2.4);
         for (second, third, parameter) in [
             (tone(0.6, 0.0), UpperTone::NONE, "second tone, ratio"),
             (tone(0.1, 135.0), UpperTone::NONE, "second tone, phase"),
             (tone(f32::NAN, 0.0), UpperTone::NONE, "second tone, ratio"),
-            (well, tone(-0.1, 0.0), "third tone, ratio"),
-            (well, tone(0.05, 300.0), "third tone, phase"),
+            (valid, tone(-0.1, 0.0), "third tone, ratio"),
+            (valid, tone(0.05, 300.0), "third tone, phase"),
             (UpperTone::NONE, tone(0.05, 1.0), "third tone, ratio"),
         ] {
             let refused = Shape { second, third }.check().unwrap_err();
             assert_eq!(refused.parameter, parameter);
         }
-        let shape = Shape::new(well, tone(0.05, 5.3));
+        let shape = Shape::new(valid, tone(0.05, 5.3));
         assert!(shape.check().is_ok() && !shape.is_sine() && Shape::SINE.is_sine());
     }
 }

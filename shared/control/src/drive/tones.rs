@@ -2,17 +2,17 @@
 
 use num_complex::Complex32 as Complex;
 
-use super::answer::upper_response;
 use super::envelope::absolute;
+use super::response::upper_response;
 use super::scale::Scale;
 use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
 use super::tone::ToneLoop;
 use crate::settings::Settings;
 use kband::feeder::{OutOfRange, accept};
 
-/// Acceleration over the hard limit that gives the upper tones up at once.
+/// Acceleration over the hard limit that switches the upper tones off at once.
 const MAX_ACCELERATION_RATIO: f32 = 1.15;
-/// Smallest share of the wanted tones that does not count as held back.
+/// Smallest share of the requested tones that does not count as limited.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
 const CUT_CYCLES: u16 = 25;
@@ -20,26 +20,25 @@ const CUT_CYCLES: u16 = 25;
 /// Inputs of the upper tones' loops in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneInputs {
-    /// The demodulated motion.
     pub motion: TrackMotion,
-    pub wanted: Shape,
+    pub requested: Shape,
     /// Reference amplitude b of the first tone, in m.
     pub reference: f32,
     /// Square of the angular frequency of the first tone in 1/s^2.
     pub square: f32,
     /// Output that the first tone leaves, as a share of full output.
-    pub room: f32,
+    pub headroom: f32,
     /// Smallest amplitude of the first tone with a usable phase, in m.
-    pub least: f32,
+    pub min_amplitude: f32,
 }
 
-/// Largest second and third tone (symbols e and e3), 0..0.5, for which the configured output
-/// suffices at a k beside the first tone, and for the third beside the configured second one.
+/// Largest second and third tone (symbols e and e3), 0..0.5, that the configured output allows at a
+/// k, beside the first tone. The third is computed beside the configured second one.
 ///
 /// ```
 /// use kband_control::{Settings, affordable_tones};
 /// let mut settings = Settings { second_tone: 0.15, ..Settings::default() };
-/// // Modes at two and three times the frequency make a half and a quarter of what the resonance does.
+/// // Modes at 2 and 3 times the frequency give a half and a quarter of the resonance's response.
 /// assert_eq!(affordable_tones(&settings, 0.35), [0.5, 0.5]);
 /// // One resonance alone: the force grows like 3 Q e, and like 8 Q e3.
 /// settings.second_gain = 0.0;
@@ -50,23 +49,24 @@ pub struct ToneInputs {
 /// assert!((0.007..0.009).contains(&third), "{third}");
 /// ```
 pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
-    let scale = Scale::at(settings, settings.frequency);
+    let scale = Scale::from_settings(settings, settings.frequency);
     let amplitude = scale.amplitude(k);
-    let mut room = settings.output_maximum - amplitude / scale.full_amplitude;
-    let answers = upper_response(settings).map(absolute);
+    let mut headroom = settings.output_maximum - amplitude / scale.full_amplitude;
+    let responses = upper_response(settings).map(absolute);
     let configured = [settings.second_tone, settings.third_tone];
-    let mut affords = [0.0; UPPER];
-    for ((affords, answer), configured) in affords.iter_mut().zip(answers).zip(configured) {
-        let most = room * answer / amplitude;
-        // No amplitude (k infinite) leaves no reference for a tone: none.
-        *affords = if most.is_nan() {
+    let mut affordable = [0.0; UPPER];
+    for ((affordable, response), configured) in affordable.iter_mut().zip(responses).zip(configured)
+    {
+        let max_ratio = headroom * response / amplitude;
+        // Without an amplitude (infinite k) a tone has no reference: none is affordable.
+        *affordable = if max_ratio.is_nan() {
             0.0
         } else {
-            most.clamp(0.0, 0.5)
+            max_ratio.clamp(0.0, 0.5)
         };
-        room -= configured * amplitude / answer;
+        headroom -= configured * amplitude / response;
     }
-    affords
+    affordable
 }
 
 /// The loops that hold the upper tones.
@@ -80,9 +80,9 @@ pub struct Tones {
     peaks: [f32; 2],
     output: [Complex; UPPER],
     /// Cycles in a row with too small tones, and whether the output was too small in the last one.
-    cut_for: u16,
+    limited_cycles: u16,
     short: bool,
-    /// Share of the wanted tones within the hard limits, 0..1.
+    /// Share of the requested tones within the hard limits, 0..1.
     share: f32,
 }
 
@@ -90,21 +90,15 @@ impl Tones {
     /// Builds the loops at rest. The error names a tone that the drive cannot make even at k = 1.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         let configured = [settings.second_tone, settings.third_tone];
-        let names = [
-            (
-                "second_tone",
-                "0..what output_maximum leaves for it at k = 1 by second_gain",
-            ),
-            (
-                "third_tone",
-                "0..what output_maximum and second_tone leave for it at k = 1 by third_gain",
-            ),
+        let names = ["second_tone", "third_tone"];
+        let accepted = [
+            "0..what output_maximum leaves for it at k = 1 by second_gain",
+            "0..what output_maximum and second_tone leave for it at k = 1 by third_gain",
         ];
-        let affords = affordable_tones(settings, 1.0);
-        for (((name, accepted), configured), affords) in
-            names.into_iter().zip(configured).zip(affords)
-        {
-            accept(name, f64::from(configured), configured <= affords, accepted)?;
+        let affordable = affordable_tones(settings, 1.0);
+        for tone in 0..UPPER {
+            let (value, accepts) = (configured[tone], configured[tone] <= affordable[tone]);
+            accept(names[tone], f64::from(value), accepts, accepted[tone])?;
         }
         let [second, third] = upper_response(settings);
         Ok(Self {
@@ -117,7 +111,7 @@ impl Tones {
             shape: Shape::SINE,
             peaks: [1.0; 2],
             output: [Complex::default(); UPPER],
-            cut_for: 0,
+            limited_cycles: 0,
             short: false,
             share: 1.0,
         })
@@ -130,9 +124,9 @@ impl Tones {
         second.allowed()
     }
 
-    pub fn set_pace(&mut self, settings: &Settings) {
+    pub fn set_rates(&mut self, settings: &Settings) {
         for tone in &mut self.loops {
-            tone.set_pace(settings);
+            tone.set_rates(settings);
         }
     }
 
@@ -144,7 +138,7 @@ impl Tones {
     pub fn rest(&mut self) {
         self.loops().for_each(ToneLoop::rest);
         self.output = [Complex::default(); UPPER];
-        self.cut_for = 0;
+        self.limited_cycles = 0;
         self.short = false;
         self.share = 1.0;
     }
@@ -160,44 +154,44 @@ impl Tones {
         self.output.map(|output| [output.re, output.im])
     }
 
-    /// Tones that are smaller than wanted: those given up, and the highest one of a cut.
+    /// Tones that are smaller than requested: those switched off, and the highest one of a cut.
     pub fn missing_tones(&self) -> [bool; UPPER] {
-        let cut = self.cut_for > CUT_CYCLES;
+        let cut = self.limited_cycles > CUT_CYCLES;
         let [second, third] = &self.loops;
         let highest = self.shape.third.ratio > 0.0 && third.allowed();
         [
-            second.given_up || cut && !highest,
-            third.given_up || cut && highest,
+            second.disabled || cut && !highest,
+            third.disabled || cut && highest,
         ]
     }
 
-    pub fn arrived(&self) -> bool {
-        self.loops.iter().all(ToneLoop::arrived)
+    pub fn is_settled(&self) -> bool {
+        self.loops.iter().all(ToneLoop::is_settled)
     }
 
     /// Advances one cycle. Marks the tones that deviate from the configured response, once each.
     pub fn cycle(&mut self, inputs: &ToneInputs) -> [bool; UPPER] {
-        if inputs.wanted != self.shape {
-            self.shape = inputs.wanted;
+        if inputs.requested != self.shape {
+            self.shape = inputs.requested;
             self.peaks = self.shape.peaks();
         }
         let TrackMotion { first, upper } = inputs.motion;
-        let long = absolute(first);
-        self.share = self.left(inputs, long);
+        let first_amplitude = absolute(first);
+        self.share = self.available_share(inputs, first_amplitude);
         let short = self.short;
-        let mut news = [false; UPPER];
-        let wanted = self.shape.tones();
-        for (((tone, wanted), seen), news) in
-            (self.loops.iter_mut().zip(wanted).zip(upper)).zip(&mut news)
+        let mut deviations = [false; UPPER];
+        let requested = self.shape.tones();
+        for (((tone, requested), measured), deviations) in
+            (self.loops.iter_mut().zip(requested).zip(upper)).zip(&mut deviations)
         {
             if tone.allowed() {
-                tone.aim(&wanted, self.share);
-                *news = !short && tone.estimate_response(first, seen);
+                tone.set_goal(&requested, self.share);
+                *deviations = !short && tone.estimate_response(first, measured);
             }
         }
-        self.watch(inputs, long);
+        self.limit_peak(inputs, first_amplitude);
         // Below the smallest usable amplitude the first tone gives no phase reference.
-        let reference = (long > inputs.least).then_some(long);
+        let reference = (first_amplitude > inputs.min_amplitude).then_some(first_amplitude);
         let mut all = 0.0;
         for (tone, output) in self.loops.iter_mut().zip(&mut self.output) {
             if tone.allowed() {
@@ -205,28 +199,28 @@ impl Tones {
                 all += absolute(*output);
             }
         }
-        let room = inputs.room.max(0.0);
-        self.short = all > room;
-        let mut made = self.share;
+        let headroom = inputs.headroom.max(0.0);
+        self.short = all > headroom;
+        let mut produced_share = self.share;
         if self.short {
-            made = self.share * room / all;
+            produced_share = self.share * headroom / all;
             for output in &mut self.output {
-                *output *= room / all;
+                *output *= headroom / all;
             }
         }
-        self.cut_for = if made < MIN_TONE_SHARE {
-            self.cut_for.saturating_add(1)
+        self.limited_cycles = if produced_share < MIN_TONE_SHARE {
+            self.limited_cycles.saturating_add(1)
         } else {
             0
         };
-        news
+        deviations
     }
 
-    /// Share of the wanted tones within the hard limits: a chord bounds max |S| and max |S''|,
-    /// which are convex in the tones, and 1 without any.
-    fn left(&self, inputs: &ToneInputs, first: f32) -> f32 {
-        let wanted = |(tone, shape): (&ToneLoop, UpperTone)| tone.within(shape.ratio) > 0.0;
-        if !self.loops.iter().zip(self.shape.tones()).any(wanted) {
+    /// Share of the requested tones within the hard limits; 1 without any tone. A chord bounds max
+    /// |S| and max |S''|, which are convex in the tones.
+    fn available_share(&self, inputs: &ToneInputs, first: f32) -> f32 {
+        let requested = |(tone, shape): (&ToneLoop, UpperTone)| tone.limit_ratio(shape.ratio) > 0.0;
+        if !self.loops.iter().zip(self.shape.tones()).any(requested) {
             return 1.0;
         }
         let amplitude = first.max(inputs.reference);
@@ -236,33 +230,33 @@ impl Tones {
             self.acceleration_limit / inputs.square,
         ];
         for (peak, limit) in self.peaks.into_iter().zip(limits) {
-            let (room, needed) = (limit / amplitude - 1.0, peak - 1.0);
-            if needed > 0.0 && needed > room {
-                share = share.min((room / needed).max(0.0));
+            let (headroom, needed) = (limit / amplitude - 1.0, peak - 1.0);
+            if needed > 0.0 && needed > headroom {
+                share = share.min((headroom / needed).max(0.0));
             }
         }
         share
     }
 
-    /// Gives the upper tones up where they accelerate the track beyond the hard limit.
-    fn watch(&mut self, inputs: &ToneInputs, first: f32) {
+    /// Switches the upper tones off if they accelerate the track beyond the hard limit.
+    fn limit_peak(&mut self, inputs: &ToneInputs, first: f32) {
         let mut excess = 0.0_f32;
-        for ((tone, wanted), seen) in
+        for ((tone, requested), measured) in
             (self.loops.iter().zip(self.shape.tones())).zip(inputs.motion.phasors())
         {
-            if wanted.ratio > 0.0 && !tone.is_silent() {
-                excess = excess.max(absolute(seen) / wanted.ratio);
+            if requested.ratio > 0.0 && !tone.is_silent() {
+                excess = excess.max(absolute(measured) / requested.ratio);
             }
         }
         if excess <= 0.0 {
             return;
         }
         let peak = 1.0 + (self.peaks[1] - 1.0) * excess;
-        let alone = first * inputs.square;
-        if alone * peak > MAX_ACCELERATION_RATIO * self.acceleration_limit
-            && alone <= self.acceleration_limit
+        let first_acceleration = first * inputs.square;
+        if first_acceleration * peak > MAX_ACCELERATION_RATIO * self.acceleration_limit
+            && first_acceleration <= self.acceleration_limit
         {
-            self.loops().for_each(ToneLoop::give_up);
+            self.loops().for_each(|tone| tone.disabled = true);
             self.rest();
         }
     }
@@ -277,17 +271,17 @@ mod tests {
     fn no_room_at_all_is_no_tone_and_no_nan() {
         let settings = with(Settings::default(), |it| it.second_tone = 0.15);
         let mut tones = Tones::build(&settings).unwrap();
-        for room in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
+        for headroom in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
             for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
                 tones.cycle(&ToneInputs {
                     motion: with(TrackMotion::default(), |it| it.first = motion),
-                    wanted: Shape::of_two(UpperTone::new(0.12, 2.6)),
+                    requested: Shape::of_two(UpperTone::new(0.12, 2.6)),
                     reference: 2e-4,
                     square: 98_696.0,
-                    room,
-                    least: 1e-6,
+                    headroom,
+                    min_amplitude: 1e-6,
                 });
-                assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{room}");
+                assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{headroom}");
             }
         }
     }

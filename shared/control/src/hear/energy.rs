@@ -5,26 +5,26 @@ use kband::arithmetic::Phase;
 
 /// Number of sectors of a turn: 0.2 rad each.
 pub const SECTORS: usize = 32;
-/// Number of sectors that each drive cycle hands over.
-pub const SECTORS_HANDED: usize = 8;
+/// Number of sectors that each drive cycle outputs.
+pub const SECTORS_PER_CYCLE: usize = 8;
 /// Number of low bits of a phase within its sector.
-const BELOW: u32 = u32::BITS - SECTORS.trailing_zeros();
+const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();
 
-/// Energy of successive sectors, summed over the last [`SECTORS`]/[`SECTORS_HANDED`] cycles.
+/// Energy of successive sectors, summed over the last [`SECTORS`]/[`SECTORS_PER_CYCLE`] cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sectors {
     /// Index of the first sector, 0..32.
     pub first: u8,
     /// Sum of the squared residual in each sector, in (m/s^2)^2.
-    pub energy: [f32; SECTORS_HANDED],
+    pub energy: [f32; SECTORS_PER_CYCLE],
 }
 
 /// Running sums of the residual's energy by phase of the output.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EnergyHistogram {
-    /// Sums by sector, in groups as they are handed over.
-    sums: [[f32; SECTORS_HANDED]; SECTORS / SECTORS_HANDED],
-    /// Index of the next group to hand over.
+    /// Sums by sector, in groups as they are output.
+    sums: [[f32; SECTORS_PER_CYCLE]; SECTORS / SECTORS_PER_CYCLE],
+    /// Index of the next group to output.
     next: u8,
 }
 
@@ -32,7 +32,7 @@ impl EnergyHistogram {
     /// Sector of a phase, 0..32.
     #[inline(always)]
     pub fn sector(phase: Phase) -> usize {
-        (phase.bits() >> BELOW) as usize
+        (phase.bits() >> SECTOR_SHIFT) as usize
     }
 
     /// Adds the square of a residual (m/s^2) at a phase of the output.
@@ -41,13 +41,13 @@ impl EnergyHistogram {
         self.sums.as_flattened_mut()[Self::sector(phase)] += residual * residual;
     }
 
-    /// Ends a cycle: moves the next group of sectors into `handed`.
+    /// Ends a cycle: moves the next group of sectors into `output`.
     #[inline]
-    pub fn hand_over(&mut self, handed: &mut Sectors) {
+    pub fn end_cycle(&mut self, output: &mut Sectors) {
         let next = usize::from(self.next) % self.sums.len();
-        handed.first = (next * SECTORS_HANDED) as u8;
-        handed.energy = self.sums[next];
-        self.sums[next] = [0.0; SECTORS_HANDED];
+        output.first = (next * SECTORS_PER_CYCLE) as u8;
+        output.energy = self.sums[next];
+        self.sums[next] = [0.0; SECTORS_PER_CYCLE];
         self.next = (next + 1) as u8;
     }
 }

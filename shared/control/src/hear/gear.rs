@@ -4,18 +4,18 @@
 //! closed form: launch speed of the second flight over arrival speed of the first
 //! (docs/theory-real-parts.md#t10.7).
 //!
-//! A part that chatters, rests and is thrown anew strikes as regularly as one in gear. A likelihood
-//! ratio separates the two by landing phase and implied restitution. Averages forget exponentially.
-//! Successive restitutions of one part are uncorrelated, which the mean square successive
-//! difference tests (von Neumann 1941).
+//! A part that chatters, rests and is thrown again strikes as regularly as one in gear. A
+//! likelihood ratio of landing phase and implied restitution separates the two. Averages forget
+//! exponentially. Successive restitutions of one part are uncorrelated, which the mean square
+//! successive difference tests (von Neumann 1941).
 
 use core::f32::consts::TAU;
 
-use super::energy::{SECTORS, SECTORS_HANDED};
+use super::energy::{SECTORS, SECTORS_PER_CYCLE};
 use super::margin::GearMargin;
 use super::onset::DetectedImpact;
 use super::signal::Cycle;
-use crate::angle::{phase_of, radians_of};
+use crate::angle::{impact_time, phase_of, radians_of};
 use crate::drive::{Shape, UPPER};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use kband::feeder::Restitution;
@@ -37,8 +37,8 @@ const FLIGHT_BOUNDS: [u64; 2] = [
     (gear::FLIGHT_RANGE[0] * Phase::TURN) as u64,
     (gear::FLIGHT_RANGE[1] * Phase::TURN) as u64,
 ];
-/// Number of drive cycles that hand over the sectors of a whole turn.
-const QUARTERS: usize = SECTORS / SECTORS_HANDED;
+/// Number of drive cycles that output the sectors of a whole turn.
+const QUARTERS: usize = SECTORS / SECTORS_PER_CYCLE;
 /// Number of successive flights that define gear.
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
 /// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
@@ -54,8 +54,8 @@ const LANDING_DEVIATION: f32 = 0.015;
 const BOUNCED_LANDING: [f32; 2] = [0.1, 0.14];
 /// Weight of such landings in the likelihood ratio: measured, R of 0.1 to 0.6, s of 0.03 to 0.10.
 const BOUNCED_WEIGHT: f32 = 0.35;
-/// Weight of a landing from rest after an unknown flight, in rad: accepts within 2.0 deviations, by
-/// `sqrt(2 ln(0.4 0.3/LANDING))`.
+/// Weight of a landing from rest after an unknown flight, in rad. It accepts within 2.0 deviations,
+/// by `sqrt(2 ln(0.4 0.3/LANDING))`.
 const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise.
 const MIN_IMPACT_TO_NOISE: f32 = 2.2;
@@ -71,49 +71,48 @@ const FLIGHT_TOLERANCE: f32 = 0.003;
 /// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
 /// acceleration A.
 #[derive(Clone, Copy, Debug, Default)]
-struct Track {
+struct TrackMotion {
     /// `e cos th` and `e sin th` of each tone above the first.
     tones: [[f32; 2]; UPPER],
 }
 
-impl Track {
-    fn of(shape: &Shape) -> Self {
+impl TrackMotion {
+    fn from_shape(shape: &Shape) -> Self {
         Self {
-            tones: shape.mixed(),
+            tones: shape.cartesian_tones(),
         }
     }
 
-    fn at(&self, phase: Phase) -> [f32; 3] {
+    fn evaluate(&self, phase: Phase) -> [f32; 3] {
         let (sine, cosine) = sine_cosine_single(phase);
-        let [[straight, across], third] = self.tones;
+        let [[in_phase, quadrature], third] = self.tones;
         if self.tones == [[0.0; 2]; UPPER] {
             return [sine, cosine, sine];
         }
         let (sine2, cosine2) = (2.0 * sine * cosine, 1.0 - 2.0 * sine * sine);
-        let second = straight * sine2 + across * cosine2;
+        let second = in_phase * sine2 + quadrature * cosine2;
         let mut motion = [
             sine + second,
-            cosine + 2.0 * (straight * cosine2 - across * sine2),
+            cosine + 2.0 * (in_phase * cosine2 - quadrature * sine2),
             sine + 4.0 * second,
         ];
         if third != [0.0; 2] {
-            let [straight, across] = third;
+            let [in_phase, quadrature] = third;
             let twice = 2.0 * cosine;
             let (sine, cosine) = (twice * sine2 - sine, twice * cosine2 - cosine);
-            let third = straight * sine + across * cosine;
+            let third = in_phase * sine + quadrature * cosine;
             motion[0] += third;
-            motion[1] += 3.0 * (straight * cosine - across * sine);
+            motion[1] += 3.0 * (in_phase * cosine - quadrature * sine);
             motion[2] += 9.0 * third;
         }
         motion
     }
 }
 
-/// Flight of a part thrown from rest.
 #[derive(Clone, Copy, Debug, Default)]
 struct FlightFromRest {
     k: f32,
-    track: Track,
+    track: TrackMotion,
     /// Landing phase in rad.
     phase: f32,
     /// Speed of arrival over b w.
@@ -121,14 +120,14 @@ struct FlightFromRest {
 }
 
 impl FlightFromRest {
-    /// Computes the flight at k; arrival 0 where the acceleration never reaches k. Lift-off by
+    /// Computes the flight at k; arrival 0 if the acceleration never reaches k. Lift-off by
     /// bisection, landing by Newton's method with bounded steps.
-    fn at(k: f32, track: Track) -> Self {
+    fn evaluate(k: f32, track: TrackMotion) -> Self {
         let step = Phase::from_bits(1 << 27);
         // Backwards from the maximum of A to its rise through k.
         let (mut crest, mut highest, mut phase) = (Phase::ZERO, 0.0, Phase::ZERO);
         for _ in 0..32 {
-            let [_, _, a] = track.at(phase);
+            let [_, _, a] = track.evaluate(phase);
             if a > highest {
                 (crest, highest) = (phase, a);
             }
@@ -143,29 +142,30 @@ impl FlightFromRest {
             return none;
         }
         let mut begin = crest;
-        while track.at(begin)[2] > k && (crest - begin).bits() < 1 << 31 {
+        while track.evaluate(begin)[2] > k && (crest - begin).bits() < 1 << 31 {
             begin = begin - step;
         }
         let mut half = Phase::from_bits(1 << 26);
         for _ in 0..16 {
-            if track.at(begin + half)[2] <= k {
+            if track.evaluate(begin + half)[2] <= k {
                 begin += half;
             }
             half = Phase::from_bits(half.bits() >> 1);
         }
-        let [risen, velocity, _] = track.at(begin);
-        let above = |duration: f32| {
+        let [launch_displacement, velocity, _] = track.evaluate(begin);
+        let relative_motion = |duration: f32| {
             let [s, c, _] =
-                track.at(begin + phase_of(duration - TAU * libm::floorf(duration / TAU)));
-            let rise = velocity * duration - 0.5 * k * duration * duration - (s - risen);
+                track.evaluate(begin + phase_of(duration - TAU * libm::floorf(duration / TAU)));
+            let rise =
+                velocity * duration - 0.5 * k * duration * duration - (s - launch_displacement);
             (rise, velocity - k * duration - c)
         };
         let mut duration = 0.5;
-        while duration < 40.0 && above(duration).0 > 0.0 {
+        while duration < 40.0 && relative_motion(duration).0 > 0.0 {
             duration += 0.25;
         }
         for _ in 0..5 {
-            let (height, speed) = above(duration);
+            let (height, speed) = relative_motion(duration);
             let step = height / speed;
             if !step.is_nan() {
                 duration -= step.clamp(-0.25, 0.25);
@@ -174,7 +174,7 @@ impl FlightFromRest {
         let turns = duration / TAU;
         Self {
             phase: radians_of(begin + phase_of(TAU * (turns - libm::floorf(turns)))),
-            arrival: -above(duration).1,
+            arrival: -relative_motion(duration).1,
             ..none
         }
     }
@@ -182,37 +182,38 @@ impl FlightFromRest {
 
 /// An impact, and the flight before it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Struck {
+struct Impact {
     /// Time in steps of 2^-32 cycles.
     time: u64,
     /// Motion of the track at the impact, and at the launch after its contact.
     track: [f32; 3],
     launch: [f32; 3],
-    /// Speed of arrival over b w; `None` where the flight is unknown.
+    /// Speed of arrival over b w; `None` if the flight is unknown.
     arrival: Option<f32>,
 }
 
-impl Struck {
+impl Impact {
     fn phase(&self) -> f32 {
         radians_of(Phase::from_bits(self.time as u32))
     }
 
     /// Launch speed over b w below which the part returns at once, while the track still rises.
-    fn max_short_launch_speed(&self, k: f32, track: &Track) -> f32 {
-        let [risen, velocity, _] = self.track;
+    fn max_short_launch_speed(&self, k: f32, track: &TrackMotion) -> f32 {
+        let [launch_displacement, velocity, _] = self.track;
         let begin = Phase::from_bits(self.time as u32);
-        let mut most = -1.0_f32;
+        let mut maximum = -1.0_f32;
         for n in 1..=12_u8 {
             let duration = 0.3 * f32::from(n);
-            let [s, _, _] = track.at(begin + phase_of(duration));
-            most = most.max(0.5 * k * duration + (s - risen) / duration - velocity);
+            let [s, _, _] = track.evaluate(begin + phase_of(duration));
+            maximum =
+                maximum.max(0.5 * k * duration + (s - launch_displacement) / duration - velocity);
         }
-        most
+        maximum
     }
 }
 
 /// Normal density (0.4 for 1/sqrt(2 pi)).
-fn gauss(x: f32) -> f32 {
+fn normal_density(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
@@ -220,11 +221,9 @@ fn gauss(x: f32) -> f32 {
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
     pub count: u32,
-    /// Phase lead of the track.
     pub lead: Phase,
     /// Order of the gear (symbol r).
     pub order: u8,
-    /// Measured k.
     pub k: f32,
     /// Measured shape of the track's motion.
     pub shape: Shape,
@@ -234,7 +233,7 @@ pub struct DriveState {
     /// to impact (symbol s).
     pub lot: Option<(Restitution, f32)>,
     /// Whether the amplitude has settled at its setpoint.
-    pub stands: bool,
+    pub settled: bool,
     /// Configured duration of an impact.
     pub contact: ContactTime,
     /// Whether gear is to be detected for READY; only then is the short histogram fitted.
@@ -249,9 +248,9 @@ pub struct GearEstimator {
     /// Configured restitutions of the lot, and their scatter.
     lot: [f32; 2],
     scatter: f32,
-    track: Track,
-    thrown: FlightFromRest,
-    last: Option<Struck>,
+    track: TrackMotion,
+    flight_from_rest: FlightFromRest,
+    last: Option<Impact>,
     /// Successive flights in range, and the cycles of that row not yet counted.
     flights: u16,
     pending_cycles: f32,
@@ -286,56 +285,49 @@ pub struct GearEstimator {
 }
 
 impl GearEstimator {
-    /// Estimator for a configured lot.
-    pub fn new(low: f32, high: f32, scatter: f32) -> Self {
+    /// Estimator for a configured lot. The contact's gain is that of the lot's middle.
+    pub fn new(lot: [f32; 2], scatter: f32, contact: ContactTime) -> Self {
+        let middle = f64::from(0.5 * (lot[0] + lot[1]));
         Self {
-            lot: [low, high],
+            lot,
             scatter,
-            ..Self::default()
-        }
-    }
-
-    /// The same with impacts of this duration; its gain is that of the lot's middle.
-    pub fn with_contact(self, contact: ContactTime) -> Self {
-        let [low, high] = self.lot;
-        let middle = f64::from(0.5 * (low + high));
-        Self {
             contact: contact.radians() as f32,
             contact_gain: contact.gain(middle) as f32,
-            ..self
+            ..Self::default()
         }
     }
 
     /// Clears all estimates; keeps the lot and the motion of the track.
     pub fn reset(&mut self) {
         *self = Self {
+            lot: self.lot,
+            scatter: self.scatter,
             track: self.track,
-            thrown: self.thrown,
+            flight_from_rest: self.flight_from_rest,
             contact: self.contact,
             contact_gain: self.contact_gain,
-            ..Self::new(self.lot[0], self.lot[1], self.scatter)
+            ..Self::default()
         };
     }
 
     /// Updates the estimates with the impacts of one drive cycle.
-    pub fn cycle(&mut self, cycle: &Cycle, with: &DriveState) {
-        let keep = 1.0 - 1.0 / GEAR_WINDOW;
-        self.in_gear *= keep;
-        self.window_cycles = self.window_cycles * keep + 1.0;
+    pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
+        let forgetting_factor = 1.0 - 1.0 / GEAR_WINDOW;
+        self.in_gear *= forgetting_factor;
+        self.window_cycles = self.window_cycles * forgetting_factor + 1.0;
         self.memory_cycles = self.memory_cycles * (1.0 - 1.0 / LOSS_MEMORY_CYCLES) + 1.0;
         self.cycles *= 1.0 - 1.0 / LOSS_MEMORY_CYCLES;
         self.losses *= 1.0 - 1.0 / LOSS_MEMORY_CYCLES;
-        self.k = with.k;
-        self.update_motion(with);
-        let order = u64::from(with.order.max(1));
-        let now = u64::from(with.count) << 32;
-        for heard in &cycle.heard {
-            let time = (now | u64::from(heard.phase.bits()))
-                .wrapping_add_signed(i64::from(with.lead.bits() as i32));
-            self.add_impact(heard, cycle.noise, time, order);
+        self.k = drive_state.k;
+        self.update_motion(drive_state);
+        let order = u64::from(drive_state.order.max(1));
+        let now = u64::from(drive_state.count) << 32;
+        for detected in &cycle.impacts {
+            let time = impact_time(drive_state.count, detected.phase, drive_state.lead);
+            self.add_impact(detected, cycle.noise, time, order);
         }
         if usize::from(self.flights) >= usize::from(MIN_FLIGHTS_IN_GEAR) + QUARTERS {
-            let quarter = usize::from(cycle.sectors.first) / SECTORS_HANDED;
+            let quarter = usize::from(cycle.sectors.first) / SECTORS_PER_CYCLE;
             let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
             if let Some([sum, cycles]) = self.energies.get_mut(quarter) {
                 *sum += cycle.sectors.energy.iter().sum::<f32>() - noise;
@@ -351,43 +343,43 @@ impl GearEstimator {
     }
 
     /// Filters the shape of the track's motion, and recomputes the flight from rest after a change.
-    fn update_motion(&mut self, with: &DriveState) {
-        if with.shape.is_sine() {
-            self.track = Track::default();
+    fn update_motion(&mut self, drive_state: &DriveState) {
+        if drive_state.shape.is_sine() {
+            self.track = TrackMotion::default();
         } else {
-            let now = Track::of(&with.shape);
+            let now = TrackMotion::from_shape(&drive_state.shape);
             for (tone, now) in self.track.tones.iter_mut().zip(now.tones) {
                 for (part, now) in tone.iter_mut().zip(now) {
                     *part += (now - *part) * 0.1;
                 }
             }
         }
-        let is = self.track.tones.as_flattened();
-        let was = self.thrown.track.tones.as_flattened();
-        let apart = |a: f32, b: f32| (a - b > FLIGHT_TOLERANCE) | (b - a > FLIGHT_TOLERANCE);
-        if apart(with.k / self.thrown.k.max(1e-6), 1.0)
-            || is.iter().zip(was).any(|(is, was)| apart(*is, *was))
-        {
-            self.thrown = FlightFromRest::at(with.k, self.track);
+        let present = self.track.tones.as_flattened();
+        let previous = self.flight_from_rest.track.tones.as_flattened();
+        let differs = |a: f32, b: f32| (a - b > FLIGHT_TOLERANCE) | (b - a > FLIGHT_TOLERANCE);
+        let k_differs = differs(drive_state.k / self.flight_from_rest.k.max(1e-6), 1.0);
+        let mut tones = present.iter().zip(previous);
+        if k_differs || tones.any(|(present, previous)| differs(*present, *previous)) {
+            self.flight_from_rest = FlightFromRest::evaluate(drive_state.k, self.track);
         }
     }
 
-    fn add_impact(&mut self, heard: &DetectedImpact, noise: f32, time: u64, order: u64) {
+    fn add_impact(&mut self, detected: &DetectedImpact, noise: f32, time: u64, order: u64) {
         let k = self.k;
         let phase = Phase::from_bits(time as u32);
-        let track = self.track.at(phase);
-        let mut struck = Struck {
+        let track = self.track.evaluate(phase);
+        let mut impact = Impact {
             time,
             track,
             launch: if self.contact == 0.0 {
                 track
             } else {
-                self.track.at(phase + phase_of(self.contact))
+                self.track.evaluate(phase + phase_of(self.contact))
             },
             arrival: None,
         };
         let last = self.last.filter(|last| time > last.time);
-        self.last = Some(struck);
+        self.last = Some(impact);
         let Some(last) = last else {
             return;
         };
@@ -400,20 +392,20 @@ impl GearEstimator {
         let duration = turns * TAU - self.contact;
         // Flight equation: u(d) = (C + psi) d - k d^2/2 - [S' - S] = 0. Arrival speed: -u'(d) = k d
         // + C' - C - psi.
-        let rise = 0.5 * k * duration + (struck.track[0] - last.launch[0]) / duration;
-        // Launch speed without what the contact added (docs/theory-real-parts.md#t10.6).
+        let rise = 0.5 * k * duration + (impact.track[0] - last.launch[0]) / duration;
+        // Launch speed without the contribution of the contact (docs/theory-real-parts.md#t10.6).
         let speed = rise - last.launch[1] + self.contact_gain * (k - last.launch[2]);
         let restitution = last.arrival.map(|arrival| speed / arrival);
-        struck.arrival = Some(k * duration + struck.track[1] - rise);
+        impact.arrival = Some(k * duration + impact.track[1] - rise);
         if let Some(arrival) =
-            self.detect_missed_flight(&last, &struck, restitution, duration, noise)
+            self.detect_missed_flight(&last, &impact, restitution, duration, noise)
         {
-            struck.arrival = arrival;
-            self.last = Some(struck);
+            impact.arrival = arrival;
+            self.last = Some(impact);
             self.end_gear();
             return;
         }
-        self.last = Some(struck);
+        self.last = Some(impact);
         self.flights = self.flights.saturating_add(1);
         self.pending_cycles += turns;
         if self.flights >= MIN_FLIGHTS_IN_GEAR {
@@ -424,66 +416,78 @@ impl GearEstimator {
         // Flights before gear may belong to another kind of hopping.
         if let (Some(restitution), Some(arrival), true) = (
             restitution,
-            struck.arrival,
+            impact.arrival,
             self.flights >= MIN_FLIGHTS_IN_GEAR,
         ) {
-            self.add_restitution(restitution, last.launch[2], heard.strength, arrival);
+            self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was no single flight.
-    /// `None`: it was. Else the part was thrown from rest (with this arrival), or bounced.
+    /// Decides by a likelihood ratio whether the gap since the last impact was more than one
+    /// flight. `None`: it was one. Else the part was thrown from rest (with this arrival), or
+    /// bounced.
     fn detect_missed_flight(
         &self,
-        last: &Struck,
-        struck: &Struck,
+        last: &Impact,
+        impact: &Impact,
         restitution: Option<f32>,
         duration: f32,
         noise: f32,
     ) -> Option<Option<f32>> {
-        let apart = struck.phase() - self.thrown.phase;
-        let landed = gauss(apart / LANDING_DEVIATION) / LANDING_DEVIATION;
-        let arrival = (apart > -4.0 * LANDING_DEVIATION && apart < 4.0 * LANDING_DEVIATION)
-            .then_some(self.thrown.arrival);
+        let difference = impact.phase() - self.flight_from_rest.phase;
+        let landing_density = normal_density(difference / LANDING_DEVIATION) / LANDING_DEVIATION;
+        let arrival = (difference > -4.0 * LANDING_DEVIATION
+            && difference < 4.0 * LANDING_DEVIATION)
+            .then_some(self.flight_from_rest.arrival);
         let (Some(restitution), Some(speed)) = (restitution, last.arrival) else {
-            return (LANDING_WEIGHT_AFTER_UNKNOWN * landed > 1.0).then_some(arrival);
+            return (LANDING_WEIGHT_AFTER_UNKNOWN * landing_density > 1.0).then_some(arrival);
         };
-        let told = self.scatter;
-        let heard = self.estimate_scatter().min(MAX_SCATTER_RATIO * told);
-        let scatter = MIN_SCATTER.max(told).max(heard);
+        let configured = self.scatter;
+        let estimated = self.estimate_scatter().min(MAX_SCATTER_RATIO * configured);
+        let scatter = MIN_SCATTER.max(configured).max(estimated);
         let [low, high] = self.lot;
-        let out = (restitution - high).max(low - restitution).max(0.0) / scatter;
-        if out > MAX_LOT_DISTANCE || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution) {
+        let lot_distance = (restitution - high).max(low - restitution).max(0.0) / scatter;
+        if lot_distance > MAX_LOT_DISTANCE
+            || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution)
+        {
             return Some(arrival);
         }
         // Probability density of the phase for a flight: dR/dt is arrival speed after over before,
         // over d.
-        let flown = gauss(out) / (0.4 * (high - low) + scatter) / duration;
-        let bounced = gauss((apart - BOUNCED_LANDING[0]) / BOUNCED_LANDING[1]) / BOUNCED_LANDING[1];
+        let flight_density =
+            normal_density(lot_distance) / (0.4 * (high - low) + scatter) / duration;
+        let bounce_density = normal_density((difference - BOUNCED_LANDING[0]) / BOUNCED_LANDING[1])
+            / BOUNCED_LANDING[1];
         // Upper bound of the alternative: every bounce is too slow for detection.
-        if BOUNCED_WEIGHT * (bounced + landed) <= flown {
+        if BOUNCED_WEIGHT * (bounce_density + landing_density) <= flight_density {
             return None;
         }
         // Undetected bounces need a restitution below that of a long flight.
-        let least = last
-            .max_short_launch_speed(self.k, &self.track)
-            .min(self.min_detected_speed(noise))
-            / speed;
-        if least <= 0.0 {
+        let launch_speed = last.max_short_launch_speed(self.k, &self.track);
+        let min_restitution = launch_speed.min(self.min_detected_speed(noise)) / speed;
+        if min_restitution <= 0.0 {
             return None;
         }
         let width = 0.29 * (high - low) + scatter;
         // Logistic approximation of the normal distribution function, within 0.01.
-        let short = 1.0 / (1.0 + libm::expf(-1.7 * (least - 0.5 * (low + high)) / width));
-        (BOUNCED_WEIGHT * short * (bounced + landed) > flown).then_some(arrival)
+        let bounce_probability =
+            1.0 / (1.0 + libm::expf(-1.7 * (min_restitution - 0.5 * (low + high)) / width));
+        (BOUNCED_WEIGHT * bounce_probability * (bounce_density + landing_density) > flight_density)
+            .then_some(arrival)
     }
 
-    fn add_restitution(&mut self, restitution: f32, bend: f32, strength: f32, arrival: f32) {
-        let keep = 1.0 - 1.0 / RESTITUTION_MEMORY_IMPACTS;
-        if let Some(before) = self.last_restitution {
-            let apart = restitution - before;
-            self.pairs = self.pairs * keep + 1.0;
-            self.differences = self.differences * keep + apart * apart;
+    fn add_restitution(
+        &mut self,
+        restitution: f32,
+        acceleration: f32,
+        strength: f32,
+        arrival: f32,
+    ) {
+        let forgetting_factor = 1.0 - 1.0 / RESTITUTION_MEMORY_IMPACTS;
+        if let Some(last_value) = self.last_restitution {
+            let difference = restitution - last_value;
+            self.pairs = self.pairs * forgetting_factor + 1.0;
+            self.differences = self.differences * forgetting_factor + difference * difference;
         }
         self.last_restitution = Some(restitution);
         for (sum, new) in [
@@ -494,21 +498,21 @@ impl GearEstimator {
             (&mut self.arrivals, arrival),
             (&mut self.arrival_squares, arrival * arrival),
         ] {
-            *sum = *sum * keep + new;
+            *sum = *sum * forgetting_factor + new;
         }
-        let keep = 1.0 - 1.0 / TRACE_MEMORY_IMPACTS;
-        self.trace_weight = self.trace_weight * keep + 1.0;
-        self.accelerations = self.accelerations * keep + bend;
+        let forgetting_factor = 1.0 - 1.0 / TRACE_MEMORY_IMPACTS;
+        self.trace_weight = self.trace_weight * forgetting_factor + 1.0;
+        self.accelerations = self.accelerations * forgetting_factor + acceleration;
     }
 
-    /// Landing speed over b w of a part thrown from rest; 0 where the track throws none.
+    /// Landing speed over b w of a part thrown from rest; 0 if the track throws none.
     pub fn landing_speed_from_rest(&self) -> f32 {
-        self.thrown.arrival
+        self.flight_from_rest.arrival
     }
 
-    /// Phase of that landing in rad; `None` where the track throws none.
+    /// Phase of that landing in rad; `None` if the track throws none.
     pub fn landing_phase_from_rest(&self) -> Option<f32> {
-        (self.thrown.arrival > 0.0).then_some(self.thrown.phase)
+        (self.flight_from_rest.arrival > 0.0).then_some(self.flight_from_rest.phase)
     }
 
     /// Whether a lock may strike at a phase of the track (rad): the track must rise and decelerate
@@ -517,8 +521,9 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0)
     }
 
-    /// Whether a part may stay in gear at a phase of the track (rad): a restitution one scatter
-    /// below the lot's middle must have a lock too, whose velocity goes as `(1 - R)/(1 + R)`.
+    /// Whether a part may stay in gear at a phase of the track (rad). A restitution one scatter
+    /// below the lot's middle must have a lock, too. Its velocity is proportional to `(1 - R)/(1 +
+    /// R)`.
     pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
         let middle = 0.5 * (self.lot[0] + self.lot[1]);
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
@@ -527,10 +532,10 @@ impl GearEstimator {
     /// Whether a sine through the track's velocity and acceleration at a phase (rad) reaches a
     /// lock's velocity times `factor`.
     fn may_lock_beyond(&self, phase: f32, factor: f32) -> bool {
-        [-STAMP_ERROR, STAMP_ERROR].iter().any(|late| {
-            let [_, velocity, bend] = self.track.at(phase_of(phase + late));
+        [-STAMP_ERROR, STAMP_ERROR].iter().any(|stamp_error| {
+            let [_, velocity, acceleration] = self.track.evaluate(phase_of(phase + stamp_error));
             let needed = (factor * factor - 1.0) * velocity * velocity;
-            velocity > 0.0 && bend > 0.0 && bend * bend > needed
+            velocity > 0.0 && acceleration > 0.0 && acceleration * acceleration > needed
         })
     }
 
@@ -543,7 +548,7 @@ impl GearEstimator {
     }
 
     /// Energy per cycle in gear over the mean squared arrival speed over b w, in (m/s^2)^2.
-    pub fn loudness(&self) -> Option<f32> {
+    pub fn energy_per_squared_speed(&self) -> Option<f32> {
         let mut energy = 0.0;
         for [sum, cycles] in self.energies {
             if cycles == 0.0 {
@@ -605,14 +610,14 @@ impl GearEstimator {
         let scatter = self.estimate_scatter();
         let variance = scatter * scatter;
         // Restitutions of one part are uncorrelated; those assigned across several parts are not.
-        let related = variance - 0.5 * self.differences / self.pairs.max(1.0);
-        let most = MAX_SERIAL_CORRELATION * variance / square_root_single(self.pairs.max(1.0));
-        if scatter > MIN_SCATTER && (related > most || -related > most) {
+        let serial_covariance = variance - 0.5 * self.differences / self.pairs.max(1.0);
+        let maximum = MAX_SERIAL_CORRELATION * variance / square_root_single(self.pairs.max(1.0));
+        if scatter > MIN_SCATTER && (serial_covariance > maximum || -serial_covariance > maximum) {
             return None;
         }
-        let squeezed = (1.0 + mean) * (1.0 + mean);
-        let trace =
-            1.0 + mean * mean - squeezed * self.accelerations / (self.trace_weight * self.k);
+        let restitution_factor = (1.0 + mean) * (1.0 + mean);
+        let trace = 1.0 + mean * mean
+            - restitution_factor * self.accelerations / (self.trace_weight * self.k);
         Some(GearMargin {
             trace,
             restitution: mean,
@@ -621,5 +626,88 @@ impl GearEstimator {
             flip: 1.0 + mean * mean + trace,
             to_loss: self.cycles / (self.losses + 1.0),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::with;
+    use kband::impact::{Kernel, Tone, WaveKernel, WaveMap};
+    use kband::regime::Lock;
+
+    #[test]
+    fn flight_from_rest_is_that_of_the_map() {
+        for tones in [
+            [0.0_f32; 4],
+            [0.15, 2.356, 0.0, 0.0],
+            [0.1, 2.356, 0.02, 0.7],
+        ] {
+            let [e2, th2, e3, th3] = tones.map(f64::from);
+            let shape = Shape::from_tones([[tones[0], tones[1]], [tones[2], tones[3]]]);
+            let track = TrackMotion::from_shape(&shape);
+            for k in [0.6, 0.75, 0.95] {
+                let flight = FlightFromRest::evaluate(k as f32, track);
+                let upper = [Tone::new(e2, th2), Tone::new(e3, th3)];
+                let map = WaveMap::on_tones(upper, k, 1.0).unwrap();
+                let (_, phase) = map.throw(1.5 * core::f64::consts::PI).unwrap();
+                let next = map.impact(WaveMap::state(phase, 0.0).unwrap()).next;
+                let phase_error = libm::remainder(f64::from(flight.phase) - next.phase, TAU.into());
+                let error = phase_error.abs() + (f64::from(flight.arrival) - next.velocity).abs();
+                assert!(error < 1e-4, "{k}: {flight:?} {next:?}");
+            }
+        }
+    }
+
+    /// An estimator after 1000 drive cycles with an energy of 3 and an impact at this phase of the
+    /// track.
+    fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
+        let drive_state = DriveState {
+            count: 0,
+            lead: Phase::from_radians(-1.2),
+            order: 1,
+            k: k as f32,
+            shape: Shape::SINE,
+            step: 0,
+            lot: None,
+            settled: true,
+            contact: ContactTime::INSTANT,
+            detects_gear: true,
+            needs_regime: true,
+        };
+        for count in 0..1000 {
+            let impact = DetectedImpact {
+                phase: Phase::from_radians(strike) - drive_state.lead,
+                strength: 4.0,
+            };
+            let mut cycle = Cycle::default();
+            cycle.impacts.extend([impact]);
+            cycle.sectors.first = (count as usize % QUARTERS * SECTORS_PER_CYCLE) as u8;
+            cycle.sectors.energy = [3.0 / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
+            estimator.cycle(&cycle, &with(drive_state, |it| it.count = count));
+        }
+        estimator
+    }
+
+    #[test]
+    fn estimates_of_a_lock_are_its_closed_forms() {
+        for (k, restitution) in [(0.43, 0.2), (0.56, 0.35), (0.31, 0.01)] {
+            let lock = Lock::build(k, restitution, 1).unwrap().unwrap();
+            let r = restitution as f32;
+            let estimator = GearEstimator::new([r - 0.01, r + 0.01], 0.05, ContactTime::INSTANT);
+            let estimator = heard(estimator, [k, lock.state().phase]);
+            let margin = estimator.margin().unwrap();
+            let factor = (1.0 + restitution) * (1.0 + restitution) / k;
+            let trace = 1.0 + restitution * restitution - factor * libm::sin(lock.state().phase);
+            assert!((margin.restitution - r).abs() < 1e-3, "{margin:?}");
+            assert!(
+                (margin.trace - trace as f32).abs() < 1e-3,
+                "{margin:?} {trace}"
+            );
+            assert!((0.99..=1.0).contains(&estimator.long_share()) && estimator.share() > 0.99);
+            let arrival = lock.state().velocity / restitution;
+            let energy = f64::from(estimator.energy_per_squared_speed().unwrap());
+            assert!((energy * arrival * arrival / 3.0 - 1.0).abs() < 1e-2);
+        }
     }
 }

@@ -4,22 +4,21 @@
 
 use super::gear::{DriveState, GearEstimator};
 use super::margin::GearMargin;
-use super::phases::PhaseStatistics;
-use super::share::{GearEvidence, GearShare, ShareHearing};
+use super::phases::{LockWindow, PhaseStatistics};
+use super::share::{GearEvidence, GearShare, ShareEstimator};
 use super::signal::Cycle;
-use crate::angle::{SAMPLE_RATE, phase_of, radians_of};
-use crate::hear::LockWindow;
+use crate::angle::{SAMPLE_RATE, impact_time, phase_of, radians_of};
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy, Verdict};
 use kband::regime::gear::StrikeProfile;
 
-/// Period of the regime's classification, in drive cycles: the costliest part of a cycle.
+/// Period of the regime's classification, in drive cycles. It is the most expensive task.
 const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
 
 /// Largest error at which a share with only a lower bound is reported.
 const MAX_BOUND_ERROR: f32 = 0.1;
-/// Ratio of single flights to the share of all parts below which there are several parts.
+/// Ratio of single flights to the share of all parts below which several parts are on the track.
 const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
 /// Share of time in gear above which gear is detected.
 const GEAR_DETECTED_SHARE: f32 = 0.5;
@@ -47,19 +46,19 @@ const EMPTY_FLIGHTS: f32 = 4.0;
 pub struct Listener {
     pub phases: PhaseStatistics,
     pub gear: GearEstimator,
-    pub share: ShareHearing,
+    pub share: ShareEstimator,
     classifier: Classifier<64>,
     pub regime: Option<Verdict>,
     /// Whether the parts are in gear for more than half of their time.
     pub in_gear_detected: bool,
-    silent: f32,
+    silent_cycles: f32,
     /// Whether the track is empty: no impact for a second.
     pub empty: bool,
     /// Number of drive cycles since the energy last contradicted gear.
     supported: f32,
     /// Frequency of the drive in Hz.
     frequency: f32,
-    /// Whether the regime is classified even where nothing depends on it.
+    /// Whether the regime is classified even if nothing depends on it.
     pub always_classifies: bool,
 }
 
@@ -69,11 +68,11 @@ impl Listener {
         Ok(Self {
             phases: PhaseStatistics::default(),
             gear,
-            share: ShareHearing::new(),
+            share: ShareEstimator::new(),
             classifier: Classifier::build(TimingAccuracy::BOARD)?,
             regime: None,
             in_gear_detected: false,
-            silent: 0.0,
+            silent_cycles: 0.0,
             empty: false,
             supported: f32::INFINITY,
             frequency: 0.0,
@@ -94,28 +93,27 @@ impl Listener {
         self.share.reset();
         self.classifier.forget();
         self.regime = None;
-        (self.in_gear_detected, self.supported, self.silent) = (false, f32::INFINITY, 0.0);
+        (self.in_gear_detected, self.supported, self.silent_cycles) = (false, f32::INFINITY, 0.0);
     }
 
-    pub fn cycle(&mut self, cycle: &Cycle, with: &DriveState, lock: Option<&LockWindow>) {
-        let DriveState { count, lead, .. } = *with;
-        self.gear.cycle(cycle, with);
-        self.share.cycle(cycle, with);
-        self.frequency = with.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
-        self.watch_silence(cycle, with.order);
-        if with.detects_gear {
+    pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState, lock: Option<&LockWindow>) {
+        let DriveState { count, lead, .. } = *drive_state;
+        self.gear.cycle(cycle, drive_state);
+        self.share.cycle(cycle, drive_state);
+        self.frequency = drive_state.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        self.watch_silence(cycle, drive_state.order);
+        if drive_state.detects_gear {
             self.update_gear_detection();
         }
         self.phases.cycle(cycle, count, lead, lock);
-        for heard in &cycle.heard {
-            let time = (u64::from(count) << 32 | u64::from(heard.phase.bits()))
-                .wrapping_add_signed(i64::from(lead.bits() as i32));
+        for impact in &cycle.impacts {
+            let time = impact_time(count, impact.phase, lead);
             self.classifier
                 .impact((time >> 32) as u32, Phase::from_bits(time as u32));
         }
         self.classifier.cycle(count);
         if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES)
-            && (self.always_classifies || with.needs_regime)
+            && (self.always_classifies || drive_state.needs_regime)
         {
             self.regime = Some(self.correct_verdict(self.classifier.verdict(), lock));
         }
@@ -123,13 +121,14 @@ impl Listener {
 
     /// Detects an empty track (no impact for a second and four flights), and clears the estimates.
     fn watch_silence(&mut self, cycle: &Cycle, order: u8) {
-        if !cycle.heard.is_empty() {
-            (self.silent, self.empty) = (0.0, false);
+        if !cycle.impacts.is_empty() {
+            (self.silent_cycles, self.empty) = (0.0, false);
             return;
         }
-        self.silent += 1.0;
-        let patience = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
-        self.empty = self.silent > patience;
+        self.silent_cycles += 1.0;
+        let max_silent_cycles =
+            (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
+        self.empty = self.silent_cycles > max_silent_cycles;
         if self.empty {
             self.gear.reset();
             self.share.reset();
@@ -139,14 +138,10 @@ impl Listener {
     /// Detects gear, and counts the cycles without contradiction by the energy.
     fn update_gear_detection(&mut self) {
         let one = self.is_one_in_gear(LOST_SINGLE_FLIGHTS);
-        let contradicted = self.share.evidence().is_some_and(|evidence| {
+        let refuted = self.share.evidence().is_some_and(|evidence| {
             !(evidence.supports(GEAR_LOST_SHARE) && (evidence.fits() || one))
         });
-        self.supported = if contradicted {
-            0.0
-        } else {
-            self.supported + 1.0
-        };
+        self.supported = if refuted { 0.0 } else { self.supported + 1.0 };
         self.in_gear_detected = self.detect_gear();
     }
 
@@ -162,8 +157,8 @@ impl Listener {
             (GEAR_DETECTED_SHARE, MIN_SINGLE_FLIGHTS)
         };
         let shares = match self.share.share {
-            Some(heard) if self.in_gear_detected => heard.share > GEAR_LOST_SHARE,
-            Some(heard) => heard.share - heard.error > GEAR_DETECTED_SHARE,
+            Some(estimate) if self.in_gear_detected => estimate.share > GEAR_LOST_SHARE,
+            Some(estimate) => estimate.share - estimate.error > GEAR_DETECTED_SHARE,
             None => false,
         };
         let supported = MIN_SUPPORTED_CYCLES.max(MIN_SUPPORTED_SECONDS * self.frequency);
@@ -179,9 +174,9 @@ impl Listener {
             && !(self.gear.share() > GEAR_LOST_SHARE && self.share.evidence().is_some_and(in_gear))
     }
 
-    /// Whether single flights of one part take a share of the time above `level` (0..=1), at a phase
-    /// where it may stay in gear: parts that land together and rest strike as regularly
-    /// (docs/theory-bands.md#t5.1).
+    /// Whether single flights of one part take a share of the time above `level` (0..=1), at a
+    /// phase where it may stay in gear. The phase matters because parts that land together and rest
+    /// strike as regularly (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
         self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }
@@ -189,11 +184,12 @@ impl Listener {
     /// Corrects a verdict of parts that land from rest or where gear repels: they hop and rest.
     fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
         let phase = self.phases.phase();
-        let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
-        let locks = lock.is_some_and(|lock| within(lock.phase, lock.width));
+        let is_within =
+            |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
+        let is_at_lock = lock.is_some_and(|lock| is_within(lock.phase, lock.width));
         let landing = self.gear.landing_phase_from_rest();
-        let lands = landing.is_some_and(|at| within(phase_of(at), MAX_LANDING_ERROR));
-        if self.gear.may_lock_at(phase) && (locks || !lands) {
+        let is_landing = landing.is_some_and(|at| is_within(phase_of(at), MAX_LANDING_ERROR));
+        if self.gear.may_lock_at(phase) && (is_at_lock || !is_landing) {
             return verdict;
         }
         let regime = match verdict.regime {
@@ -228,28 +224,33 @@ impl Listener {
 
     /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.
     pub fn time_to_loss(&self) -> f32 {
-        let heard = self.gear.time_to_loss();
-        if heard.is_finite() && self.margin().is_some() {
-            return heard;
+        let measured = self.gear.time_to_loss();
+        if measured.is_finite() && self.margin().is_some() {
+            return measured;
         }
         (self.share.profile()).map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
-    /// Estimated share of time in gear; `None` where only a lower bound exists.
+    /// Estimated share of time in gear; `None` if only a lower bound exists.
     pub fn in_gear(&self) -> Option<GearShare> {
-        if self.share.judged {
+        if self.share.has_fit {
             return self.share.share;
         }
-        let least = GearShare::at_least(self.gear.share());
-        (least.error < MAX_BOUND_ERROR).then_some(least)
+        // Middle of the interval above the lower bound.
+        let min_share = self.gear.share();
+        let error = 0.5 * (1.0 - min_share);
+        (error < MAX_BOUND_ERROR).then_some(GearShare {
+            share: min_share + error,
+            error,
+        })
     }
 
-    /// Whether the impacts come from one part: of several most flights are not detected.
+    /// Whether the impacts come from one part: with several, most flights are not detected.
     fn is_one(&self) -> bool {
         let flights = self.gear.long_share();
         match self.share.share {
-            Some(together) => {
-                flights >= MIN_SINGLE_FLIGHT_RATIO * (together.share - 2.0 * together.error)
+            Some(estimate) => {
+                flights >= MIN_SINGLE_FLIGHT_RATIO * (estimate.share - 2.0 * estimate.error)
             }
             None => flights >= MIN_SINGLE_FLIGHT_RATIO,
         }
@@ -258,20 +259,18 @@ impl Listener {
     /// Estimated share of time in gear, or its lower bound.
     pub fn in_gear_at_least(&self) -> f32 {
         match self.in_gear() {
-            Some(heard) => heard.share,
-            // Energy that no profile explains gives no bound.
-            None if self.share.judged && !self.is_one() => 0.0,
+            Some(estimate) => estimate.share,
+            // Energy that no profile explains gives no lower bound.
+            None if self.share.has_fit && !self.is_one() => 0.0,
             None => self.gear.share(),
         }
     }
 
     /// Confidence that the parts are in a lock, 0..1.
     pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
-        let most = match self.in_gear() {
-            Some(heard) => heard.share + 2.0 * heard.error,
-            None => 1.0,
-        };
+        let in_gear = self.in_gear();
+        let upper_bound = in_gear.map_or(1.0, |estimate| estimate.share + 2.0 * estimate.error);
         lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))
-            .min(most)
+            .min(upper_bound)
     }
 }

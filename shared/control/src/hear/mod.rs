@@ -1,32 +1,29 @@
 //! Estimates of the track's motion and of the parts from the accelerometer.
 
-mod blanked;
-mod deaf;
+mod average;
+mod blanking;
 mod energy;
-mod fold;
 mod gear;
 mod listener;
 mod load;
-mod lock;
+mod load_events;
 mod margin;
+mod missed_impacts;
 mod onset;
 mod phases;
 mod share;
 mod signal;
-mod weighing;
 
-pub use blanked::{last_cycle_gain, push_weight};
-pub use deaf::{ImpactEvidence, MissedImpactDetector};
-pub use energy::{EnergyHistogram, SECTORS, SECTORS_HANDED, Sectors};
-pub use fold::{Fold, HANDED, Layout, PLACES};
+pub use average::{BINS_PER_CYCLE, BinLayout, MAX_BINS, SynchronousAverage};
+pub use blanking::{impulse_weight, last_cycle_gain};
+pub use energy::{EnergyHistogram, SECTORS, SECTORS_PER_CYCLE, Sectors};
 pub use gear::{DriveState, GearEstimator};
 pub use listener::Listener;
-pub use load::{Load, LoadMeter, Weighed};
-pub use lock::LockWindow;
+pub use load::{Load, LoadMeasurement, LoadMeter};
+pub use load_events::LoadEvents;
 pub use margin::GearMargin;
-
-pub use share::GearShare;
-
+pub use missed_impacts::{ImpactEvidence, MissedImpactDetector};
 pub use onset::{DetectedImpact, HighPass, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
-pub use signal::{AdcCode, Command, Cycle, MAX_BLANKED_SHARE, Overtone, Sampled, Signal};
-pub use weighing::LoadEvents;
+pub use phases::LockWindow;
+pub use share::GearShare;
+pub use signal::{AdcCode, Command, Cycle, MAX_BLANKED_SHARE, Sampled, Signal};

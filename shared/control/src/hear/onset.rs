@@ -40,7 +40,8 @@ impl<T> HighPass<T> {
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetDetector {
     passes: [HighPass<f32>; 2],
-    /// Running median of the residual's magnitude, in m/s^2: [`OnsetDetector::QUARTILE`] of the noise's RMS.
+    /// Running median of the residual's magnitude, in m/s^2: [`OnsetDetector::QUARTILE`] of the
+    /// noise's RMS.
     median: f32,
     /// Decaying envelope of the last ringing, in m/s^2.
     ringing: f32,
@@ -65,7 +66,7 @@ impl OnsetDetector {
     /// Minimum height of a new impact over the envelope of the last one; less is its own ringing.
     pub const MIN_OVER_ENVELOPE: f64 = 1.5;
     /// Envelope over the threshold above which the demodulator blanks samples.
-    pub const LOUD: f64 = 2.0;
+    pub const BLANKING_THRESHOLD: f64 = 2.0;
     /// Step of the running median per sample, relative to its value.
     pub const MEDIAN_STEP: f64 = 1.0 / 1024.0;
     /// Settling time before the first detection, in samples: some 60 time constants of the filters.
@@ -92,8 +93,9 @@ impl OnsetDetector {
 
     /// Whether an impact was just detected, or still rings loudly.
     #[inline]
-    pub fn rings(&self) -> bool {
-        self.rising > 0 || self.ringing > Self::LOUD as f32 * Self::MEDIAN_THRESHOLD * self.median
+    pub fn is_ringing(&self) -> bool {
+        self.rising > 0
+            || self.ringing > Self::BLANKING_THRESHOLD as f32 * Self::MEDIAN_THRESHOLD * self.median
     }
 
     /// Filters the acceleration of one sample (m/s^2) and detects an onset; returns its height.
@@ -121,9 +123,9 @@ impl OnsetDetector {
             self.median -= step;
         }
         let above = height > Self::MEDIAN_THRESHOLD * self.median;
-        let begins =
+        let is_onset =
             above && height > Self::MIN_OVER_ENVELOPE as f32 * self.ringing && self.rising == 0;
-        self.rising = if begins {
+        self.rising = if is_onset {
             Self::RISE_SAMPLES
         } else {
             self.rising.saturating_sub(1)
@@ -136,7 +138,7 @@ impl OnsetDetector {
             self.settling -= 1;
             return None;
         }
-        begins.then_some(height)
+        is_onset.then_some(height)
     }
 }
 
@@ -152,19 +154,19 @@ mod tests {
         let mut noise = Noise::new(5);
         let (mut delays, mut stamped) = (std::vec::Vec::new(), 0);
         let height = 5.0;
-        let mut struck = f32::NEG_INFINITY;
+        let mut impact_sample = f32::NEG_INFINITY;
         for n in 0..400_000_u32 {
             // One impact a cycle, at a phase that drifts through the cycle and between the samples.
             if n % 400 == (n / 400) % 100 {
-                struck = n as f32 + 0.37 * ((n / 400) % 3) as f32;
+                impact_sample = n as f32 + 0.37 * ((n / 400) % 3) as f32;
             }
-            let since = (n as f32 - struck).max(0.0);
+            let since = (n as f32 - impact_sample).max(0.0);
             let ringing = height * libm::expf(-since / 20.0) * libm::sinf(0.754 * since);
             let drive = 22.0 * libm::sinf((n % 400) as f32 * 0.015_708);
-            let heard = detector.sample(drive + ringing + height * noise_to_impact * noise.gauss());
-            if heard.is_some() && n > 8000 {
+            let onset = detector.sample(drive + ringing + height * noise_to_impact * noise.gauss());
+            if onset.is_some() && n > 8000 {
                 stamped += 1;
-                delays.push(n as f32 - struck);
+                delays.push(n as f32 - impact_sample);
             }
         }
         (delays, stamped)
@@ -186,9 +188,9 @@ mod tests {
     fn noise_alone_is_not_an_impact() {
         let mut detector = OnsetDetector::new(0.01);
         let mut noise = Noise::new(6);
-        let heard = (0..400_000)
+        let onset = (0..400_000)
             .filter(|n| detector.sample(0.3 * noise.gauss()).is_some() && *n > 8000)
             .count();
-        assert_eq!(heard, 0);
+        assert_eq!(onset, 0);
     }
 }

@@ -2,10 +2,21 @@
 //!
 //! Source: Fisher, Statistical Analysis of Circular Data, 1993. Sums forget exponentially.
 
-use super::lock::LockWindow;
 use super::signal::Cycle;
-use crate::angle::radians_of;
+use crate::angle::{impact_time, radians_of};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
+
+/// Phases in which impacts count for a lock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LockWindow {
+    /// Drive cycles per impact (symbol r).
+    pub order: u8,
+    pub k: f64,
+    /// Predicted phase of the impacts.
+    pub phase: Phase,
+    /// Half width of the window, in rad.
+    pub width: f32,
+}
 
 /// Circular statistics of the impacts' phases, with a memory of 16 cycles.
 ///
@@ -43,32 +54,31 @@ const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
 impl PhaseStatistics {
     /// Adds the impacts of cycle number `count`, with the track's lead and the window of the lock.
     pub fn cycle(&mut self, cycle: &Cycle, count: u32, lead: Phase, lock: Option<&LockWindow>) {
-        for sum in [
+        let sums = [
             &mut self.sine,
             &mut self.cosine,
             &mut self.weight,
             &mut self.cycles,
             &mut self.at_lock,
             &mut self.alternating_sum,
-        ] {
-            *sum *= FORGETTING_FACTOR;
-        }
-        for sum in &mut self.cycles_by_remainder {
+        ];
+        for sum in sums.into_iter().chain(&mut self.cycles_by_remainder) {
             *sum *= FORGETTING_FACTOR;
         }
         self.cycles += 1.0;
-        for heard in &cycle.heard {
-            let phase = heard.phase + lead;
+        for impact in &cycle.impacts {
+            let phase = impact.phase + lead;
             let (sine, cosine) = sine_cosine_single(phase);
             self.sine += sine;
             self.cosine += cosine;
             self.weight += 1.0;
             if let Some(lock) = lock {
-                let apart = radians_of(phase - lock.phase);
-                if apart > -lock.width && apart < lock.width {
+                let difference = radians_of(phase - lock.phase);
+                if difference > -lock.width && difference < lock.width {
                     self.at_lock += 1.0;
-                    let number = self.add_impact_in_window(count, heard.phase, lead, lock);
-                    self.alternating_sum += if number & 1 == 0 { apart } else { -apart };
+                    let number = self.add_impact_in_window(count, impact.phase, lead, lock);
+                    let even = number & 1 == 0;
+                    self.alternating_sum += if even { difference } else { -difference };
                 }
             }
         }
@@ -83,11 +93,10 @@ impl PhaseStatistics {
         lead: Phase,
         lock: &LockWindow,
     ) -> u32 {
-        let time = (u64::from(count) << 32 | u64::from(phase.bits()))
-            .wrapping_add_signed(i64::from(lead.bits() as i32));
+        let time = impact_time(count, phase, lead);
         // Cycles that begin half a turn before the lock's phase.
-        let begun = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
-        let number = (begun >> 32) as u32;
+        let shifted = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
+        let number = (shifted >> 32) as u32;
         let order = u32::from(lock.order.max(1));
         if number != self.last
             && let Some(sum) = self.cycles_by_remainder.get_mut((number % order) as usize)
@@ -98,14 +107,16 @@ impl PhaseStatistics {
         number / order
     }
 
-    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
-    /// phase in turn. Parts that doubled out of step stay undetected (docs/theory-capture.md#t7.6).
-    fn evenness(&self) -> f32 {
+    /// Confidence from alternation, up to 1: doubled flights strike alternately before and after
+    /// the lock's phase. Parts that doubled out of step stay undetected
+    /// (docs/theory-capture.md#t7.6).
+    fn alternation_confidence(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
         }
-        let swing = (self.alternating_sum / self.at_lock).abs();
-        1.0 - (swing - ALTERNATION_BOUNDS[0]) / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
+        let alternation = (self.alternating_sum / self.at_lock).abs();
+        1.0 - (alternation - ALTERNATION_BOUNDS[0])
+            / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
     }
 
     pub fn reset(&mut self) {
@@ -144,27 +155,28 @@ impl PhaseStatistics {
         }
     }
 
-    /// Confidence that the parts are locked in `order`, 0..1: the least of the share of impacts in
-    /// the window, detected over due impacts, evenness, and the filled part of the memory.
+    /// Confidence that the parts are locked in `order`, 0..1: the smallest of four values. They are
+    /// the share of impacts in the window, detected over due impacts, evenness, and filled memory.
     pub fn lock_confidence(&self, order: u8) -> f32 {
-        let due = self.cycles / f32::from(order);
-        if due <= 0.0 {
+        let expected = self.cycles / f32::from(order);
+        if expected <= 0.0 {
             return 0.0;
         }
-        let often = if order > 1 {
-            // Impacts in some of the other cycles, but not in all or none, contradict a lock.
-            let shares = (self.cycles_by_remainder.iter()).map(|sum| (sum / due).min(1.0));
-            let most = shares.clone().fold(0.0_f32, f32::max);
-            most - shares.fold(0.0, |most, share| {
-                (share.min(1.0 - share) - CYCLE_TOLERANCE).max(most)
-            })
+        let filled_share = if order > 1 {
+            // Impacts in part of the other cycles, but not in all or none, contradict a lock.
+            let shares = (self.cycles_by_remainder.iter()).map(|sum| (sum / expected).min(1.0));
+            let largest = shares.clone().fold(0.0_f32, f32::max);
+            largest
+                - shares.fold(0.0, |largest, share| {
+                    (share.min(1.0 - share) - CYCLE_TOLERANCE).max(largest)
+                })
         } else {
-            self.at_lock / due
+            self.at_lock / expected
         };
         self.share_at_lock()
-            .min(often)
+            .min(filled_share)
             .min(self.cycles / 8.0)
-            .min(self.evenness())
+            .min(self.alternation_confidence())
             .clamp(0.0, 1.0)
     }
 }
@@ -176,15 +188,15 @@ mod tests {
     use crate::hear::DetectedImpact;
     use crate::testing::with;
 
-    fn heard(phases: &[f32]) -> Cycle {
-        let heard = phases.iter().map(|&phase| DetectedImpact {
+    fn cycle_with_impacts(phases: &[f32]) -> Cycle {
+        let impacts = phases.iter().map(|&phase| DetectedImpact {
             phase: phase_of(phase),
             strength: 1.0,
         });
-        with(Cycle::default(), |it| it.heard = heard.collect())
+        with(Cycle::default(), |it| it.impacts = impacts.collect())
     }
 
-    fn lock_of(order: u8, width: f32) -> LockWindow {
+    fn lock_window(order: u8, width: f32) -> LockWindow {
         LockWindow {
             order,
             k: 0.43,
@@ -195,11 +207,11 @@ mod tests {
 
     #[test]
     fn lock_needs_half_of_the_memory() {
-        let lock = lock_of(1, 0.3);
+        let lock = lock_window(1, 0.3);
         let mut statistics = PhaseStatistics::default();
         let mut before = 0.0;
         for n in 1..=8 {
-            statistics.cycle(&heard(&[0.45]), n, Phase::ZERO, Some(&lock));
+            statistics.cycle(&cycle_with_impacts(&[0.45]), n, Phase::ZERO, Some(&lock));
             let confidence = statistics.lock_confidence(1);
             let holds = confidence <= n as f32 / 8.0 && confidence > before;
             assert!(holds, "{n}: {confidence}");
@@ -210,10 +222,10 @@ mod tests {
     #[test]
     fn lock_needs_its_phase_and_rate() {
         let run = |phases: &[&[f32]], order| {
-            let lock = lock_of(order, 0.3);
+            let lock = lock_window(order, 0.3);
             let mut statistics = PhaseStatistics::default();
             for n in 0..60 {
-                let cycle = heard(phases[n % phases.len()]);
+                let cycle = cycle_with_impacts(phases[n % phases.len()]);
                 statistics.cycle(&cycle, n as u32, Phase::ZERO, Some(&lock));
             }
             statistics.lock_confidence(order)
@@ -221,8 +233,8 @@ mod tests {
         assert!(run(&[&[0.5]], 1) > 0.99);
         assert!(run(&[&[0.5], &[]], 2) > 0.95);
         assert!(run(&[&[0.5], &[]], 1) < 0.6);
-        // Two of three cycles are no lock of order 2, despite the right number of impacts; two
-        // groups are.
+        // Impacts in two of three cycles are no lock of order 2, despite their right number; two
+        // groups of parts are one.
         assert!(run(&[&[0.5], &[0.5], &[]], 2) < 0.8);
         assert!(run(&[&[0.5], &[0.52]], 2) > 0.95);
         assert!(run(&[&[5.6]], 1) == 0.0);
@@ -232,23 +244,20 @@ mod tests {
 
     #[test]
     fn doubled_flights_within_the_window_are_no_lock() {
-        let run = |order: u8, apart: f32, jitter: f32| {
-            let lock = lock_of(order, 0.4);
+        let run = |order: u8, difference: f32, jitter: f32| {
+            let lock = lock_window(order, 0.4);
             let mut statistics = PhaseStatistics::default();
             let mut worst = (1.0_f32, 0.0_f32);
             for n in 0..400_u32 {
                 let flight = n / u32::from(order);
-                let side = if flight % 2 == 0 { apart } else { -apart };
+                let even = flight % 2 == 0;
+                let side = if even { difference } else { -difference };
                 // Uniform, with the given standard deviation.
-                let even = (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
-                let phase = 0.55 + side + jitter * 3.0_f32.sqrt() * (2.0 * even - 1.0);
-                let struck = [phase];
-                let struck = if n % u32::from(order) == 0 {
-                    &struck[..]
-                } else {
-                    &[]
-                };
-                statistics.cycle(&heard(struck), n, Phase::ZERO, Some(&lock));
+                let uniform = (n.wrapping_mul(2_654_435_761) >> 8) as f32 / (1 << 24) as f32;
+                let phase = 0.55 + side + jitter * 3.0_f32.sqrt() * (2.0 * uniform - 1.0);
+                let impacts = usize::from(n % u32::from(order) == 0);
+                let cycle = cycle_with_impacts(&[phase][..impacts]);
+                statistics.cycle(&cycle, n, Phase::ZERO, Some(&lock));
                 if n > 40 {
                     let confidence = statistics.lock_confidence(order);
                     worst = (worst.0.min(confidence), worst.1.max(confidence));
@@ -259,17 +268,12 @@ mod tests {
         // With a jitter of 0.05 rad a lock is always accepted. Doubled flights (R 0.255 and 0.26 at
         // the setpoint of 0.18..0.22) never are.
         for order in [1, 2, 3] {
-            assert!(run(order, 0.0, 0.05).0 > 0.9, "{:?}", run(order, 0.0, 0.05));
-            assert!(
-                run(order, 0.133, 0.0).1 < 0.6,
-                "{:?}",
-                run(order, 0.133, 0.0)
-            );
-            assert!(
-                run(order, 0.208, 0.05).1 < 0.6,
-                "{:?}",
-                run(order, 0.208, 0.05)
-            );
+            let (least, _) = run(order, 0.0, 0.05);
+            assert!(least > 0.9, "{order}: {least}");
+            for (difference, jitter) in [(0.133, 0.0), (0.208, 0.05)] {
+                let (_, largest) = run(order, difference, jitter);
+                assert!(largest < 0.6, "{order} {difference}: {largest}");
+            }
         }
     }
 }

@@ -7,8 +7,8 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
+use super::average::{AverageBins, SynchronousAverage};
 use super::energy::{EnergyHistogram, Sectors};
-use super::fold::{Fold, Folded};
 use super::onset::{DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
 use crate::angle::phase_step;
 use crate::drive::UPPER;
@@ -26,38 +26,22 @@ const MAX_ACCELERATION: f32 = 1e7;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AdcCode(pub u16);
 
-/// nth tone of an output, as shares of full output: `sine sin nx + cosine cos nx` at its phase x.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Overtone {
-    /// Along the sine of the multiple of the phase, -1..1.
-    pub sine: f32,
-    /// Along its cosine, -1..1.
-    pub cosine: f32,
-}
-
-impl Overtone {
-    /// No tone.
-    pub const NONE: Self = Self {
-        sine: 0.0,
-        cosine: 0.0,
-    };
-}
-
 /// Command to the drive from the next cycle on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Command {
     /// Amplitude of the output as a share of full output, 0..1.
     pub amplitude: f32,
-    /// Phase lead of that output; it compensates the shift that a load of parts causes.
+    /// Phase lead of that output; it compensates the phase shift by a load of parts.
     pub lead: Phase,
-    /// Second and third tone of the output; with the amplitude at most full output.
-    pub overtones: [Overtone; UPPER],
+    /// Second and third tone of the output, along sine and cosine of the multiple of its phase, as
+    /// shares of full output. The sum with the amplitude is at most full output.
+    pub overtones: [[f32; 2]; UPPER],
     /// Advance of the phase per sample (see [`phase_step`](crate::phase_step)).
     pub step: u32,
     /// Whether the output changes at once instead of at the next cycle: switching off never waits.
     pub immediate: bool,
-    /// Start phase of a fold of the residual over half a turn, `None` ends it.
-    pub fold: Option<Phase>,
+    /// Start phase of an average of the residual over half a turn, `None` ends it.
+    pub average_from: Option<Phase>,
     /// Whether the demodulator uses every sample from the next cycle on, also while an impact
     /// rings: identification corrects that bias itself. It is not sent.
     #[serde(skip)]
@@ -73,8 +57,8 @@ pub struct Cycle {
     pub in_phase: f32,
     /// Sine part of the acceleration at the drive's frequency, in m/s^2.
     pub quadrature: f32,
-    /// Cosine and sine parts at twice and three times the drive's frequency, against the same
-    /// multiple of the output's phase, in m/s^2; 0 where the drive cannot make such a tone.
+    /// Cosine and sine parts at twice and three times the drive's frequency, in m/s^2. Their phase
+    /// reference is the same multiple of the output's phase; 0 if the drive makes no such tone.
     pub upper: [[f32; 2]; UPPER],
     /// Mean acceleration in m/s^2.
     pub mean: f32,
@@ -91,9 +75,9 @@ pub struct Cycle {
     /// Amplitude of the drive's current at the drive's frequency, in A; 0 without a current sensor.
     pub current: f32,
     /// Detected impacts in order of time; impacts beyond the capacity are dropped.
-    pub heard: Vec<DetectedImpact, MAX_IMPACTS_PER_CYCLE>,
-    /// Some places of the fold ([`Command::fold`]) that ended before.
-    pub folded: Folded,
+    pub impacts: Vec<DetectedImpact, MAX_IMPACTS_PER_CYCLE>,
+    /// Some bins of the last ended average ([`Command::average_from`]).
+    pub average: AverageBins,
     /// Energy of the residual in some sectors of the turn.
     pub sectors: Sectors,
 }
@@ -111,19 +95,6 @@ impl Cycle {
         ];
         let mut all = self.upper.as_flattened().iter().chain(&single);
         all.all(|number| number.abs() < MAX_ACCELERATION)
-    }
-}
-
-/// Failures of the signal path, for tests of their effects.
-impl Cycle {
-    /// Removes all detected impacts.
-    pub fn deafen(&mut self) {
-        self.heard.clear();
-    }
-
-    /// Sets all places of the fold to this residual, in m/s^2.
-    pub fn flatten(&mut self, residual: f32) {
-        self.folded.residual.fill(residual);
     }
 }
 
@@ -155,7 +126,7 @@ impl Readings {
 
     /// Adds a reading of a converter with this highest code.
     #[inline(always)]
-    fn add(&mut self, AdcCode(code): AdcCode, full: u16) {
+    fn add(&mut self, AdcCode(code): AdcCode, full_scale: u16) {
         self.samples = self.samples.wrapping_add(1);
         if code < self.low {
             self.low = code;
@@ -163,40 +134,34 @@ impl Readings {
         if code > self.high {
             self.high = code;
         }
-        if code == 0 || code >= full {
+        if code == 0 || code >= full_scale {
             self.saturated = self.saturated.wrapping_add(1);
         }
     }
 }
 
-/// Timing of a cycle.
 #[derive(Clone, Copy, Debug)]
 struct CycleTiming {
     /// Advance of the phase per sample, and its inverse.
     step: u32,
     inverse: f32,
     /// Largest number of blanked samples.
-    most_blanked: f32,
+    max_blanked: f32,
 }
 
 impl CycleTiming {
     /// Timing at an advance of the phase per sample; `whole` disables blanking.
-    fn of(step: u32, whole: bool) -> Self {
+    fn from_step(step: u32, whole: bool) -> Self {
         let inverse = 1.0 / step as f32;
-        let most_blanked = if whole {
-            0.0
-        } else {
-            MAX_BLANKED_SHARE as f32 * Phase::TURN as f32 * inverse
-        };
+        let max_blanked = MAX_BLANKED_SHARE as f32 * Phase::TURN as f32 * inverse;
         Self {
             step,
             inverse,
-            most_blanked,
+            max_blanked: if whole { 0.0 } else { max_blanked },
         }
     }
 }
 
-/// Sums over a cycle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     /// Cosine and sine sums at the drive's frequency.
@@ -217,10 +182,9 @@ impl Sums {
     }
 }
 
-/// Value of [`Signal::path`] where the settings have a current sensor.
+/// Value of [`Signal::path`] if the settings have a current sensor.
 const WITH_CURRENT: u8 = UPPER as u8 + 1;
 
-/// Demodulator of the drive's current.
 #[derive(Clone, Copy, Debug)]
 struct CurrentMeter {
     /// Amperes per step of the converter; unused without a current sensor.
@@ -232,13 +196,13 @@ struct CurrentMeter {
 
 /// Signal path: configuration, oscillator, demodulator and onset detector.
 ///
-/// The ringing of an impact biases the demodulated amplitude: by 4.7 % for 24 parts that strike
-/// together and ring at 800 Hz. The samples in which an impact rings ([`OnsetDetector::rings`]), up
-/// to a third of a cycle, are therefore replaced by the last cycle's tone, without effect on the
-/// new estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
+/// The ringing of an impact biases the demodulated amplitude, by 4.7 % for 24 parts that strike
+/// together and ring at 800 Hz. The last cycle's tone therefore replaces the samples in which an
+/// impact rings ([`OnsetDetector::is_ringing`]), up to a third of a cycle. They have no effect on
+/// the new estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
 ///
-/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, which the demodulator
-/// then measures with everything else.
+/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, and the demodulator
+/// measures that shift.
 ///
 /// ```
 /// use kband_control::{AdcCode, Settings, Signal};
@@ -252,15 +216,15 @@ struct CurrentMeter {
 pub struct Signal {
     scale: f32,
     zero: f32,
-    full: u16,
+    full_scale: u16,
     phase: Phase,
     /// Timing of this cycle, and of the next.
-    pace: CycleTiming,
-    next_pace: CycleTiming,
+    timing: CycleTiming,
+    next_timing: CycleTiming,
     /// Output along sine and cosine of the phase.
     amplitude: [f32; 2],
     /// Upper tones of the output, and the number that the drive can make; as many are demodulated.
-    overtones: [Overtone; UPPER],
+    overtones: [[f32; 2]; UPPER],
     upper: usize,
     /// The instance that takes a sample: by the number of upper tones, or [`WITH_CURRENT`].
     path: u8,
@@ -273,14 +237,14 @@ pub struct Signal {
     /// Cosine and sine sums at multiples of the drive's frequency.
     multiples: [[f32; 2]; UPPER],
     /// Cosine and sine parts of each tone in the last whole cycle.
-    found: [[f32; 2]; 1 + UPPER],
+    measured: [[f32; 2]; 1 + UPPER],
     readings: Readings,
     /// Current and last whole cycle, alternating, which avoids copies.
     cycles: [Cycle; 2],
     /// Index of the whole one.
-    whole: u8,
+    complete: u8,
     detector: OnsetDetector,
-    fold: Fold,
+    average: SynchronousAverage,
     energy: EnergyHistogram,
     current: CurrentMeter,
 }
@@ -289,8 +253,8 @@ impl Signal {
     /// Signal path for these settings, with the drive off; the error names the refused parameter.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         settings.check()?;
-        let full = ((1_u32 << settings.converter_bits as u32) - 1) as u16;
-        let volts = settings.converter_reference / (f32::from(full) + 1.0);
+        let full_scale = ((1_u32 << settings.converter_bits as u32) - 1) as u16;
+        let volts = settings.converter_reference / (f32::from(full_scale) + 1.0);
         let scale = volts / settings.sensitivity * STANDARD_GRAVITY as f32;
         let step = phase_step(settings.frequency);
         let empty = Cycle {
@@ -300,15 +264,15 @@ impl Signal {
         Ok(Self {
             scale,
             zero: settings.sensor_zero / volts,
-            full,
+            full_scale,
             phase: Phase::ZERO,
-            pace: CycleTiming {
-                most_blanked: 0.0,
-                ..CycleTiming::of(step, false)
+            timing: CycleTiming {
+                max_blanked: 0.0,
+                ..CycleTiming::from_step(step, false)
             },
-            next_pace: CycleTiming::of(step, false),
+            next_timing: CycleTiming::from_step(step, false),
             amplitude: [0.0; 2],
-            overtones: [Overtone::NONE; UPPER],
+            overtones: [[0.0; 2]; UPPER],
             upper: settings.upper_tones(),
             path: if settings.current_sensitivity > 0.0 {
                 WITH_CURRENT
@@ -323,12 +287,12 @@ impl Signal {
             mean: 0.0,
             sums: Sums::default(),
             multiples: [[0.0; 2]; UPPER],
-            found: [[0.0; 2]; 1 + UPPER],
+            measured: [[0.0; 2]; 1 + UPPER],
             readings: Readings::NONE,
             cycles: [empty.clone(), empty],
-            whole: 1,
+            complete: 1,
             detector: OnsetDetector::new(scale),
-            fold: Fold::EMPTY,
+            average: SynchronousAverage::EMPTY,
             energy: EnergyHistogram::default(),
             current: CurrentMeter {
                 scale: volts / settings.current_sensitivity,
@@ -340,13 +304,13 @@ impl Signal {
 
     /// Processes the reading of one sample; returns the output to hold until the next.
     ///
-    /// It reads no current: [`Signal::sample_with`] does, where the settings have such a sensor.
+    /// It reads no current: [`Signal::sample_with`] does, if a sensor is configured.
     #[inline]
     pub fn sample(&mut self, code: AdcCode) -> Sampled {
         self.sample_with(code, AdcCode::default)
     }
 
-    /// As [`Signal::sample`], with the current sensor's reading, taken only where it is configured.
+    /// As [`Signal::sample`], with the current sensor's reading, taken if one is configured.
     #[inline]
     pub fn sample_with(&mut self, code: AdcCode, current: impl FnOnce() -> AdcCode) -> Sampled {
         // One instance per number of tones: unused tones cost nothing, nor does an unused sensor.
@@ -354,13 +318,13 @@ impl Signal {
             0 => self.process_sample::<0>(code),
             1 => self.process_sample::<1>(code),
             2 => self.process_sample::<UPPER>(code),
-            _ => self.take_both(code, current()),
+            _ => self.process_both(code, current()),
         }
     }
 
     /// One sample of accelerometer and current sensor.
     #[inline(never)]
-    fn take_both(&mut self, code: AdcCode, current: AdcCode) -> Sampled {
+    fn process_both(&mut self, code: AdcCode, current: AdcCode) -> Sampled {
         self.add_current(current);
         match self.upper {
             0 => self.process_sample::<0>(code),
@@ -373,42 +337,42 @@ impl Signal {
     #[inline(never)]
     fn process_sample<const TONES: usize>(&mut self, code: AdcCode) -> Sampled {
         let before = self.phase;
-        self.phase += Phase::from_bits(self.pace.step);
+        self.phase += Phase::from_bits(self.timing.step);
         let wrapped = self.phase.bits() < before.bits();
         let acceleration = (f32::from(code.0) - self.zero) * self.scale;
         let (sine, cosine) = sine_cosine_single(self.phase);
         // The nth tone's acceleration is n^2 times as large. The high-passes also pass n^2 times as
         // much of it. The tones of the last cycle are therefore subtracted first.
         let turns: [[f32; 2]; TONES] = multiples(sine, cosine);
-        let mut explained = 0.0;
-        let found = &self.found;
+        let mut predicted = 0.0;
+        let measured = &self.measured;
         for_each_upper_tone::<TONES>(|n| {
-            explained += found[1 + n][0] * turns[n][0] + found[1 + n][1] * turns[n][1];
+            predicted += measured[1 + n][0] * turns[n][0] + measured[1 + n][1] * turns[n][1];
         });
-        let surprising = if TONES > 0 {
-            acceleration - explained
+        let innovation = if TONES > 0 {
+            acceleration - predicted
         } else {
             acceleration
         };
-        let residual = self.detector.residual(surprising);
-        self.fold.add(self.phase, residual);
+        let residual = self.detector.residual(innovation);
+        self.average.add(self.phase, residual);
         self.energy.add(self.phase, residual);
-        let heard = self.detector.detect(residual);
+        let onset = self.detector.detect(residual);
         let mut swing = acceleration - self.mean;
-        let blanked = self.detector.rings() && self.sums.blanked < self.pace.most_blanked;
+        let blanked = self.detector.is_ringing() && self.sums.blanked < self.timing.max_blanked;
         if blanked {
             // The last cycle's tone replaces the sample, without effect on the new estimate.
-            let [by_cosine, by_sine] = self.found[0];
+            let [by_cosine, by_sine] = self.measured[0];
             swing = by_cosine * cosine + by_sine * sine;
             if TONES > 0 {
-                swing += explained;
+                swing += predicted;
             }
             self.sums.blanked += 1.0;
         }
         let (by_cosine, by_sine) = (swing * cosine, swing * sine);
         if wrapped {
             // A sample represents the interval that it ends; the wrap splits it between two cycles.
-            let share = self.phase.bits() as f32 * self.pace.inverse;
+            let share = self.phase.bits() as f32 * self.timing.inverse;
             let rest = 1.0 - share;
             self.add(&turns, rest * swing);
             let mut ended = self.sums;
@@ -427,12 +391,12 @@ impl Signal {
             self.add(&turns, swing);
             self.sums.add(1.0, [by_cosine, by_sine], swing);
         }
-        self.readings.add(code, self.full);
-        if let Some(strength) = heard {
+        self.readings.add(code, self.full_scale);
+        if let Some(strength) = onset {
             let [first, second] = &mut self.cycles;
-            let running = if self.whole == 0 { second } else { first };
+            let running = if self.complete == 0 { second } else { first };
             // The ringing exceeds the threshold within two samples, on average after one.
-            let _ = running.heard.push(DetectedImpact {
+            let _ = running.impacts.push(DetectedImpact {
                 phase: before,
                 strength,
             });
@@ -441,7 +405,8 @@ impl Signal {
         let mut output = along * sine + across * cosine;
         let overtones = &self.overtones;
         for_each_upper_tone::<TONES>(|n| {
-            output += overtones[n].cosine * turns[n][0] + overtones[n].sine * turns[n][1];
+            let [sine, cosine] = overtones[n];
+            output += cosine * turns[n][0] + sine * turns[n][1];
         });
         Sampled { output, wrapped }
     }
@@ -450,7 +415,7 @@ impl Signal {
     #[inline(always)]
     fn add_current(&mut self, code: AdcCode) {
         let CurrentMeter { scale, mean, sums } = &mut self.current;
-        let phase = self.phase + Phase::from_bits(self.pace.step);
+        let phase = self.phase + Phase::from_bits(self.timing.step);
         let (sine, cosine) = sine_cosine_single(phase);
         let swing = f32::from(code.0) - *mean;
         let products = [swing * cosine, swing * sine];
@@ -458,13 +423,13 @@ impl Signal {
             sums.add(1.0, products, swing);
             return;
         }
-        let share = phase.bits() as f32 * self.pace.inverse;
+        let share = phase.bits() as f32 * self.timing.inverse;
         sums.add(1.0 - share, products, swing);
         let inverse = 1.0 / sums.weight;
         let [by_cosine, by_sine] = sums.first;
         let square = by_cosine * by_cosine + by_sine * by_sine;
         let [first, second] = &mut self.cycles;
-        let running = if self.whole == 0 { second } else { first };
+        let running = if self.complete == 0 { second } else { first };
         running.current = 2.0 * *scale * inverse * square_root_single(square);
         *mean += sums.accelerations * inverse;
         *sums = Sums::default();
@@ -487,46 +452,41 @@ impl Signal {
         let inverse = 1.0 / (ended.weight - blanked);
         let [first, second] = &mut self.cycles;
         // The cycle that ends, and the one before it, whose memory the next cycle uses.
-        let (cycle, before) = if self.whole == 0 {
+        let (cycle, before) = if self.complete == 0 {
             (second, first)
         } else {
             (first, second)
         };
-        self.whole ^= 1;
+        self.complete ^= 1;
         let sums = core::iter::once(ended.first).chain(self.multiples);
-        for (found, sums) in self.found.iter_mut().zip(sums).take(1 + TONES) {
-            for (found, sum) in found.iter_mut().zip(sums) {
-                *found = (2.0 * sum - blanked * *found) * inverse;
+        for (measured, sums) in self.measured.iter_mut().zip(sums).take(1 + TONES) {
+            for (measured, sum) in measured.iter_mut().zip(sums) {
+                *measured = (2.0 * sum - blanked * *measured) * inverse;
             }
         }
         self.multiples[..TONES].fill([0.0; 2]);
-        [cycle.in_phase, cycle.quadrature] = self.found[0];
-        cycle.upper[..TONES].copy_from_slice(&self.found[1..=TONES]);
+        [cycle.in_phase, cycle.quadrature] = self.measured[0];
+        cycle.upper[..TONES].copy_from_slice(&self.measured[1..=TONES]);
         cycle.mean = self.mean + ended.accelerations * inverse;
         self.mean = cycle.mean;
         cycle.noise = self.detector.noise();
         cycle.blanked = blanked / ended.weight;
         let pending = &self.pending;
-        self.fold
-            .finish(pending.fold, pending.step, &mut cycle.folded);
-        self.energy.hand_over(&mut cycle.sectors);
-        let Readings {
-            samples,
-            low,
-            high,
-            saturated,
-        } = core::mem::replace(&mut self.readings, Readings::NONE);
-        (cycle.samples, cycle.saturated) = (samples, saturated);
-        (cycle.low, cycle.high) = (low, high);
-        before.heard.clear();
+        self.average
+            .finish(pending.average_from, pending.step, &mut cycle.average);
+        self.energy.end_cycle(&mut cycle.sectors);
+        let readings = core::mem::replace(&mut self.readings, Readings::NONE);
+        (cycle.samples, cycle.saturated) = (readings.samples, readings.saturated);
+        (cycle.low, cycle.high) = (readings.low, readings.high);
+        before.impacts.clear();
         self.amplitude = self.next_amplitude;
         self.overtones[..TONES].copy_from_slice(&pending.overtones[..TONES]);
-        self.pace = self.next_pace;
+        self.timing = self.next_timing;
     }
 
     /// Last whole cycle.
     pub fn cycle(&self) -> &Cycle {
-        &self.cycles[usize::from(self.whole & 1)]
+        &self.cycles[usize::from(self.complete & 1)]
     }
 
     /// Sets the command for the next cycle; applies it now if it is immediate.
@@ -534,7 +494,7 @@ impl Signal {
     pub fn command(&mut self, command: Command) {
         self.pending = command;
         // Computed here, as the sample at the cycle's end is the most expensive.
-        self.next_pace = CycleTiming::of(command.step, command.whole);
+        self.next_timing = CycleTiming::from_step(command.step, command.whole);
         let (sine, cosine) = sine_cosine_single(command.lead);
         self.next_amplitude = [command.amplitude * cosine, command.amplitude * sine];
         if command.immediate {
@@ -547,8 +507,8 @@ impl Signal {
     pub fn off(&mut self) {
         self.amplitude = [0.0; 2];
         self.next_amplitude = [0.0; 2];
-        self.overtones = [Overtone::NONE; UPPER];
-        self.pending.overtones = [Overtone::NONE; UPPER];
+        self.overtones = [[0.0; 2]; UPPER];
+        self.pending.overtones = [[0.0; 2]; UPPER];
     }
 
     /// Phase of the output at the last sample.
@@ -577,7 +537,7 @@ fn multiples<const TONES: usize>(sine: f32, cosine: f32) -> [[f32; 2]; TONES] {
     turns
 }
 
-/// Calls `act` for each tone above the first, unrolled: a loop would cost the sample a quarter more.
+/// Calls `act` for each tone above the first, unrolled: a loop would slow the sample by a quarter.
 #[inline(always)]
 fn for_each_upper_tone<const TONES: usize>(mut act: impl FnMut(usize)) {
     const { assert!(TONES <= UPPER && UPPER == 2) };
@@ -614,9 +574,9 @@ mod tests {
             let mut signal = signal();
             // The sample that ends a cycle counts among the next cycle's readings.
             cycle(&mut signal, AdcCode(code));
-            let seen = cycle(&mut signal, AdcCode(code));
-            let wanted = if counts { seen.samples } else { 0 };
-            assert_eq!(seen.saturated, wanted, "{code}");
+            let actual = cycle(&mut signal, AdcCode(code));
+            let expected = if counts { actual.samples } else { 0 };
+            assert_eq!(actual.saturated, expected, "{code}");
         }
     }
 
@@ -637,30 +597,30 @@ mod tests {
             };
             let mut signal = Signal::build(&settings).unwrap();
             for _ in 0..2000 {
-                let next = signal.phase() + Phase::from_bits(signal.pace.step);
+                let next = signal.phase() + Phase::from_bits(signal.timing.step);
                 let (sine, _) = sine_cosine_single(next + Phase::from_radians(phase));
                 let steps = zero + amperes * sine * 0.1 / 3.3 * 4096.0 + 0.5;
                 signal.sample_with(REST, || AdcCode(steps as u16));
             }
-            let found = signal.cycle().current;
+            let measured = signal.cycle().current;
             assert_eq!(signal.cycle().in_phase, 0.0);
-            let holds = (found - amperes).abs() < 2e-3;
-            assert!(holds, "{frequency} {amperes}: {found}");
+            let holds = (measured - amperes).abs() < 2e-3;
+            assert!(holds, "{frequency} {amperes}: {measured}");
         }
     }
 
     #[test]
-    fn what_is_switched_off_stays_off_over_the_end_of_the_cycle() {
+    fn output_stays_off_past_the_end_of_the_cycle() {
         let mut signal = signal();
         let command = Command {
             amplitude: 0.5,
-            step: signal.pace.step,
+            step: signal.timing.step,
             ..Command::default()
         };
         signal.command(command);
         cycle(&mut signal, REST);
-        let loudest = (0..400).fold(0.0_f32, |most, _| most.max(signal.sample(REST).output));
-        assert!(loudest > 0.49, "{loudest}");
+        let peak = (0..400).fold(0.0_f32, |max, _| max.max(signal.sample(REST).output));
+        assert!(peak > 0.49, "{peak}");
         // One command is active, another waits for the end of the cycle.
         signal.command(with(command, |it| it.amplitude = 0.9));
         signal.off();
@@ -676,7 +636,7 @@ mod tests {
             }
             signal.command(Command {
                 amplitude: 0.5,
-                step: signal.pace.step,
+                step: signal.timing.step,
                 immediate,
                 ..Command::default()
             });
@@ -700,7 +660,7 @@ mod tests {
             let ring = if n % 2 == 0 { 700 } else { 3400 };
             signal.sample(AdcCode(ring));
         }
-        let heard = cycle(&mut signal, REST).heard;
-        assert_eq!(heard.first().map(|heard| heard.phase), Some(before));
+        let impacts = cycle(&mut signal, REST).impacts;
+        assert_eq!(impacts.first().map(|impact| impact.phase), Some(before));
     }
 }

@@ -1,21 +1,21 @@
-//! Estimates the restitution that explains the folds of a chatter best, by the least residual.
+//! Estimates the restitution that best explains the averaged chatter, by the smallest residual.
 //!
-//! All impacts of a part ring alike, with a height proportional to speed: a fold is one unknown
-//! ringing at the times and strengths that k and R predict. Method: separable nonlinear least
-//! squares (variable projection, Golub and Pereyra 1973). The height is eliminated linearly; decay
-//! and frequency start from a grid and improve by Gauss-Newton steps. The restitution comes from a
-//! grid of
-//! [`GRID_POINTS`] values and a parabola. Evidence is the residuals' log likelihood ratio.
+//! All impacts of a part ring in the same way, with a height proportional to speed. So an average
+//! is one unknown ringing at the times and strengths that k and R predict. Method: separable
+//! nonlinear least squares (variable projection, Golub and Pereyra 1973). The height is eliminated
+//! linearly; decay and frequency start from a grid and improve by Gauss-Newton steps. The
+//! restitution is found on a grid of [`GRID_POINTS`] values and by a parabola. The evidence is the
+//! log likelihood ratio of the residuals.
 
 use core::f32::consts::{PI, TAU};
 
-use super::chatter::{Chatter, IMPACTS};
-use super::train::{Explained, Pulse, SampledRinging, correlate_with_drive, fit_train};
-use crate::hear::{HANDED, Layout, PLACES};
+use super::bounce_train::{BounceTrain, IMPACTS};
+use super::ringing::{Pulse, SampledRinging, TrainFit, correlate_with_drive, fit_train};
+use crate::hear::{BINS_PER_CYCLE, BinLayout, MAX_BINS};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
-/// Time from the beginning of a fold to the expected first landing, in rad.
+/// Time from the beginning of an average to the expected first landing, in rad.
 pub const LANDING_OFFSET: f32 = 0.5;
 /// Largest shift of the first landing, in rad: an error of 1.5 % of k moves it at most this far.
 const MAX_LANDING_SHIFT: f32 = 0.1;
@@ -23,7 +23,7 @@ const MAX_LANDING_SHIFT: f32 = 0.1;
 const MAX_LANDING_SHIFT_SAMPLES: f32 = 8.0;
 /// Number of restitutions on the grid: 0.004 apart over half of the range.
 const GRID_POINTS: usize = 128;
-/// Extension of the grid beyond its bounds, which an error of 1 % of k moves by up to 0.015.
+/// Extension of the grid beyond its bounds; an error of 1 % of k moves these by up to 0.015.
 const GRID_MARGIN: f32 = 0.02;
 const MIN_RESTITUTION: f32 = 0.02;
 /// Lowest frequency on the grid of ringings, in rad per sample: 480 Hz.
@@ -39,11 +39,11 @@ const ROUNDS: u16 = 4;
 /// Lowest restitution for the interval between two impacts in which the ringing is fitted.
 const MIN_INTERVAL_RESTITUTION: f32 = 0.14;
 /// Minimum length of that interval, in samples: one millisecond.
-const ALONE: f32 = 20.0;
+const MIN_FIRST_LANDING_SAMPLES: f32 = 20.0;
 /// Number of onsets tried per restitution: half a sample before, at, and after the first landing.
 const ONSETS_PER_RESTITUTION: u16 = 3;
-/// Threshold on the explained over the residual sum of squares per place: thrice the best on noise.
-const MIN_EXPLAINED_PER_PLACE: f32 = 80.0;
+/// Threshold on the explained over the residual sum of squares per bin: thrice the best on noise.
+const MIN_EXPLAINED_PER_BIN: f32 = 80.0;
 /// Largest residual over that of noise alone for a chatter of the map.
 const MAX_RESIDUAL_OVER_NOISE: f32 = 8.0;
 /// Largest residual over that of the first landing alone for a chatter of the map.
@@ -51,7 +51,6 @@ const MAX_RESIDUAL_OVER_LANDING: f32 = 0.25;
 /// Minimum distance of a rival restitution: three times the largest standard error of a result.
 const MIN_RIVAL_DISTANCE: f32 = 0.03;
 
-/// Stage of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// Fit of the first landing's ringing, n-th grid point.
@@ -63,29 +62,28 @@ enum Stage {
     Done,
 }
 
-/// Classification of a fold.
+/// Classification of an average.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
     /// Chatter of parts with this restitution.
-    Chatter(f32),
+    Restitution(f32),
     Quiet,
     /// Neither chatter of the map nor noise.
     Unexplained,
 }
 
-/// Best fit so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Best {
-    explained: Explained,
+    fit: TrainFit,
     ringing: SampledRinging,
     onset: f32,
 }
 
-/// Comparison of folds with the predicted chatter of every restitution, in slices.
+/// Comparison of averages with the predicted chatter of every restitution, in slices.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
-    folded: [f32; PLACES],
-    layout: Layout,
+    residual: [f32; MAX_BINS],
+    layout: BinLayout,
     /// Samples in a radian of the drive.
     per_radian: f32,
     normal_gravity: f32,
@@ -93,62 +91,56 @@ pub struct Fit {
     pub contact: ContactTime,
     /// Lowest restitution of the grid, and its step.
     lowest: f32,
-    apart: f32,
+    grid_step: f32,
     stage: Stage,
     ringing: Option<SampledRinging>,
-    /// Samples from the fold's beginning to the first landing, and on to the second impact.
+    /// Samples from the average's beginning to the first landing, and on to the second impact.
     onset: f32,
-    alone: f32,
+    first_landing_samples: f32,
     best: Option<Best>,
     pub verdict: Verdict,
-    /// Residual of each restitution in this fold.
-    left: [f32; GRID_POINTS],
-    /// Log ratios of the residual to the least one, summed over all folds with a chatter.
+    /// Residual of each restitution in this average.
+    residual_sum: [f32; GRID_POINTS],
+    /// Log ratios of the residual to the least one, summed over all averages with a chatter.
     sums: [f32; GRID_POINTS],
     /// The same sum for the first landing alone.
-    alone_sum: f32,
-    /// Share of the impacts' ringing in the measured amplitude; `None` before its estimate.
-    leak: Option<f32>,
+    first_landing_sum: f32,
+    /// Relative bias of the measured amplitude by the ringing; `None` before its estimate.
+    amplitude_bias: Option<f32>,
 }
 
 impl Fit {
-    /// Comparison without any fold.
-    pub const NEW: Self = Self {
-        folded: [0.0; PLACES],
-        layout: Layout::NONE,
+    /// Comparison without any average.
+    pub const EMPTY: Self = Self {
+        residual: [0.0; MAX_BINS],
+        layout: BinLayout::NONE,
         per_radian: 1.0,
         normal_gravity: 0.0,
         k: 1.0,
         contact: ContactTime::INSTANT,
         lowest: MIN_RESTITUTION,
-        apart: 0.0,
+        grid_step: 0.0,
         stage: Stage::Done,
         ringing: None,
         onset: 0.0,
-        alone: 0.0,
+        first_landing_samples: 0.0,
         best: None,
         verdict: Verdict::Quiet,
-        left: [0.0; GRID_POINTS],
+        residual_sum: [0.0; GRID_POINTS],
         sums: [0.0; GRID_POINTS],
-        alone_sum: 0.0,
-        leak: None,
+        first_landing_sum: 0.0,
+        amplitude_bias: None,
     };
 
-    /// Comparison without any fold, of parts whose impacts take this time.
-    pub fn with_contact(contact: ContactTime) -> Self {
-        Self {
-            contact,
-            ..Self::NEW
-        }
-    }
-
     /// Sets the grid: restitutions that rest each cycle at the first k but not at the second.
-    pub fn set_grid(&mut self, (rest, astray): (f64, f64)) {
-        let dead = |k: f64| {
+    pub fn set_grid(&mut self, (rest, hopping): (f64, f64)) {
+        let max_resting_restitution = |k: f64| {
             let (mut low, mut high) = (0.0, 1.0);
             for _ in 0..7 {
                 let middle = 0.5 * (low + high);
-                if Chatter::of(k, middle, self.contact).is_some_and(|chatter| chatter.rests()) {
+                if BounceTrain::simulate(k, middle, self.contact)
+                    .is_some_and(|bounces| bounces.rests())
+                {
                     low = middle;
                 } else {
                     high = middle;
@@ -156,41 +148,35 @@ impl Fit {
             }
             low
         };
-        let highest = dead(rest) + GRID_MARGIN;
-        self.lowest = (dead(astray) - GRID_MARGIN).max(MIN_RESTITUTION);
-        self.apart = (highest - self.lowest).max(2.0 * GRID_MARGIN) / (GRID_POINTS - 1) as f32;
+        let highest = max_resting_restitution(rest) + GRID_MARGIN;
+        self.lowest = (max_resting_restitution(hopping) - GRID_MARGIN).max(MIN_RESTITUTION);
+        self.grid_step = (highest - self.lowest).max(2.0 * GRID_MARGIN) / (GRID_POINTS - 1) as f32;
     }
 
-    /// Stores some places of a fold, from index `first`.
-    pub fn store(&mut self, first: usize, residual: &[f32; HANDED]) {
+    /// Stores some bins of an average, from index `first`.
+    pub fn store(&mut self, first: usize, residual: &[f32; BINS_PER_CYCLE]) {
         for (n, value) in residual.iter().enumerate() {
-            if let Some(slot) = self.folded.get_mut(first + n) {
+            if let Some(slot) = self.residual.get_mut(first + n) {
                 *slot = *value;
             }
         }
     }
 
-    /// Begins the comparison of the stored fold, at a measured k. `normal_gravity` (m/s^2):
+    /// Begins the comparison of the stored average, at a measured k. `normal_gravity` (m/s^2):
     /// amplitude of the track's acceleration at k = 1; `step`: advance of the phase per sample.
     pub fn begin(&mut self, k: f64, normal_gravity: f32, step: u32) {
-        self.layout = Layout::of(step);
+        self.layout = BinLayout::from_step(step);
         self.per_radian = Phase::TURN as f32 / (TAU * step.max(1) as f32);
         self.normal_gravity = normal_gravity;
-        self.k = k * (1.0 + f64::from(self.leak.unwrap_or(0.0)));
+        self.k = k * (1.0 + f64::from(self.amplitude_bias.unwrap_or(0.0)));
         self.best = None;
-        self.left = [f32::INFINITY; GRID_POINTS];
+        self.residual_sum = [f32::INFINITY; GRID_POINTS];
         self.onset = LANDING_OFFSET * self.per_radian;
-        let deadest = Chatter::of(
-            self.k,
-            self.lowest.max(MIN_INTERVAL_RESTITUTION),
-            self.contact,
-        );
-        let interval = deadest.map_or(0.0, |chatter| chatter.impacts()[1].0 * self.per_radian);
-        self.alone = interval.max(ALONE);
-        self.stage = match self.ringing {
-            Some(_) => Stage::Onset(0),
-            None => Stage::Ringing(0),
-        };
+        let lowest = self.lowest.max(MIN_INTERVAL_RESTITUTION);
+        let lowest_bounces = BounceTrain::simulate(self.k, lowest, self.contact);
+        let interval = lowest_bounces.map_or(0.0, |bounces| bounces.impacts[1].0 * self.per_radian);
+        self.first_landing_samples = interval.max(MIN_FIRST_LANDING_SAMPLES);
+        self.stage = (self.ringing).map_or(Stage::Ringing(0), |_| Stage::Onset(0));
     }
 
     /// Runs one slice of at most 0.3 million instructions; returns whether it did any work.
@@ -214,7 +200,7 @@ impl Fit {
             decay: 1.0 / DECAY_SAMPLES[usize::from(n) % DECAY_SAMPLES.len()],
             angle: MIN_ANGLE + ANGLE_STEP * f32::from(n / DECAY_SAMPLES.len() as u16),
         };
-        // Higher frequencies are aliases where places are more than a sample apart.
+        // Higher frequencies are aliases if bins are more than a sample apart.
         let distinct = ringing.angle * (self.layout.stride as f32) < PI;
         let landing = LANDING_OFFSET * self.per_radian;
         if distinct && let Some(onset) = self.landing(ringing, landing, 1.0, false) {
@@ -238,7 +224,7 @@ impl Fit {
         if let Some(onset) = self.landing(ringing, middle, stride, true) {
             self.onset = onset;
         }
-        self.ringing = self.best.map(|best| best.explained.better);
+        self.ringing = self.best.map(|best| best.fit.refined);
         self.best = None;
         if n + 1 < ROUNDS {
             Stage::Onset(n + 1)
@@ -256,52 +242,51 @@ impl Fit {
         tuned: bool,
     ) -> Option<f32> {
         let range = (MAX_LANDING_SHIFT * self.per_radian).min(MAX_LANDING_SHIFT_SAMPLES) as i32;
-        let mut found = None;
+        let mut candidate = None;
         for shift in -range..=range {
             let onset = middle + step * shift as f32;
-            let end = ((onset + self.alone) / self.layout.stride as f32) as usize;
-            let places = self.places();
-            let piece = &places[..end.min(places.len())];
+            let end = ((onset + self.first_landing_samples) / self.layout.stride as f32) as usize;
+            let bins = self.bins();
+            let section = &bins[..end.min(bins.len())];
             let landing = [(onset, 1.0)];
-            let explained = fit_train(piece, self.layout.stride, ringing, tuned, &landing);
-            if self.keep_better(explained, ringing, onset) {
-                found = Some(onset);
+            let fit = fit_train(section, self.layout.stride, ringing, tuned, &landing);
+            if self.update_best(fit, ringing, onset) {
+                candidate = Some(onset);
             }
         }
-        found
+        candidate
     }
 
     /// Keeps a fit with a smaller relative residual; returns whether it was better.
-    fn keep_better(&mut self, explained: Explained, ringing: SampledRinging, onset: f32) -> bool {
+    fn update_best(&mut self, fit: TrainFit, ringing: SampledRinging, onset: f32) -> bool {
         // Relative residuals, because the pieces differ in length with the onset.
-        let better = self.best.is_none_or(
-            |Best {
-                 explained: best, ..
-             }| { explained.left * best.without < best.left * explained.without },
-        );
-        if better {
+        let refined = self.best.is_none_or(|best| {
+            let best = best.fit;
+            fit.residual_sum * best.baseline_sum < best.residual_sum * fit.baseline_sum
+        });
+        if refined {
             self.best = Some(Best {
-                explained,
+                fit,
                 ringing,
                 onset,
             });
         }
-        better
+        refined
     }
 
     fn try_train(&mut self, n: u16, ringing: SampledRinging) -> Stage {
-        let (index, shift) = (
-            usize::from(n / ONSETS_PER_RESTITUTION),
-            n % ONSETS_PER_RESTITUTION,
-        );
+        let index = usize::from(n / ONSETS_PER_RESTITUTION);
+        let shift = n % ONSETS_PER_RESTITUTION;
         let onset = self.onset + 0.5 * (f32::from(shift) - 1.0);
-        if let Some(chatter) = Chatter::of(self.k, self.tried(index), self.contact) {
-            let train = self.train(&chatter, onset);
-            let explained = fit_train(self.places(), self.layout.stride, ringing, true, &train);
-            if let Some(left) = self.left.get_mut(index) {
-                *left = left.min(explained.left);
+        if let Some(bounces) =
+            BounceTrain::simulate(self.k, self.grid_restitution(index), self.contact)
+        {
+            let train = self.train(&bounces, onset);
+            let fit = fit_train(self.bins(), self.layout.stride, ringing, true, &train);
+            if let Some(residual_sum) = self.residual_sum.get_mut(index) {
+                *residual_sum = residual_sum.min(fit.residual_sum);
             }
-            self.keep_better(explained, ringing, onset);
+            self.update_best(fit, ringing, onset);
         }
         if usize::from((n + 1) / ONSETS_PER_RESTITUTION) < GRID_POINTS {
             Stage::Trains(n + 1)
@@ -310,66 +295,69 @@ impl Fit {
         }
     }
 
-    /// Classifies the fold and adds its log likelihood ratios; the first chatter gives the leak.
+    /// Classifies the average and adds its log likelihood ratios; the first chatter gives the bias.
     fn conclude(&mut self) -> Stage {
-        self.verdict = self.judge();
-        let (Verdict::Chatter(restitution), Some(best)) = (self.verdict, self.best) else {
+        self.verdict = self.decide();
+        let (Verdict::Restitution(restitution), Some(best)) = (self.verdict, self.best) else {
             // The ringing is discarded too.
             self.ringing = None;
             return Stage::Done;
         };
-        self.ringing = Some(best.explained.better);
-        if self.leak.is_none() {
-            let leak = self.leak(restitution, &best);
-            self.leak = Some(leak);
-            self.k *= f64::from(1.0 + leak);
+        self.ringing = Some(best.fit.refined);
+        if self.amplitude_bias.is_none() {
+            let bias = self.amplitude_bias(restitution, &best);
+            self.amplitude_bias = Some(bias);
+            self.k *= f64::from(1.0 + bias);
             self.best = None;
-            self.left = [f32::INFINITY; GRID_POINTS];
+            self.residual_sum = [f32::INFINITY; GRID_POINTS];
             return Stage::Trains(0);
         }
-        for (sum, left) in self.sums.iter_mut().zip(&self.left) {
-            *sum += libm::logf(*left / best.explained.left);
+        for (sum, residual_sum) in self.sums.iter_mut().zip(&self.residual_sum) {
+            *sum += libm::logf(*residual_sum / best.fit.residual_sum);
         }
-        self.alone_sum += libm::logf(self.fit_first_landing(&best).left / best.explained.left);
+        self.first_landing_sum +=
+            libm::logf(self.fit_first_landing(&best).residual_sum / best.fit.residual_sum);
         Stage::Done
     }
 
     /// Fit of the first landing alone, with the ringing of the best fit.
-    fn fit_first_landing(&self, best: &Best) -> Explained {
+    fn fit_first_landing(&self, best: &Best) -> TrainFit {
         let landing = [(best.onset, 1.0)];
         let stride = self.layout.stride;
-        fit_train(self.places(), stride, best.ringing, true, &landing)
+        fit_train(self.bins(), stride, best.ringing, true, &landing)
     }
 
-    fn judge(&self) -> Verdict {
-        let (Some(best), Some(restitution)) = (self.best, interpolate_minimum(&self.left)) else {
+    fn decide(&self) -> Verdict {
+        let (Some(best), Some(restitution)) = (self.best, interpolate_minimum(&self.residual_sum))
+        else {
             return Verdict::Quiet;
         };
-        let places = self.places();
-        let Explained { left, without, .. } = best.explained;
-        let noise = self.noise() * places.len() as f32;
-        if without - left < MIN_EXPLAINED_PER_PLACE * left / places.len() as f32 {
-            return if without < MAX_RESIDUAL_OVER_NOISE * noise {
+        let bins = self.bins();
+        let fit = best.fit;
+        let (residual_sum, baseline_sum) = (fit.residual_sum, fit.baseline_sum);
+        let noise = self.noise() * bins.len() as f32;
+        if baseline_sum - residual_sum < MIN_EXPLAINED_PER_BIN * residual_sum / bins.len() as f32 {
+            return if baseline_sum < MAX_RESIDUAL_OVER_NOISE * noise {
                 Verdict::Quiet
             } else {
                 Verdict::Unexplained
             };
         }
-        if left < MAX_RESIDUAL_OVER_NOISE * noise
-            || left < MAX_RESIDUAL_OVER_LANDING * self.fit_first_landing(&best).left
+        if residual_sum < MAX_RESIDUAL_OVER_NOISE * noise
+            || residual_sum < MAX_RESIDUAL_OVER_LANDING * self.fit_first_landing(&best).residual_sum
         {
-            Verdict::Chatter(self.tried(0) + restitution * self.apart)
+            Verdict::Restitution(self.grid_restitution(0) + restitution * self.grid_step)
         } else {
             Verdict::Unexplained
         }
     }
 
-    /// Variance of the fold before the first landing, while the parts fly.
+    /// Variance of the average before the first landing, while the parts fly.
     fn noise(&self) -> f32 {
         let quiet = (LANDING_OFFSET - 1.5 * MAX_LANDING_SHIFT) * self.per_radian
             / self.layout.stride as f32;
-        let places = self.places();
-        let quiet = &places[..(quiet as usize).min(places.len())];
+        let bins = self.bins();
+        let quiet = &bins[..(quiet as usize).min(bins.len())];
         let count = quiet.len().max(2) as f32;
         let mean = quiet.iter().sum::<f32>() / count;
         let squares: f32 = quiet.iter().map(|x| (x - mean) * (x - mean)).sum();
@@ -377,82 +365,80 @@ impl Fit {
     }
 
     /// Relative bias of the measured amplitude by the impacts' ringing, which lowers k.
-    fn leak(&self, restitution: f32, best: &Best) -> f32 {
-        let Some(chatter) = Chatter::of(self.k, restitution, self.contact) else {
+    fn amplitude_bias(&self, restitution: f32, best: &Best) -> f32 {
+        let Some(bounces) = BounceTrain::simulate(self.k, restitution, self.contact) else {
             return 0.0;
         };
-        let samples = self.layout.places as u32 * self.layout.stride;
+        let samples = self.layout.bins as u32 * self.layout.stride;
         let step = 1.0 / self.per_radian;
-        let turning = [chatter.landing - best.onset * step, step];
-        let train = self.train(&chatter, best.onset);
-        let sum = correlate_with_drive(&best.explained, best.ringing, samples, turning, &train);
+        let turning = [bounces.landing - best.onset * step, step];
+        let train = self.train(&bounces, best.onset);
+        let sum = correlate_with_drive(&best.fit, best.ringing, samples, turning, &train);
         // The track's acceleration is its amplitude times the negative sine.
         let swing = -2.0 * step * (1.0 / TAU) * sum;
         let share = swing * self.k as f32 / self.normal_gravity;
         share / (1.0 - share)
     }
 
-    fn tried(&self, index: usize) -> f32 {
-        self.lowest + self.apart * index as f32
+    fn grid_restitution(&self, index: usize) -> f32 {
+        self.lowest + self.grid_step * index as f32
     }
 
-    fn places(&self) -> &[f32] {
-        &self.folded[..self.layout.places.min(PLACES)]
+    fn bins(&self) -> &[f32] {
+        &self.residual[..self.layout.bins.min(MAX_BINS)]
     }
 
     /// Impacts of a chatter with its first landing at this sample.
-    fn train(&self, chatter: &Chatter, onset: f32) -> [Pulse; IMPACTS] {
-        let impacts = *chatter.impacts();
-        impacts.map(|(time, speed)| (onset + time * self.per_radian, speed))
+    fn train(&self, bounces: &BounceTrain, onset: f32) -> [Pulse; IMPACTS] {
+        bounces
+            .impacts
+            .map(|(time, speed)| (onset + time * self.per_radian, speed))
     }
 
-    /// Restitution with the least residual over all folds with a chatter.
+    /// Restitution with the least residual over all averages with a chatter.
     pub fn all(&self) -> Option<f32> {
-        interpolate_minimum(&self.sums).map(|place| self.lowest + self.apart * place)
+        interpolate_minimum(&self.sums).map(|index| self.lowest + self.grid_step * index)
     }
 
     /// Twice the log likelihood ratio of that restitution to its best rival.
     pub fn evidence(&self) -> f32 {
-        let Some(found) = self.all() else {
+        let Some(estimate) = self.all() else {
             return 0.0;
         };
         let (mut best, mut rival) = (f32::INFINITY, f32::INFINITY);
         for (index, sum) in self.sums.iter().enumerate() {
-            let apart = self.tried(index) - found;
-            let least = if apart.abs() < MIN_RIVAL_DISTANCE {
-                &mut best
-            } else {
-                &mut rival
-            };
-            *least = least.min(*sum);
+            let offset = self.grid_restitution(index) - estimate;
+            let is_best = offset.abs() < MIN_RIVAL_DISTANCE;
+            let minimum = if is_best { &mut best } else { &mut rival };
+            *minimum = minimum.min(*sum);
         }
-        (rival - best) * self.layout.places as f32
+        (rival - best) * self.layout.bins as f32
     }
 
     /// The same ratio to the first landing alone; negative for parts that scatter.
-    pub fn evidence_of_a_train(&self) -> f32 {
+    pub fn train_evidence(&self) -> f32 {
         let best = self.sums.iter().copied().fold(f32::INFINITY, f32::min);
-        (self.alone_sum - best) * self.layout.places as f32
+        (self.first_landing_sum - best) * self.layout.bins as f32
     }
 }
 
 /// Index of the least value, interpolated by a parabola.
 fn interpolate_minimum(values: &[f32]) -> Option<f32> {
-    let (mut place, mut least) = (None, f32::INFINITY);
+    let (mut least, mut minimum) = (None, f32::INFINITY);
     for (index, &value) in values.iter().enumerate() {
-        if value < least {
-            (place, least) = (Some(index), value);
+        if value < minimum {
+            (least, minimum) = (Some(index), value);
         }
     }
-    let place = place?;
-    let beside = (values.get(place.wrapping_sub(1)), values.get(place + 1));
-    let apart = match beside {
-        (Some(below), Some(above)) => 0.5 * (below - above) / (below - 2.0 * least + above),
+    let least = least?;
+    let neighbors = (values.get(least.wrapping_sub(1)), values.get(least + 1));
+    let offset = match neighbors {
+        (Some(below), Some(above)) => 0.5 * (below - above) / (below - 2.0 * minimum + above),
         _ => 0.0,
     };
-    // NaN where all values are equal.
-    let between = (-0.5..=0.5).contains(&apart);
-    Some(place as f32 + if between { apart } else { 0.0 })
+    // NaN beside restitutions without a fit, whose residuals are infinite.
+    let between = (-0.5..=0.5).contains(&offset);
+    Some(least as f32 + if between { offset } else { 0.0 })
 }
 
 #[cfg(test)]
@@ -465,18 +451,21 @@ mod tests {
     use kband::arithmetic::Noise;
 
     /// Chatter of several parts at k in noise over one cycle; the ringing lasts `lasting` samples.
-    fn fold(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
+    fn average(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
         let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(seed));
         let per_radian = 20_000.0 / (TAU * 50.0);
-        let chatters: Vec<_> = restitutions
+        let trains: Vec<_> = restitutions
             .iter()
-            .map(|&restitution| Chatter::of(k, restitution, ContactTime::INSTANT).unwrap())
+            .map(|&restitution| {
+                BounceTrain::simulate(k, restitution, ContactTime::INSTANT).unwrap()
+            })
             .collect();
-        let mut heard = |n: i32| {
+        let mut filtered = |n: i32| {
             let time = n as f32;
             let mut sum = 12.0 * libm::sinf(0.0157 * time + 2.0) + noise * source.gauss();
-            for &(at, speed) in chatters.iter().flat_map(Chatter::impacts) {
-                let since = time - (LANDING_OFFSET + at) * per_radian;
+            for (at, speed) in trains.iter().flat_map(|train| train.impacts) {
+                // A landing a few samples late, as after an error of k.
+                let since = time - (LANDING_OFFSET + at) * per_radian - 4.0;
                 if since >= 0.0 {
                     sum += 4.0 * speed * libm::expf(-since / lasting) * libm::sinf(0.754 * since);
                 }
@@ -484,14 +473,14 @@ mod tests {
             detector.residual(sum)
         };
         for n in -400..0 {
-            heard(n);
+            filtered(n);
         }
-        (0..200).map(heard).collect()
+        (0..200).map(filtered).collect()
     }
 
-    fn compared(fit: &mut Fit, k: f64, folded: &[f32]) -> Verdict {
-        for (n, places) in folded.chunks(HANDED).enumerate() {
-            fit.store(n * HANDED, places.try_into().unwrap());
+    fn compared(fit: &mut Fit, k: f64, averaged: &[f32]) -> Verdict {
+        for (n, bins) in averaged.chunks(BINS_PER_CYCLE).enumerate() {
+            fit.store(n * BINS_PER_CYCLE, bins.try_into().unwrap());
         }
         // Gravity so large that the ringing adds nothing to the measured amplitude.
         fit.begin(k, 1e6, phase_step(50.0));
@@ -513,18 +502,18 @@ mod tests {
             (0.85, 0.8),
         ] {
             for lasting in [20.0, 40.0] {
-                let mut fit = Fit::NEW;
+                let mut fit = Fit::EMPTY;
                 fit.set_grid((k * 1.05, 0.8 * k));
-                let folded = fold(k, &[restitution], lasting, 0.04, 1);
-                let verdict = compared(&mut fit, k, &folded);
-                let Verdict::Chatter(found) = verdict else {
+                let averaged = average(k, &[restitution], lasting, 0.04, 1);
+                let verdict = compared(&mut fit, k, &averaged);
+                let Verdict::Restitution(actual) = verdict else {
                     panic!("{k} {lasting}: {verdict:?}");
                 };
-                // The folds come from the map. Errors: noise of a hundredth of the first ringing,
+                // The averages come from the map. Errors: noise of a hundredth of the first ringing,
                 // and half a sample of the onset (0.004 in R).
-                let holds = (found - restitution).abs() < 0.005;
-                assert!(holds, "{k} {lasting}: {found}");
-                assert!((fit.all().unwrap() - found).abs() < 1e-3);
+                let holds = (actual - restitution).abs() < 0.005;
+                assert!(holds, "{k} {lasting}: {actual}");
+                assert!((fit.all().unwrap() - actual).abs() < 1e-3);
                 assert!(fit.evidence() > 48.0, "{k} {lasting}: {}", fit.evidence());
             }
         }
@@ -534,15 +523,15 @@ mod tests {
     fn noise_is_quiet_and_parts_of_two_kinds_are_not_one() {
         let k = 0.56;
         let fit = || {
-            let mut fit = Fit::NEW;
+            let mut fit = Fit::EMPTY;
             fit.set_grid((k * 1.05, 0.0));
             fit
         };
         for seed in 1..4 {
-            let folded = fold(k, &[], 20.0, 0.04, seed);
-            assert_eq!(compared(&mut fit(), k, &folded), Verdict::Quiet);
-            let folded = fold(k, &[0.1, 0.3], 20.0, 0.04, seed);
-            assert_eq!(compared(&mut fit(), k, &folded), Verdict::Unexplained);
+            let averaged = average(k, &[], 20.0, 0.04, seed);
+            assert_eq!(compared(&mut fit(), k, &averaged), Verdict::Quiet);
+            let averaged = average(k, &[0.1, 0.3], 20.0, 0.04, seed);
+            assert_eq!(compared(&mut fit(), k, &averaged), Verdict::Unexplained);
         }
     }
 }

@@ -1,23 +1,25 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
-//! A part at rest is thrown off at arcsin k; the intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R itself). The residual is folded over the cycles,
-//! and each fold compared with the chatter that the map predicts for every restitution.
+//! The track throws a part at rest at arcsin k. The intervals to its further impacts depend on its
+//! restitution (for short hops their ratio is R itself). The residual is averaged over the cycles
+//! (synchronous average). Each average is compared with the chatter that the map predicts for every
+//! restitution.
 //!
-//! A small k gives long and loud hops, but parts must rest before they are thrown anew. The search
+//! A small k gives long and loud hops, but parts must rest before they are thrown again. The search
 //! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the
-//! parts come to rest, and folds are measured at a level with rest, until one restitution exceeds
-//! every other by a likelihood ratio. The spread of the folds gives the standard error.
+//! parts are brought to rest, and averages are measured at a level with rest. This ends when one
+//! restitution exceeds every other by a likelihood ratio. The spread of the averages gives the
+//! standard error.
 
 use core::f32::consts::TAU;
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::chatter::Chatter;
+use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
 use crate::angle::phase_of;
-use crate::hear::{Cycle, GearMargin, HANDED, Layout};
+use crate::hear::{BINS_PER_CYCLE, BinLayout, Cycle, GearMargin};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
@@ -27,35 +29,35 @@ pub const FIRST_K: f64 = 0.87;
 const LEVEL_RATIO: f64 = 0.965;
 /// Lowest k of the descent: parts that still rest there have R up to 0.25.
 const LOWEST_K: f64 = 0.42;
-/// k at which the parts come to rest, above the last lock of order 1 for R up to 0.8, which ends at
-/// k = (1 + R)/(pi (1 - R)) (docs/theory-bands.md#t5.2).
+/// k at which the parts come to rest. It is above the last lock of order 1 for R up to 0.8, which
+/// ends at k = (1 + R)/(pi (1 - R)) (docs/theory-bands.md#t5.2).
 const REST_K: f64 = 3.0;
 /// Drive cycles within [`SETTLED_TOLERANCE`] before a level counts: four time constants of a kick.
-const SETTLING: u8 = 20;
+const SETTLING_CYCLES: u8 = 20;
 /// Duration of the check at a level, in drive cycles.
 const CHECK_CYCLES: u8 = 20;
 /// Number of impacts during flight that shows parts without rest: one or two may be noise.
 const MIN_FLIGHT_IMPACTS: u8 = 3;
 /// Tolerance before lift-off, in rad, for the end of a late chatter.
-const BEFORE_LIFT_OFF: f32 = 0.5;
+const LIFT_OFF_MARGIN: f32 = 0.5;
 /// Tolerance before the first landing, in rad: an error of k of 1 % (0.1 rad) and the stamp (0.05).
-const BEFORE_LANDING: f32 = 0.3;
-/// Drive cycles per fold, each with one hop of every part: a quarter of the noise remains.
-const FOLD_CYCLES: u16 = 16;
-/// Minimum number of folds for a result, one at each k of the [`FOLD_K_RANGE`].
-const MIN_FOLDS: usize = 4;
-/// Largest number of folds; half as many where only noise is measured.
-const MAX_FOLDS: usize = 16;
-/// Relative range of k over the folds: it moves the second impact by about half a period of the
-/// ringing (0.05 to 0.11 rad for R of 0.1 to 0.8), so that two ringings meet in every phase.
-const FOLD_K_RANGE: f64 = 0.05;
+const LANDING_MARGIN: f32 = 0.3;
+/// Drive cycles per average, each with one hop of every part: a quarter of the noise remains.
+const AVERAGED_CYCLES: u16 = 16;
+/// Minimum number of averages for a result, one at each k of the [`AVERAGED_K_RANGE`].
+const MIN_AVERAGES: usize = 4;
+/// Largest number of averages; half as many if only noise is measured.
+const MAX_AVERAGES: usize = 16;
+/// Relative range of k over the averages. It moves the second impact by about half a period of the
+/// ringing (0.05 to 0.11 rad for R of 0.1 to 0.8). So two ringings meet in every phase.
+const AVERAGED_K_RANGE: f64 = 0.05;
 /// Largest relative underestimate of k by the ringing of resting parts ([`Signal`](crate::Signal)).
 const MAX_K_UNDERESTIMATE: f64 = 0.03;
 /// Relative step below the k of the first impacts in flight at which parts surely do not rest.
 const HOPPING_K_STEP: f64 = 0.08;
 /// Largest relative error of the amplitude for settling: 1 %, as everywhere.
 const SETTLED_TOLERANCE: f32 = 0.01;
-/// Largest relative error of the amplitude during a check or a fold.
+/// Largest relative error of the amplitude during a check or an average.
 const MEASURING_TOLERANCE: f32 = 0.03;
 /// Largest relative error of the amplitude while the parts come to rest.
 const REST_TOLERANCE: f32 = 0.2;
@@ -63,7 +65,7 @@ const REST_TOLERANCE: f32 = 0.2;
 const MIN_EVIDENCE: f32 = 48.0;
 /// Lowest restitution separable from 0: its second impact drowns in the first one's ringing.
 const MIN_RESTITUTION: f32 = 0.04;
-/// Time limit in drive cycles: twice the need of some 20 levels and 16 folds, 40 to 70 cycles each.
+/// Time limit in drive cycles: twice the need of some 20 levels and 16 averages of 40 to 70 cycles.
 const TIME_LIMIT_CYCLES: u16 = 4000;
 /// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5
 /// (docs/theory-real-parts.md#t10.1).
@@ -76,11 +78,11 @@ const MAX_GEAR_ERROR: f32 = 0.02;
 const SELECTION_ERROR: f32 = 2.0;
 /// Largest estimated scatter that counts as none: three times the stamp error of a sample at 50 Hz.
 const MAX_NO_SCATTER: f32 = 0.015;
-/// Largest difference between folds and gear for agreement: 1 % of k is 0.01 in R.
+/// Largest difference between averages and gear for agreement: 1 % of k is 0.01 in R.
 const AGREEMENT_TOLERANCE: f32 = 0.02;
 /// Threshold on the estimated number of parts for several; one gives at most 1.05, two give 2.2.
 const MIN_SEVERAL_PARTS: f32 = 1.5;
-/// Standard error of a folded result by sampling and leak, times the squared number of samples per
+/// Standard error of the averages' result by sampling and bias, times the squared samples per
 /// turn: 0.0018 at 50 Hz (docs/commissioning.md).
 const SAMPLING_ERROR: f32 = 288.0;
 /// Largest standard error of a result: a lot of twice that to either side is the default's width.
@@ -91,7 +93,7 @@ const MAX_ERROR: f32 = 0.01;
 pub struct Identified {
     /// Restitution normal to the track (symbol R).
     pub restitution: f32,
-    /// Standard error of the restitution, from the spread of the folds.
+    /// Standard error of the restitution, from the spread of the averages.
     pub deviation: f32,
     /// k at which the parts hopped.
     pub k: f32,
@@ -134,15 +136,14 @@ pub enum Identification {
     NotFound(Unidentified),
 }
 
-/// Stage of the sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// Settling of the amplitude: cycles within tolerance.
     Settling(u8),
     /// Check whether the parts rest: cycles, and impacts during flight.
     Listening(u8, u8),
-    /// Fold: start phase of the output, and cycles.
-    Folding(Phase, u16),
+    /// Average: start phase of the output, and cycles.
+    Averaging(Phase, u16),
     Collecting,
     Comparing,
     /// Check of parts in gear: cycles.
@@ -163,12 +164,12 @@ pub enum Step {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Driven {
     /// Relative error of the amplitude; infinite while it changes.
-    pub off: f32,
+    pub amplitude_error: f32,
     pub k: f64,
     /// Phase lead of the track over the output.
     pub lead: Phase,
     /// Lowest k that the drive reaches.
-    pub least: f64,
+    pub min_k: f64,
     /// Gravity normal to the track in m/s^2.
     pub normal_gravity: f32,
     /// Advance of the phase per sample.
@@ -176,9 +177,9 @@ pub struct Driven {
     /// Estimates of parts in gear, of any restitution.
     pub margin: Option<GearMargin>,
     /// Landing speed over b w of a part thrown from rest.
-    pub thrown: f32,
+    pub speed_from_rest: f32,
     /// Residual energy per cycle in gear over the mean squared arrival speed over b w, (m/s^2)^2.
-    pub loudness: Option<f32>,
+    pub energy_per_squared_speed: Option<f32>,
 }
 
 /// Sequence of one identification.
@@ -187,24 +188,24 @@ pub struct Identifier {
     pub result: Identification,
     stage: Stage,
     k: f64,
-    /// Sum of the measured k over a fold.
+    /// Sum of the measured k over an average.
     sum: f64,
-    /// Residual energy less noise, summed over the cycles of all folds.
+    /// Residual energy less noise, summed over the cycles of all averages.
     energy: f32,
     /// Squared first landing speed over `b w k`, summed over the same cycles.
     squares: f32,
     turns_a_sample: f32,
-    /// Number of cycles in all folds with a detected impact.
-    struck: u16,
+    /// Number of cycles in all averages with a detected impact.
+    cycles_with_impact: u16,
     fit: Fit,
-    /// k of the first fold; `None` during the descent.
+    /// k of the first average; `None` during the descent.
     first: Option<f64>,
-    /// Restitutions of the folds with a chatter, and the number of all folds.
-    found: Vec<f32, MAX_FOLDS>,
-    folds: usize,
+    /// Restitutions of the averages with a chatter, and the number of all averages.
+    estimates: Vec<f32, MAX_AVERAGES>,
+    averages: usize,
     hops: u16,
-    /// Result of the folds, and the number of gear checks begun.
-    folded: Option<Identification>,
+    /// Result of the averages, and the number of gear checks begun.
+    averages_result: Option<Identification>,
     checks: usize,
     /// Age in drive cycles.
     age: u16,
@@ -220,22 +221,22 @@ impl Identifier {
             energy: 0.0,
             squares: 0.0,
             turns_a_sample: 0.0,
-            struck: 0,
-            fit: Fit::NEW,
+            cycles_with_impact: 0,
+            fit: Fit::EMPTY,
             first: None,
-            found: Vec::new(),
-            folds: 0,
+            estimates: Vec::new(),
+            averages: 0,
             hops: 0,
-            folded: None,
+            averages_result: None,
             checks: 0,
             age: 0,
         }
     }
 
-    /// Begins an identification at [`FIRST_K`], of parts whose impacts take this time.
+    /// Begins an identification at [`FIRST_K`], for impacts of this duration.
     pub fn begin(&mut self, contact: ContactTime) {
         *self = Self::new();
-        self.fit = Fit::with_contact(contact);
+        self.fit.contact = contact;
         self.result = Identification::Listening { hops: 0 };
     }
 
@@ -250,7 +251,7 @@ impl Identifier {
         matches!(self.result, Identification::Listening { .. })
     }
 
-    /// Restarts the settling: the drive does something else, and the running fold is invalid.
+    /// Restarts the settling: the drive does something else, and the running average is invalid.
     pub fn interrupt(&mut self) {
         self.stage = Stage::Settling(0);
     }
@@ -258,10 +259,10 @@ impl Identifier {
     /// As [`Identifier::interrupt`], while the amplitude changes; counts towards the time limit.
     pub fn wait(&mut self) -> Step {
         self.interrupt();
-        self.grow_old()
+        self.check_time_limit()
     }
 
-    fn grow_old(&mut self) -> Step {
+    fn check_time_limit(&mut self) -> Step {
         self.age = self.age.saturating_add(1);
         if self.age < TIME_LIMIT_CYCLES {
             return Step::Going;
@@ -269,76 +270,75 @@ impl Identifier {
         self.end(Identification::NotFound(Unidentified::Unsteady))
     }
 
-    /// Start phase of a requested fold.
-    pub fn fold(&self) -> Option<Phase> {
+    /// Start phase of a requested average.
+    pub fn average_from(&self) -> Option<Phase> {
         match self.stage {
-            Stage::Folding(from, _) => Some(from),
+            Stage::Averaging(from, _) => Some(from),
             _ => None,
         }
     }
 
     pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
-        let folded = &cycle.folded;
-        let old = self.grow_old();
+        let average = &cycle.average;
+        let old = self.check_time_limit();
         if old != Step::Going {
             return old;
         }
         match self.stage {
             Stage::Settling(cycles) => {
-                let near = driven.off
-                    < if self.k > 1.0 {
-                        REST_TOLERANCE
-                    } else {
-                        SETTLED_TOLERANCE
-                    };
-                // The rest of an interrupted fold must be transferred first.
-                let cycles = if near && folded.first == 0 {
-                    cycles + 1
+                let tolerance = if self.k > 1.0 {
+                    REST_TOLERANCE
                 } else {
-                    0
+                    SETTLED_TOLERANCE
                 };
+                // The rest of an interrupted average must be transferred first.
+                let is_settled = driven.amplitude_error < tolerance && average.first == 0;
+                let cycles = if is_settled { cycles + 1 } else { 0 };
                 self.stage = Stage::Settling(cycles);
-                if cycles >= SETTLING {
+                if cycles >= SETTLING_CYCLES {
                     return self.settled(driven.lead);
                 }
             }
-            Stage::Listening(..) | Stage::Folding(..) if driven.off > MEASURING_TOLERANCE => {
+            Stage::Listening(..) | Stage::Averaging(..)
+                if driven.amplitude_error > MEASURING_TOLERANCE =>
+            {
                 self.stage = Stage::Settling(0);
             }
-            Stage::Listening(cycles, astray) => {
-                let astray = astray.saturating_add(self.astray(cycle, driven.lead));
-                self.stage = Stage::Listening(cycles + 1, astray);
-                if astray >= MIN_FLIGHT_IMPACTS {
-                    return self.fold_back(self.k * (1.0 - HOPPING_K_STEP));
+            Stage::Listening(cycles, airborne_impacts) => {
+                let airborne_impacts =
+                    airborne_impacts.saturating_add(self.airborne_impacts(cycle, driven.lead));
+                self.stage = Stage::Listening(cycles + 1, airborne_impacts);
+                if airborne_impacts >= MIN_FLIGHT_IMPACTS {
+                    return self.begin_averages(self.k * (1.0 - HOPPING_K_STEP));
                 }
                 if cycles + 1 >= CHECK_CYCLES {
                     let next = self.k * LEVEL_RATIO;
-                    return if next < LOWEST_K.max(driven.least) {
-                        self.fold_back(0.0)
+                    return if next < LOWEST_K.max(driven.min_k) {
+                        self.begin_averages(0.0)
                     } else {
                         self.set_level(next)
                     };
                 }
             }
-            Stage::Folding(from, cycles) => {
+            Stage::Averaging(from, cycles) => {
                 self.sum += driven.k;
                 self.turns_a_sample = driven.step as f32 * (1.0 / Phase::TURN as f32);
-                self.struck += u16::from(!cycle.heard.is_empty());
+                self.cycles_with_impact += u16::from(!cycle.impacts.is_empty());
                 let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
                 self.energy += cycle.sectors.energy.iter().sum::<f32>() - noise;
-                let speed = driven.thrown / driven.k as f32;
+                let speed = driven.speed_from_rest / driven.k as f32;
                 self.squares += speed * speed;
-                self.stage = if cycles + 1 < FOLD_CYCLES {
-                    Stage::Folding(from, cycles + 1)
+                self.stage = if cycles + 1 < AVERAGED_CYCLES {
+                    Stage::Averaging(from, cycles + 1)
                 } else {
                     Stage::Collecting
                 };
             }
             Stage::Collecting => {
-                if let Some(first) = usize::from(folded.first).checked_sub(1) {
-                    self.fit.store(first, &folded.residual);
-                    if first + HANDED >= Layout::of(driven.step).places {
-                        let k = self.sum / f64::from(FOLD_CYCLES);
+                if let Some(first) = usize::from(average.first).checked_sub(1) {
+                    self.fit.store(first, &average.residual);
+                    if first + BINS_PER_CYCLE >= BinLayout::from_step(driven.step).bins {
+                        let k = self.sum / f64::from(AVERAGED_CYCLES);
                         self.fit.begin(k, driven.normal_gravity, driven.step);
                         self.stage = Stage::Comparing;
                     }
@@ -346,17 +346,19 @@ impl Identifier {
             }
             Stage::Checking(cycles) => {
                 self.stage = Stage::Checking(cycles + 1);
-                if let (true, Some(folded)) = (cycles + 1 >= GEAR_CHECK_CYCLES, self.folded) {
+                if let (true, Some(result)) =
+                    (cycles + 1 >= GEAR_CHECK_CYCLES, self.averages_result)
+                {
                     let margin = driven.margin.filter(|margin| {
                         let count = self.estimate_parts(driven, margin.restitution);
                         count.is_some_and(|count| count < MIN_SEVERAL_PARTS)
                     });
-                    return self.end_gear_check(margin, folded);
+                    return self.end_gear_check(margin, result);
                 }
             }
             Stage::Comparing => {
                 if !self.fit.busy() {
-                    return self.judge();
+                    return self.evaluate_average();
                 }
             }
         }
@@ -370,25 +372,28 @@ impl Identifier {
 
     /// Begins the next stage once the amplitude has settled.
     fn settled(&mut self, lead: Phase) -> Step {
-        if self.folded.is_some() {
+        if self.averages_result.is_some() {
             self.stage = Stage::Checking(0);
             return Step::Going;
         }
-        match (self.first, Chatter::of(self.k, 0.5, self.fit.contact)) {
+        match (
+            self.first,
+            BounceTrain::simulate(self.k, 0.5, self.fit.contact),
+        ) {
             (None, _) => self.stage = Stage::Listening(0, 0),
             (Some(first), None) => return self.set_level(first),
-            (Some(_), Some(chatter)) => {
-                let landing = Phase::from_radians(f64::from(chatter.landing));
+            (Some(_), Some(bounces)) => {
+                let landing = Phase::from_radians(f64::from(bounces.landing));
                 self.sum = 0.0;
-                self.stage = Stage::Folding(landing - lead - phase_of(LANDING_OFFSET), 0);
+                self.stage = Stage::Averaging(landing - lead - phase_of(LANDING_OFFSET), 0);
             }
         }
         Step::Going
     }
 
-    /// Brings the parts to rest before folds at a k with rest each cycle; `hopping` is a k without
-    /// rest.
-    fn fold_back(&mut self, hopping: f64) -> Step {
+    /// Brings the parts to rest before averages at a k with rest each cycle; `hopping` is a k
+    /// without rest.
+    fn begin_averages(&mut self, hopping: f64) -> Step {
         let first = resting_k(self.k);
         self.first = Some(first);
         self.fit
@@ -403,81 +408,87 @@ impl Identifier {
     }
 
     /// Number of impacts while a part that rests each cycle would fly.
-    fn astray(&self, cycle: &Cycle, lead: Phase) -> u8 {
+    fn airborne_impacts(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
-        let landing =
-            Chatter::of(self.k, 0.5, self.fit.contact).map_or(TAU, |chatter| chatter.landing);
-        let in_air = landing - BEFORE_LANDING - (lift_off - BEFORE_LIFT_OFF);
-        let since = phase_of(lift_off - BEFORE_LIFT_OFF);
-        let astray = cycle.heard.iter().filter(|heard| {
-            let after = (heard.phase + lead - since).radians() as f32;
+        let landing = BounceTrain::simulate(self.k, 0.5, self.fit.contact)
+            .map_or(TAU, |bounces| bounces.landing);
+        let in_air = landing - LANDING_MARGIN - (lift_off - LIFT_OFF_MARGIN);
+        let since = phase_of(lift_off - LIFT_OFF_MARGIN);
+        let airborne_impacts = cycle.impacts.iter().filter(|impact| {
+            let after = (impact.phase + lead - since).radians() as f32;
             after < in_air
         });
-        astray.count() as u8
+        airborne_impacts.count() as u8
     }
 
-    fn judge(&mut self) -> Step {
-        self.folds += 1;
+    fn evaluate_average(&mut self) -> Step {
+        self.averages += 1;
         let verdict = self.fit.verdict;
-        if let Verdict::Chatter(restitution) = verdict
-            && self.found.push(restitution).is_ok()
+        if let Verdict::Restitution(restitution) = verdict
+            && self.estimates.push(restitution).is_ok()
         {
-            self.hops += FOLD_CYCLES;
+            self.hops += AVERAGED_CYCLES;
             self.result = Identification::Listening { hops: self.hops };
-            if self.found.len() >= MIN_FOLDS && self.fit.evidence_of_a_train() < -MIN_EVIDENCE {
+            if self.estimates.len() >= MIN_AVERAGES && self.fit.train_evidence() < -MIN_EVIDENCE {
                 return self.begin_gear_check(Identification::NotFound(Unidentified::Scattered));
             }
-            if let Some(found) = self.evaluate_folds() {
-                return self.begin_gear_check(if found.restitution < MIN_RESTITUTION {
+            if let Some(fitted) = self.combine_averages() {
+                return self.begin_gear_check(if fitted.restitution < MIN_RESTITUTION {
                     Identification::NotFound(Unidentified::Dead)
                 } else {
-                    Identification::Found(found)
+                    Identification::Found(fitted)
                 });
             }
         }
-        let nothing = verdict == Verdict::Quiet && self.found.is_empty();
-        let most = if nothing { MAX_FOLDS / 2 } else { MAX_FOLDS };
+        let is_silent = verdict == Verdict::Quiet && self.estimates.is_empty();
+        let max_averages = if is_silent {
+            MAX_AVERAGES / 2
+        } else {
+            MAX_AVERAGES
+        };
         match (self.first, verdict) {
-            (Some(first), _) if self.folds < most => {
-                let place = self.folds % MIN_FOLDS;
-                self.set_level(first * (1.0 + FOLD_K_RANGE * place as f64 / (MIN_FOLDS - 1) as f64))
+            (Some(first), _) if self.averages < max_averages => {
+                let step = self.averages % MIN_AVERAGES;
+                self.set_level(
+                    first * (1.0 + AVERAGED_K_RANGE * step as f64 / (MIN_AVERAGES - 1) as f64),
+                )
             }
             // Impacts that do not repeat come from parts that scatter.
-            _ if nothing && 2 * self.struck < FOLD_CYCLES * self.folds as u16 => {
+            _ if is_silent
+                && 2 * self.cycles_with_impact < AVERAGED_CYCLES * self.averages as u16 =>
+            {
                 self.end(Identification::NotFound(Unidentified::Quiet))
             }
             _ => self.begin_gear_check(Identification::NotFound(Unidentified::Unlike)),
         }
     }
 
-    /// Checks the folds' result against the restitution in gear: scattered parts repeat no train.
-    fn begin_gear_check(&mut self, folded: Identification) -> Step {
-        self.folded = Some(folded);
+    /// Checks the averages' result against the restitution in gear: scattered parts repeat no
+    /// train.
+    fn begin_gear_check(&mut self, result: Identification) -> Step {
+        self.averages_result = Some(result);
         match GEAR_CHECK_K.get(self.checks) {
             Some(&k) => {
                 self.checks += 1;
                 self.set_level(k)
             }
-            None => self.end(folded),
+            None => self.end(result),
         }
     }
 
-    /// Combines the estimate in gear with the result of the folds.
-    fn end_gear_check(&mut self, margin: Option<GearMargin>, folded: Identification) -> Step {
+    /// Combines the estimate in gear with the result of the averages.
+    fn end_gear_check(&mut self, margin: Option<GearMargin>, result: Identification) -> Step {
         let Some(margin) = margin.filter(|margin| margin.error < MAX_GEAR_ERROR) else {
-            return self.begin_gear_check(folded);
+            return self.begin_gear_check(result);
         };
-        let scatter = if margin.scatter > MAX_NO_SCATTER {
-            margin.scatter
-        } else {
-            0.0
-        };
-        self.end(match folded {
-            Identification::Found(found)
-                if (found.restitution - margin.restitution).abs()
+        let scatters = margin.scatter > MAX_NO_SCATTER;
+        let scatter = if scatters { margin.scatter } else { 0.0 };
+        self.end(match result {
+            Identification::Found(fitted)
+                if (fitted.restitution - margin.restitution).abs()
                     < AGREEMENT_TOLERANCE.max(3.0 * margin.error) =>
             {
-                Identification::Found(Identified { scatter, ..found })
+                Identification::Found(Identified { scatter, ..fitted })
             }
             _ if scatter > 0.0 => Identification::Found(Identified {
                 restitution: margin.restitution,
@@ -486,34 +497,34 @@ impl Identifier {
                 scatter,
                 hops: GEAR_CHECK_CYCLES,
             }),
-            // Without scatter the folds are more accurate.
-            _ => folded,
+            // Without scatter the averages are more accurate.
+            _ => result,
         })
     }
 
     /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
     /// gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
-        let chatter = Chatter::of(self.first?, restitution, self.fit.contact)?;
-        let trained: f32 = (chatter.impacts().iter().map(|(_, speed)| speed * speed)).sum();
-        let together = self.energy / (self.squares * trained);
+        let bounces = BounceTrain::simulate(self.first?, restitution, self.fit.contact)?;
+        let trained: f32 = (bounces.impacts.iter().map(|(_, speed)| speed * speed)).sum();
+        let relative_energy = self.energy / (self.squares * trained);
         let k = driven.k as f32;
-        Some(together / (driven.loudness? * k * k))
+        Some(relative_energy / (driven.energy_per_squared_speed? * k * k))
     }
 
-    /// Result of the folds; `None` before it is significant and accurate enough.
-    fn evaluate_folds(&self) -> Option<Identified> {
+    /// Result of the averages; `None` before it is significant and accurate enough.
+    fn combine_averages(&self) -> Option<Identified> {
         let mean = self.fit.all()?;
-        let squares: f32 = self.found.iter().map(|r| (r - mean) * (r - mean)).sum();
-        let count = self.found.len().max(2) as f32;
+        let squares: f32 = self.estimates.iter().map(|r| (r - mean) * (r - mean)).sum();
+        let count = self.estimates.len().max(2) as f32;
         let deviation = libm::sqrtf(squares / (count * (count - 1.0)));
-        let repeats = mean < MIN_RESTITUTION || self.fit.evidence_of_a_train() > MIN_EVIDENCE;
-        let stands = self.found.len() >= MIN_FOLDS
+        let repeats = mean < MIN_RESTITUTION || self.fit.train_evidence() > MIN_EVIDENCE;
+        let is_consistent = self.estimates.len() >= MIN_AVERAGES
             && deviation < MAX_ERROR
             && self.fit.evidence() > MIN_EVIDENCE
             && repeats;
         let sampled = SAMPLING_ERROR * self.turns_a_sample * self.turns_a_sample;
-        stands.then_some(Identified {
+        is_consistent.then_some(Identified {
             restitution: mean,
             deviation: combine_errors(deviation, sampled),
             k: self.first? as f32,
@@ -534,8 +545,8 @@ fn combine_errors(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }
 
-/// k at which parts surely rest each cycle after impacts in flight at `k`: a fit to measurements, 4
-/// to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
+/// k at which parts surely rest each cycle, after impacts in flight at `k`. It is a fit to
+/// measurements, 4 to 9 % above the k at which parts of R = 0.3 to 0.8 cease to rest.
 fn resting_k(k: f64) -> f64 {
     k * (1.17 - 0.44 * (k - 0.6).max(0.0))
 }

@@ -1,8 +1,8 @@
 //! Identification of the restitution from the impacts of parts that hop and rest.
 
-mod chatter;
+mod bounce_train;
 mod fit;
 mod identifier;
-mod train;
+mod ringing;
 
 pub use identifier::{Driven, FIRST_K, Identification, Identified, Identifier, Step, Unidentified};

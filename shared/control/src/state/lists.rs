@@ -23,7 +23,7 @@ macro_rules! numbered {
                 self as u8
             }
 
-            /// The item of a number; `None` where there is none.
+            /// The item of a number; `None` if there is none.
             pub fn numbered(number: u8) -> Option<Self> {
                 let mut all = Self::ALL.iter().copied();
                 all.find(|item| item.number() == number)
@@ -46,11 +46,11 @@ numbered! {
         Off = 0 "off",
         /// Soft start towards the setpoint.
         Starting = 1 "starting",
-        /// At the setpoint; no lock is wanted, or it was not captured.
+        /// At the setpoint; no lock is requested, or it was not captured.
         Holding = 2 "holding",
         /// Planning, executing or testing a kick.
         Capturing = 3 "capturing",
-        /// The wanted lock is detected.
+        /// The requested lock is detected.
         Locked = 4 "locked",
         /// The lock was detected before and is lost.
         Lost = 5 "lost",
@@ -135,16 +135,15 @@ limits! {
     AMPLITUDE = 2 "amplitude limit",
     /// 3: the reference was cut to `acceleration_limit`.
     ACCELERATION = 3 "acceleration limit",
-    /// 4: no amplitude serves the target for the whole interval of restitution; the amplitude is
-    /// the safe one.
+    /// 4: no amplitude suits the whole interval of restitution; the amplitude is the safe one.
     NO_SETPOINT = 4 "no setpoint for the lot",
-    /// 5: the second or third tone is smaller than wanted: the output is too small, or the response
-    /// deviates from the configured one.
+    /// 5: the second or third tone is smaller than requested: the output is too small, or the
+    /// response deviates from the configured one.
     SECOND_TONE = 5 "second tone cut",
     /// 7: the link was silent for `link_timeout`, or the bus in control for `bus_timeout`; the
     /// amplitude is the safe one.
     LINK_LOST = 7 "link lost",
-    /// 8: no impact is detected where impacts are required; the setpoint is held and no kick
+    /// 8: no impact is detected although impacts are required; the setpoint is held and no kick
     /// begins.
     DEAF = 8 "deaf",
     /// 9: the parts do not fit the lot that gear is planned for. The amplitude is the best one for
@@ -163,10 +162,10 @@ impl Limits {
         self.0
     }
 
-    /// The set of these bits; `None` where a bit belongs to no limit.
+    /// The set of these bits; `None` if a bit belongs to no limit.
     pub fn from_bits(bits: u16) -> Option<Self> {
-        let known = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
-        (bits & !known == 0).then_some(Self(bits))
+        let defined = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
+        (bits & !defined == 0).then_some(Self(bits))
     }
 
     /// Whether any limit of `other` is in this set.
@@ -211,7 +210,7 @@ numbered! {
         SetpointReached = 2 "setpoint reached",
         /// A target was accepted.
         TargetSet = 3 "target set",
-        /// No amplitude serves the target for the whole interval of restitution.
+        /// No amplitude suits the whole interval of restitution.
         NoSetpoint = 4 "no setpoint",
         /// A kick was planned.
         KickPlanned = 5 "kick planned",
@@ -221,13 +220,13 @@ numbered! {
         KickBegun = 7 "kick begun",
         /// A kick ended and the test for the lock began.
         KickEnded = 8 "kick ended",
-        /// The wanted lock is detected.
+        /// The requested lock is detected.
         Locked = 9 "locked",
         /// The lock is lost.
         LockLost = 10 "lock lost",
         /// The permitted kicks are used up.
         NotCaptured = 11 "not captured",
-        /// The wanted chaos is detected.
+        /// The requested chaos is detected.
         Chaotic = 12 "chaotic",
         /// A limit began to hold the controller back.
         Limited = 13 "limited",
@@ -269,13 +268,13 @@ numbered! {
     }
 }
 
-/// The events of one cycle, at most [`Events::MOST`]; later ones of the same cycle are dropped.
+/// The events of one cycle, at most [`Events::CAP`]; later ones of the same cycle are dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Events([Option<Event>; Events::MOST]);
+pub struct Events([Option<Event>; Events::CAP]);
 
 impl Events {
     /// Largest number of events that one cycle reports.
-    pub(crate) const MOST: usize = 6;
+    pub(crate) const CAP: usize = 6;
 
     /// The events in the order in which they happened.
     pub fn iter(&self) -> impl Iterator<Item = Event> + '_ {
@@ -296,8 +295,8 @@ mod tests {
     #[test]
     fn numbers_are_stable_and_names_are_unique() {
         let numbers: std::vec::Vec<u8> = Fault::ALL.iter().map(|fault| fault.number()).collect();
-        let wanted = [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19];
-        assert_eq!(numbers, wanted);
+        let expected = [1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 19];
+        assert_eq!(numbers, expected);
         assert!(State::ALL.iter().map(|state| state.number()).eq(0..9));
         assert!(Event::ALL.iter().map(|event| event.number()).eq(1..30));
         for number in 0..=u8::MAX {
@@ -317,6 +316,6 @@ mod tests {
         for &event in Event::ALL {
             events.push(event);
         }
-        assert!(events.iter().eq(Event::ALL[..Events::MOST].iter().copied()));
+        assert!(events.iter().eq(Event::ALL[..Events::CAP].iter().copied()));
     }
 }

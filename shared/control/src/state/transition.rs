@@ -17,45 +17,45 @@ const fn on(from: State, to: State, when: &'static str) -> Transition {
     Transition { from, to, when }
 }
 
-/// Every change of state; random walks of a controller make each one, and no other.
+/// Every change of state: a scene makes each one, and no random scene another.
 pub const TRANSITIONS: [Transition; 37] = {
     use State::{Capturing, Fault, Holding, Limiting, Locked, Lost, Off, Starting, Stopping};
     const ENABLED: &str = "enable given";
     const WITHDRAWN: &str = "enable withdrawn";
     const FAULT: &str = "any fault";
-    const HEARD: &str = "lock heard";
-    const HELD_BACK: &str = "any limit";
+    const LOCK_DETECTED: &str = "lock heard";
+    const LIMITED: &str = "any limit";
     const TARGET: &str = "new target";
     [
         on(Off, Starting, ENABLED),
         on(Off, Limiting, "enable given, no setpoint"),
         on(Off, Fault, "fault of the board"),
         on(Starting, Holding, "setpoint reached"),
-        on(Starting, Limiting, HELD_BACK),
+        on(Starting, Limiting, LIMITED),
         on(Starting, Fault, FAULT),
         on(Starting, Stopping, WITHDRAWN),
         on(Holding, Starting, "new target, out of chaos"),
         on(Holding, Capturing, "lock not heard"),
-        on(Holding, Locked, HEARD),
-        on(Holding, Limiting, HELD_BACK),
+        on(Holding, Locked, LOCK_DETECTED),
+        on(Holding, Limiting, LIMITED),
         on(Holding, Fault, FAULT),
         on(Holding, Stopping, WITHDRAWN),
         on(Capturing, Starting, TARGET),
         on(Capturing, Holding, "kicks used up"),
-        on(Capturing, Locked, HEARD),
-        on(Capturing, Limiting, HELD_BACK),
+        on(Capturing, Locked, LOCK_DETECTED),
+        on(Capturing, Limiting, LIMITED),
         on(Capturing, Fault, FAULT),
         on(Capturing, Stopping, WITHDRAWN),
         on(Locked, Starting, TARGET),
         on(Locked, Holding, "on to chaos"),
         on(Locked, Lost, "lock not heard"),
-        on(Locked, Limiting, HELD_BACK),
+        on(Locked, Limiting, LIMITED),
         on(Locked, Fault, FAULT),
         on(Locked, Stopping, WITHDRAWN),
         on(Lost, Starting, TARGET),
         on(Lost, Capturing, "still not heard"),
-        on(Lost, Locked, HEARD),
-        on(Lost, Limiting, HELD_BACK),
+        on(Lost, Locked, LOCK_DETECTED),
+        on(Lost, Limiting, LIMITED),
         on(Lost, Fault, FAULT),
         on(Lost, Stopping, WITHDRAWN),
         on(Limiting, Starting, "freed, new target"),

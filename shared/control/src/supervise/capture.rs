@@ -1,18 +1,18 @@
-//! Capture: kicks that bring parts onto the wanted orbit, one attempt after the other
+//! Capture: kicks that bring parts onto the requested orbit, in successive attempts
 //! (docs/theory-capture.md#t7.3).
 //!
-//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks: a kick and its
-//! test need 80 cycles, in which the parts are conveyed worse.
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
+//! test take 80 cycles, in which parts are conveyed less well.
 //!
-//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks of
-//! parts outside the lot: a kick misses a part with the probability of the plan, or always.
+//! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks for
+//! parts outside the lot. A kick misses a part with the probability of the plan, or always.
 
 use kband::regime::capture::{Kick, Plan};
 
 /// Predicted share of captured parts below which a plan is called uncertain.
 const MIN_CAPTURED_SHARE: f64 = 0.95;
 
-/// Kicks per hour that the token bucket gains: 60 in an hour cost 2.7 % of the time at 50 Hz.
+/// Kicks per hour that the token bucket gains: 60 in an hour take 2.7 % of the time at 50 Hz.
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
@@ -20,7 +20,6 @@ const MAX_SAVED_KICKS: f32 = 20.0;
 /// Largest probability that the kicks miss parts of the lot (false alarm rate).
 const MAX_MISS_PROBABILITY: f64 = 1e-3;
 
-/// Stage of a capture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
     Idle,
@@ -32,7 +31,7 @@ pub enum Stage {
     Judging(u32),
 }
 
-/// Cycles after a kick, at the setpoint's amplitude, before it failed: as the plan simulates.
+/// Settled cycles at the setpoint after which a kick counts as failed, as in the plan's simulation.
 const LOCK_TEST_CYCLES: u32 = 60;
 
 /// The attempts at capturing the parts.
@@ -41,14 +40,14 @@ pub struct Capture {
     stage: Stage,
     pub attempts: u8,
     allowed: u8,
-    /// Probability of the plan that kicks miss as often as they did.
+    /// Probability by the plan of as many misses as there were.
     miss_probability: f64,
     /// Kicks in the token bucket, and kicks gained per cycle.
     tokens: f32,
     tokens_per_cycle: f32,
 }
 
-/// The wanted lock, as detected.
+/// State of the requested lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DetectedLock {
     /// Of all parts.
@@ -71,20 +70,20 @@ pub enum CaptureEvent {
     /// The kick is over and the test for the lock begins.
     Ended,
     Captured,
-    /// The attempts of this capture or of the hour are used up, or the misses improbable.
+    /// The attempts of this capture or of the hour are used up, or the misses are improbable.
     Failed,
 }
 
 impl Capture {
-    /// A capture of at most `allowed` kicks, 60 in an hour; `pace` in cycles per second.
-    pub fn new(allowed: u8, pace: f32) -> Self {
+    /// A capture of at most `allowed` kicks, 60 in an hour; `rate` in cycles per second.
+    pub fn new(allowed: u8, rate: f32) -> Self {
         Self {
             stage: Stage::Idle,
             attempts: 0,
             allowed,
             miss_probability: 1.0,
             tokens: MAX_SAVED_KICKS,
-            tokens_per_cycle: KICKS_PER_HOUR / (3600.0 * pace),
+            tokens_per_cycle: KICKS_PER_HOUR / (3600.0 * rate),
         }
     }
 
@@ -173,67 +172,22 @@ impl Capture {
 
 #[cfg(test)]
 mod tests {
-    use core::task::Poll;
-
     use super::*;
-    use kband::feeder::Restitution;
-    use kband::impact::ContactTime;
-    use kband::regime::band::Band;
-    use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
-
-    fn plan(low: f64, high: f64) -> Plan {
-        let restitution = Restitution::interval(low, high).unwrap();
-        let mut planner = Planner::new(PlanSettings {
-            lot: Lot {
-                k: Band::common(restitution, 1).unwrap().setpoint(),
-                restitution,
-                order: 1,
-                amplitude_error: 0.02,
-                contact: ContactTime::INSTANT,
-            },
-            drive: DriveLag::build(DriveLagSettings::DEFAULT).unwrap(),
-            time_constant: 5.0,
-            effort: PlanSettings::DEFAULT_EFFORT,
-        })
-        .unwrap();
-        loop {
-            if let Poll::Ready(plan) = planner.advance(1000) {
-                return plan;
-            }
-        }
-    }
-
-    /// Kicks until the capture fails, where each leaves `lock`.
-    fn kicks(plan: &Plan, lock: DetectedLock) -> u8 {
-        let mut capture = Capture::new(8, 50.0);
-        capture.begin();
-        for _ in 0..10_000 {
-            if capture.cycle(Some(plan), lock, true) == Some(CaptureEvent::Failed) {
-                return capture.attempts;
-            }
-        }
-        panic!("a capture ends");
-    }
-
-    #[test]
-    fn kicks_end_once_their_misses_are_improbable() {
-        for (low, high, most) in [(0.18, 0.22, 3), (0.48, 0.52, 8)] {
-            let plan = plan(low, high);
-            let mut misses = (0..8).scan(1.0, |product, attempt| {
-                *product *= plan.miss_probability(attempt);
-                Some(*product)
-            });
-            let stop = (misses.position(|product| product <= 1e-3)).map_or(8, |n| n as u8 + 1);
-            assert_eq!(kicks(&plan, DetectedLock::Few), stop, "{low} {plan:?}");
-            assert!((2..=most).contains(&stop), "{low}: {stop}");
-            assert_eq!(kicks(&plan, DetectedLock::Most), 8, "{low}");
-        }
-    }
+    use crate::{Controller, Settings, StartCause, Target};
 
     #[test]
     fn plan_that_captures_less_than_95_percent_is_uncertain() {
         for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
-            let plan = plan(low, high);
+            let settings = Settings {
+                restitution_low: low,
+                restitution_high: high,
+                ..Settings::default()
+            };
+            let target = Target::Locked { order: 1 };
+            let mut controller =
+                Controller::build(&settings, target, StartCause::Ordinary).unwrap();
+            while controller.plan_step() {}
+            let plan = controller.planned().unwrap().plan;
             let share = plan.best().unwrap().share();
             assert!((0.35..0.95).contains(&share) != sure, "{low}: {share}");
             let mut capture = Capture::new(8, 50.0);

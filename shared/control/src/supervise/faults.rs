@@ -31,11 +31,11 @@ const MAX_RATIO_CHANGE: f32 = 1.9;
 const MIN_RATIO_CYCLES: f32 = 16.0;
 /// Memory of the usual ratio in cycles: drives change by a third as they warm up, in minutes.
 const RATIO_MEMORY_CYCLES: f32 = 500.0;
-/// Cycles of an implausible amplitude that are a fault: twice what the gain estimate needs.
+/// Cycles of an implausible amplitude that are a fault: twice the duration of the gain estimate.
 const IMPLAUSIBLE_CYCLES: u8 = 50;
 /// Distance of a wrong lead from its half turn's ends, in rad: noise and detuning.
 const WRONG_LEAD_MARGIN: f32 = 0.4;
-/// Cycles of a wrong lead that are a fault: as of saturation, for a kick moves the phase too.
+/// Cycles of a wrong lead that are a fault: as for saturation, because a kick also moves the phase.
 const INVERTED_CYCLES: u8 = 5;
 /// Amplitude over the hard limit that is a fault: five times the amplitude loop's overshoot (3 %).
 const MAX_AMPLITUDE_RATIO: f32 = 1.15;
@@ -70,7 +70,7 @@ struct ReversalCounter {
 }
 
 impl ReversalCounter {
-    /// Adds a cycle's amplitude and its standard error, in m. Whether the amplitude oscillates.
+    /// Adds a cycle's amplitude and its standard error, in m. Returns whether it oscillates.
     fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
         // A reference that is not a number restarts the count.
         let unchanged = (reference - self.reference).abs() <= REFERENCE_CHANGE * self.reference;
@@ -82,17 +82,17 @@ impl ReversalCounter {
             };
             return false;
         }
-        let back = if self.rising {
+        let reversal = if self.rising {
             self.extreme - measured
         } else {
             measured - self.extreme
         };
         self.since = self.since.saturating_add(1);
-        if back > REVERSAL_SWING * reference + REVERSAL_STANDARD_ERRORS * error {
+        if reversal > REVERSAL_SWING * reference + REVERSAL_STANDARD_ERRORS * error {
             self.rising = !self.rising;
             self.count = self.count.saturating_add(1);
             (self.extreme, self.since) = (measured, 0);
-        } else if back < 0.0 {
+        } else if reversal < 0.0 {
             self.extreme = measured;
         }
         if self.since > STEADY_CYCLES {
@@ -113,7 +113,7 @@ fn differs(measured: f32, predicted: f32, factor: f32) -> (bool, bool) {
 struct LeakyCounter(u8);
 
 impl LeakyCounter {
-    /// Adds a cycle. Whether the sign has persisted for `cycles` cycles.
+    /// Adds a cycle. Returns whether the sign has persisted for `cycles` cycles.
     fn count(&mut self, present: bool, cycles: u8) -> bool {
         self.0 = if present {
             self.0.saturating_add(2)
@@ -132,18 +132,16 @@ struct RatioEstimate {
 }
 
 impl RatioEstimate {
-    /// Whether an amplitude is too weak and whether it is too strong, by a factor, against the
-    /// expected one and its usual ratio, which a plausible one updates.
+    /// Whether an amplitude is too small and whether it is too large, by a factor. It is compared
+    /// with the expected amplitude and with its usual ratio, which a plausible amplitude updates.
     fn check(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
-        let apart = |factor: f32, usual: f32| {
-            (
-                factor * measured < usual * expected,
-                measured > factor * usual * expected,
-            )
+        let deviates = |factor: f32, load_ratio: f32| {
+            let weak = factor * measured < load_ratio * expected;
+            (weak, measured > factor * load_ratio * expected)
         };
-        let (mut weak, mut strong) = apart(tolerance, 1.0);
+        let (mut weak, mut strong) = deviates(tolerance, 1.0);
         if self.cycles >= MIN_RATIO_CYCLES {
-            let (weaker, stronger) = apart(MAX_RATIO_CHANGE.min(tolerance), self.ratio);
+            let (weaker, stronger) = deviates(MAX_RATIO_CHANGE.min(tolerance), self.ratio);
             weak |= weaker;
             strong |= stronger;
         }
@@ -160,15 +158,15 @@ impl RatioEstimate {
 pub struct Prediction {
     pub running: bool,
     /// Whether the drive's response at its frequency is predictable: not during a resonance search.
-    pub known: bool,
+    pub valid: bool,
     /// Predicted amplitude of this cycle under the outputs so far, in m.
     pub amplitude: f32,
-    /// Amplitude predicted from the drive's current, in m; `None` where it is not commissioned.
+    /// Amplitude predicted from the drive's current, in m; `None` if it is not commissioned.
     pub by_current: Option<f32>,
     /// Whether the track's lead is more than a quarter turn from the predicted one.
     pub opposed: bool,
     /// Smallest amplitude that the converter detects, in m.
-    pub least: f32,
+    pub min_amplitude: f32,
     /// Largest amplitude within the hard limits, in m.
     pub ceiling: f32,
     /// Reference of the amplitude loop, in m.
@@ -186,17 +184,18 @@ pub struct Prediction {
 pub struct FaultDetector {
     /// Of each sign, in the order of their precedence.
     signs: [LeakyCounter; 9],
-    usual: RatioEstimate,
-    turns: ReversalCounter,
+    load_ratio: RatioEstimate,
+    reversals: ReversalCounter,
 }
 
 impl FaultDetector {
     /// Resets the usual ratio of measured to expected amplitude.
-    pub fn forget_usual(&mut self) {
-        self.usual = RatioEstimate::default();
+    pub fn reset_load_ratio(&mut self) {
+        self.load_ratio = RatioEstimate::default();
     }
 
-    /// Processes a cycle: measured amplitude (m), lead (rad). A fault, and whether it is untrusted.
+    /// Processes a cycle: measured amplitude (m), lead (rad). Returns a fault, and whether the
+    /// reading is untrusted.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -205,64 +204,57 @@ impl FaultDetector {
         expected: &Prediction,
     ) -> (Option<Fault>, bool) {
         let running = expected.running;
-        let moving = running && expected.known && expected.amplitude > expected.least;
+        let moving = running && expected.valid && expected.amplitude > expected.min_amplitude;
         let span = cycle.high.saturating_sub(cycle.low);
-        let still = moving && span <= DEAD_RANGE_STEPS;
-        let saturated = running && !still && cycle.saturated >= CLIPPED_READINGS;
-        let unanswered = moving && !still && measured < MIN_RESPONSE_SHARE * expected.amplitude;
-        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Near the ends are
-        // the held output (0.008 rad at 50 Hz), noise, transients, and drives far off their
-        // resonance. A track beside it turns against its output in a transient.
+        let frozen = moving && span <= DEAD_RANGE_STEPS;
+        let saturated = running && !frozen && cycle.saturated >= CLIPPED_READINGS;
+        let no_response = moving && !frozen && measured < MIN_RESPONSE_SHARE * expected.amplitude;
+        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Leads near the
+        // ends are caused by the held output (0.008 rad at 50 Hz), noise, transients, and drives
+        // far off their resonance. Off the resonance the lead rotates in a transient.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
-        let inverted = moving && !unanswered && wrong;
+        let inverted = moving && !no_response && wrong;
         if !running {
-            self.usual = RatioEstimate::default();
+            self.load_ratio = RatioEstimate::default();
         }
-        let (mut weak, mut strong) = if moving && !still {
-            self.usual
+        let (mut weak, mut strong) = if moving && !frozen {
+            self.load_ratio
                 .check(measured, expected.amplitude, expected.tolerance)
         } else {
             (false, false)
         };
-        let mut beyond = false;
+        let mut over_limit = false;
         if let Some(by_current) = expected.by_current
             && moving
         {
             let (weaker, stronger) = differs(measured, by_current, expected.tolerance);
             weak |= weaker;
             strong |= stronger;
-            beyond = by_current > MAX_AMPLITUDE_RATIO * expected.tolerance * expected.ceiling;
+            over_limit = by_current > MAX_AMPLITUDE_RATIO * expected.tolerance * expected.ceiling;
         }
         let shifted = running && expected.shifted;
         let excessive = running && measured > MAX_AMPLITUDE_RATIO * expected.ceiling;
         // An untrusted reading is no reversal of the amplitude.
-        let trusted = !(still || saturated || unanswered);
-        let oscillates = if !running || !expected.known {
-            self.turns = ReversalCounter::default();
+        let is_trusted = !(frozen || saturated || no_response);
+        let oscillates = if !running || !expected.valid {
+            self.reversals = ReversalCounter::default();
             false
         } else {
-            trusted
-                && self.turns.cycle(
-                    measured,
-                    expected.reference,
-                    expected.ceiling,
-                    expected.error,
-                )
+            let (reference, ceiling, error) =
+                (expected.reference, expected.ceiling, expected.error);
+            is_trusted && self.reversals.cycle(measured, reference, ceiling, error)
         };
+        let cut_wire = no_response && span <= CUT_WIRE_RANGE_STEPS;
         let signs = [
-            (still, DEAD_CYCLES, Fault::SensorLost),
+            (frozen, DEAD_CYCLES, Fault::SensorLost),
             (saturated, SATURATED_CYCLES, Fault::SensorSaturated),
             (inverted, INVERTED_CYCLES, Fault::SensorInverted),
-            (
-                unanswered && span <= CUT_WIRE_RANGE_STEPS,
-                CUT_WIRE_CYCLES,
-                Fault::SensorLost,
-            ),
-            (unanswered, NO_RESPONSE_CYCLES, Fault::NoResponse),
+            (cut_wire, CUT_WIRE_CYCLES, Fault::SensorLost),
+            (no_response, NO_RESPONSE_CYCLES, Fault::NoResponse),
             (excessive, EXCESS_CYCLES, Fault::OverAmplitude),
             (weak || strong, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
             (shifted, IMPLAUSIBLE_CYCLES, Fault::SensorImplausible),
-            (beyond, EXCESS_CYCLES, Fault::SensorImplausible),
+            (over_limit, EXCESS_CYCLES, Fault::SensorImplausible),
         ];
         let mut fault = oscillates.then_some(Fault::AmplitudeOscillates);
         for (counter, (present, cycles, cause)) in self.signs.iter_mut().zip(signs).rev() {
@@ -270,12 +262,12 @@ impl FaultDetector {
                 fault = Some(cause);
             }
         }
-        (fault, still || saturated || unanswered || weak)
+        (fault, frozen || saturated || no_response || weak)
     }
 
-    /// Whether the amplitude has not reversed back and forth about its reference.
+    /// Whether the amplitude does not oscillate about its reference.
     pub fn is_steady(&self) -> bool {
-        self.turns.count < UNSTEADY_REVERSALS
+        self.reversals.count < UNSTEADY_REVERSALS
     }
 }
 
@@ -286,17 +278,25 @@ mod tests {
 
     const EXPECTED: Prediction = Prediction {
         running: true,
-        known: true,
+        valid: true,
         amplitude: 1e-4,
         by_current: None,
         opposed: true,
-        least: 1e-6,
+        min_amplitude: 1e-6,
         ceiling: 1e-3,
         reference: 1e-4,
         error: 0.0,
         tolerance: 2.5,
         shifted: false,
     };
+
+    fn by_current(amplitude: f32) -> Prediction {
+        Prediction {
+            by_current: Some(amplitude),
+            tolerance: 1.3,
+            ..EXPECTED
+        }
+    }
 
     /// A cycle of a sensor that moves.
     fn moving() -> Cycle {
@@ -306,30 +306,30 @@ mod tests {
     /// Fault that the detector finds in a number of equal cycles.
     fn after(cycles: usize, cycle: &Cycle, measured: f32, lead: f32) -> Option<Fault> {
         let mut detector = FaultDetector::default();
-        (0..cycles).fold(None, |found, _| {
-            found.or(detector.cycle(cycle, measured, lead, &EXPECTED).0)
+        (0..cycles).fold(None, |detected, _| {
+            detected.or(detector.cycle(cycle, measured, lead, &EXPECTED).0)
         })
     }
 
     #[test]
     fn untrusted_reading_is_flagged_in_its_cycle() {
         let moving = moving();
-        let still = with(moving.clone(), |it| it.high = 2000);
+        let frozen = with(moving.clone(), |it| it.high = 2000);
         let clipped = with(moving.clone(), |it| it.saturated = CLIPPED_READINGS);
-        for (cycle, measured, blind) in [
+        for (cycle, measured, untrusted) in [
             (&moving, 1e-4, false),
-            (&still, 1e-4, true),
+            (&frozen, 1e-4, true),
             (&clipped, 1e-4, true),
             (&moving, 1e-5, true),
             (&moving, 0.3e-4, true),
             (&moving, 3e-4, false),
         ] {
-            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
-            assert_eq!(seen, (None, blind), "{measured}");
+            let actual = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &EXPECTED);
+            assert_eq!(actual, (None, untrusted), "{measured}");
             // Without a predictable response only the converter's own ends raise suspicion.
-            let searching = with(EXPECTED, |it| it.known = false);
-            let seen = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
-            assert_eq!(seen, (None, cycle.saturated > 0), "{measured}");
+            let searching = with(EXPECTED, |it| it.valid = false);
+            let actual = FaultDetector::default().cycle(cycle, measured, -PI / 2.0, &searching);
+            assert_eq!(actual, (None, cycle.saturated > 0), "{measured}");
         }
     }
 
@@ -342,23 +342,30 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        // Range and saturated readings of the converter, amplitude in 0.1 mm and lead: with the sign,
-        // and just without it.
+        // Range and saturated readings of the converter, amplitude in 0.1 mm, and lead: with the
+        // sign, and just without it.
         let lag = -PI / 2.0;
         use Fault::*;
         let cases = [
             ((1, 0, 1.0, lag), (2, 0, 1.0, lag), 3, SensorLost),
             ((99, 4, 1.0, lag), (99, 3, 1.0, lag), 5, SensorSaturated),
             ((99, 0, 1.0, 0.41), (99, 0, 1.0, 0.39), 5, SensorInverted),
-            (
-                (99, 0, 1.0, PI - 0.41),
-                (99, 0, 1.0, PI - 0.39),
-                5,
-                SensorInverted,
-            ),
+            ((99, 0, 1.0, 2.73), (99, 0, 1.0, 2.75), 5, SensorInverted),
             ((99, 0, 0.14, lag), (99, 0, 0.16, lag), 15, NoResponse),
             ((10, 0, 0.14, lag), (11, 0, 0.16, lag), 8, SensorLost),
             ((99, 0, 11.6, lag), (99, 0, 11.4, lag), 2, OverAmplitude),
+            (
+                (99, 0, 0.39, lag),
+                (99, 0, 0.41, lag),
+                50,
+                SensorImplausible,
+            ),
+            (
+                (99, 0, 2.51, lag),
+                (99, 0, 2.49, lag),
+                50,
+                SensorImplausible,
+            ),
         ];
         let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
             let cycle = with(moving(), |it| {
@@ -366,31 +373,19 @@ mod tests {
             });
             after(cycles, &cycle, measured * 1e-4, lead)
         };
-        for (ill, sound, cycles, fault) in cases {
-            assert_eq!(after(cycles, ill), Some(fault));
-            assert_eq!(after(cycles - 1, ill), None, "{fault:?}");
-            // Short enough to be no implausible amplitude.
-            assert_eq!(after(49, sound), None, "{fault:?}");
-        }
-    }
-
-    #[test]
-    fn only_distant_amplitudes_are_implausible() {
-        let moving = moving();
-        for (measured, found) in [
-            (0.39e-4, Some(Fault::SensorImplausible)),
-            (0.41e-4, None),
-            (2.49e-4, None),
-            (2.51e-4, Some(Fault::SensorImplausible)),
-        ] {
-            assert_eq!(after(50, &moving, measured, -1.5), found);
-            assert_eq!(after(49, &moving, measured, -1.5), None);
+        for (faulty, healthy, cycles, fault) in cases {
+            assert_eq!(after(cycles, faulty), Some(fault));
+            assert_eq!(after(cycles - 1, faulty), None, "{fault:?}");
+            // Where it lasts, such an amplitude is implausible.
+            let later = after(100, healthy);
+            assert!(later != Some(fault), "{fault:?}");
+            assert!(matches!(later, None | Some(SensorImplausible)), "{later:?}");
         }
     }
 
     #[test]
     fn halved_ratio_is_implausible_at_any_gain() {
-        for (usual_ratio, changed, found) in [
+        for (usual_ratio, changed, detected) in [
             (1.0, 0.5, true),
             (1.0, 2.0, true),
             (1.0, 0.6, false),
@@ -399,57 +394,54 @@ mod tests {
             (0.5, 1.0, true),
             (2.0, 2.4, false),
         ] {
-            let mut usual = RatioEstimate::default();
+            let mut load_ratio = RatioEstimate::default();
             for _ in 0..200 {
-                assert_eq!(usual.check(usual_ratio * 1e-4, 1e-4, 2.5), (false, false));
+                let checked = load_ratio.check(usual_ratio * 1e-4, 1e-4, 2.5);
+                assert_eq!(checked, (false, false));
             }
             // As long as a fault takes to be detected, and longer.
             let suspected =
-                (0..100).all(|_| usual.check(changed * 1e-4, 1e-4, 2.5) != (false, false));
-            assert_eq!(suspected, found, "{usual_ratio} {changed}");
+                (0..100).all(|_| load_ratio.check(changed * 1e-4, 1e-4, 2.5) != (false, false));
+            assert_eq!(suspected, detected, "{usual_ratio} {changed}");
         }
         // A change as slow as warming up is no fault.
-        let mut usual = RatioEstimate::default();
+        let mut load_ratio = RatioEstimate::default();
         for n in 0..6000 {
             let ratio = 1.0 - 0.5 * n as f32 / 6000.0;
-            assert_eq!(usual.check(ratio * 1e-4, 1e-4, 2.5), (false, false), "{n}");
+            let checked = load_ratio.check(ratio * 1e-4, 1e-4, 2.5);
+            assert_eq!(checked, (false, false), "{n}");
         }
     }
 
     #[test]
     fn a_narrower_tolerance_bounds_ratio_and_change() {
         // Against the configured gain.
-        for (ratio, found) in [(0.76, true), (0.78, false), (1.29, false), (1.31, true)] {
+        for (ratio, detected) in [(0.76, true), (0.78, false), (1.29, false), (1.31, true)] {
             let suspected = RatioEstimate::default().check(ratio, 1.0, 1.3) != (false, false);
-            assert_eq!(suspected, found, "{ratio}");
+            assert_eq!(suspected, detected, "{ratio}");
         }
         // Against the usual ratio.
-        let mut usual = RatioEstimate {
+        let mut load_ratio = RatioEstimate {
             ratio: 1.2,
             cycles: MIN_RATIO_CYCLES,
         };
-        assert_eq!(usual.check(0.91, 1.0, 1.3), (true, false));
-        assert_eq!(usual.check(0.94, 1.0, 1.3), (false, false));
+        assert_eq!(load_ratio.check(0.91, 1.0, 1.3), (true, false));
+        assert_eq!(load_ratio.check(0.94, 1.0, 1.3), (false, false));
     }
 
     #[test]
-    fn a_current_of_another_amplitude_is_implausible_in_a_second() {
+    fn another_current_or_mean_is_implausible_in_a_second_or_at_once() {
         let cycle = moving();
         // Cycles to the fault, and whether the reading is untrusted at once.
-        let after = |expected: &Prediction, measured| {
+        let after = |expected: &Prediction| {
             let mut detector = FaultDetector::default();
-            let blind = detector.cycle(&cycle, measured, -1.5, expected).1;
-            let found = (2..200).find(|_| {
-                let fault = detector.cycle(&cycle, measured, -1.5, expected).0;
+            let untrusted = detector.cycle(&cycle, 1e-4, -1.5, expected).1;
+            let detected = (2..200).find(|_| {
+                let fault = detector.cycle(&cycle, 1e-4, -1.5, expected).0;
                 fault.inspect(|fault| assert_eq!(*fault, Fault::SensorImplausible));
                 fault.is_some()
             });
-            (found, blind)
-        };
-        let by_current = |amplitude| Prediction {
-            by_current: Some(amplitude),
-            tolerance: 1.3,
-            ..EXPECTED
+            (detected, untrusted)
         };
         for (amplitude, result) in [
             (0.0, (Some(50), false)),
@@ -457,48 +449,26 @@ mod tests {
             (0.78e-4, (None, false)),
             (1.29e-4, (None, false)),
             (1.31e-4, (Some(50), true)),
+            (1.49e-3, (Some(50), true)),
+            // 1.15 times the tolerance times the ceiling of 1 mm.
+            (1.50e-3, (Some(2), true)),
         ] {
-            assert_eq!(after(&by_current(amplitude), 1e-4), result, "{amplitude}");
+            assert_eq!(after(&by_current(amplitude)), result, "{amplitude}");
         }
-        let unknown = with(by_current(1e-2), |it| it.known = false);
-        let rests = with(by_current(1e-2), |it| it.running = false);
-        assert_eq!(after(&unknown, 1e-4), (None, false));
-        assert_eq!(after(&rests, 1e-4), (None, false));
-    }
-
-    #[test]
-    fn a_current_beyond_the_limits_is_implausible_in_two_cycles() {
-        let cycle = moving();
-        // 1.15 times the tolerance times the ceiling of 1 mm.
-        for (amplitude, found) in [(1.49e-3, None), (1.50e-3, Some(Fault::SensorImplausible))] {
-            let expected = Prediction {
-                by_current: Some(amplitude),
-                tolerance: 1.3,
-                ..EXPECTED
-            };
-            let mut detector = FaultDetector::default();
-            assert_eq!(detector.cycle(&cycle, 1e-4, -1.5, &expected).0, None);
-            assert_eq!(detector.cycle(&cycle, 1e-4, -1.5, &expected).0, found);
-        }
-    }
-
-    #[test]
-    fn a_shifted_mean_is_implausible_while_the_drive_runs() {
-        let cycle = moving();
-        let after = |running, cycles| {
-            let expected = with(EXPECTED, |it| (it.running, it.shifted) = (running, true));
-            let mut detector = FaultDetector::default();
-            (0..cycles).find_map(|_| detector.cycle(&cycle, 1e-4, -1.5, &expected).0)
-        };
-        assert_eq!(after(true, 49), None);
-        assert_eq!(after(true, 50), Some(Fault::SensorImplausible));
-        assert_eq!(after(false, 200), None);
+        let unknown = with(by_current(1e-2), |it| it.valid = false);
+        assert_eq!(after(&unknown), (None, false));
+        let shifted = with(by_current(1e-4), |it| it.shifted = true);
+        assert_eq!(after(&shifted), (Some(50), false));
+        let rests = with(by_current(1e-2), |it| {
+            (it.shifted, it.running) = (true, false)
+        });
+        assert_eq!(after(&rests), (None, false));
     }
 
     #[test]
     fn a_contact_that_bounces_evades_no_count() {
         let mut detector = FaultDetector::default();
-        let found = (0..200).find_map(|n| {
+        let detected = (0..200).find_map(|n| {
             // Every other cycle is sound.
             let (measured, high) = if n % 2 == 0 {
                 (1e-4, 2100)
@@ -508,28 +478,29 @@ mod tests {
             let cycle = with(Cycle::default(), |it| (it.low, it.high) = (2000, high));
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });
-        assert_eq!(found, Some(Fault::SensorLost));
+        assert_eq!(detected, Some(Fault::SensorLost));
     }
 
     /// Cycle at which an amplitude oscillating about 0.1 mm is a fault; its swing is relative, its
     /// period in cycles.
     fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
-        let mut turns = ReversalCounter::default();
+        let mut reversals = ReversalCounter::default();
         (0..400).find(|n| {
             let phase = core::f32::consts::TAU * *n as f32 / period;
             let measured = 1e-4 * (1.0 + swing * libm::sinf(phase));
-            turns.cycle(measured, 1e-4, ceiling, error)
+            reversals.cycle(measured, 1e-4, ceiling, error)
         })
     }
 
     #[test]
     fn oscillation_is_a_fault_within_four_periods() {
         for period in [2.9_f32, 7.0, 20.0, 100.0] {
-            let found = oscillating(0.07, period, 1e-3, 0.0).unwrap();
-            assert!(found as f32 <= 4.0 * period, "{period}: {found}");
+            let detected = oscillating(0.07, period, 1e-3, 0.0).unwrap();
+            assert!(detected as f32 <= 4.0 * period, "{period}: {detected}");
             // At the hard limit.
-            let found = oscillating(0.07, period, 1e-4, 0.0).unwrap();
-            assert!(found as f32 <= 2.2 * period + 4.0, "{period}: {found}");
+            let detected = oscillating(0.07, period, 1e-4, 0.0).unwrap();
+            let holds = detected as f32 <= 2.2 * period + 4.0;
+            assert!(holds, "{period}: {detected}");
             assert_eq!(oscillating(0.045, period, 1e-4, 0.0), None, "{period}");
             // Within the reading's own error.
             assert_eq!(oscillating(0.07, period, 1e-4, 1e-6), None, "{period}");
@@ -540,22 +511,22 @@ mod tests {
 
     #[test]
     fn moving_reference_is_no_oscillation() {
-        let mut turns = ReversalCounter::default();
+        let mut reversals = ReversalCounter::default();
         for n in 0..400 {
             let moved = if n % 8 < 4 { 1e-4 } else { 1.3e-4 };
-            assert!(!turns.cycle(moved, moved, 1e-4, 0.0));
+            assert!(!reversals.cycle(moved, moved, 1e-4, 0.0));
         }
         // A few reversals, then a pause, then a few more.
         for _ in 0..2 {
             for n in 0..4 {
                 let swing = if n % 2 == 0 { 1.08e-4 } else { 0.92e-4 };
-                assert!(!turns.cycle(swing, 1e-4, 1e-3, 0.0));
+                assert!(!reversals.cycle(swing, 1e-4, 1e-3, 0.0));
             }
-            assert!(turns.count >= UNSTEADY_REVERSALS);
+            assert!(reversals.count >= UNSTEADY_REVERSALS);
             for _ in 0..STEADY_CYCLES + 2 {
-                turns.cycle(1.08e-4, 1e-4, 1e-3, 0.0);
+                reversals.cycle(1.08e-4, 1e-4, 1e-3, 0.0);
             }
-            assert_eq!(turns.count, 0);
+            assert_eq!(reversals.count, 0);
         }
     }
 }

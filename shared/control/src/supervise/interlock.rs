@@ -1,13 +1,13 @@
-//! The interlock: it keeps the drive off until somebody acts at the machine.
+//! The interlock: it keeps the drive off until a person acts at the machine.
 //!
-//! No request over the link changes fault, latch and lock-out. They end by the enable input alone
-//! (IEC 60204-1, 9.2.5.4.2), and outlast every new controller. One exception: a fieldbus with that
+//! No request over the link changes fault, latch or lock-out. Only the enable input ends them (IEC
+//! 60204-1, 9.2.5.4.2), and they outlast every new controller. One exception: a fieldbus with that
 //! authority acknowledges a fault, but no lock-out.
 
 use crate::inputs::{Inputs, StartCause};
 use crate::state::{Event, Events, Fault};
 
-/// Time in s for which the enable input must be off to acknowledge a fault: no contact's bounce.
+/// Time in s for which the enable input must be off to acknowledge a fault: longer than any bounce.
 const ACKNOWLEDGE_SECONDS: f32 = 0.5;
 /// Window in s in which the third fault locks the drive out, and time off that acknowledges it.
 const LOCKOUT_SECONDS: f32 = 60.0;
@@ -26,7 +26,7 @@ pub struct Interlock {
     /// Drive cycles for which the enable input has been off.
     withdrawn: u32,
     /// Drive cycles per second.
-    pace: f32,
+    rate: f32,
     /// Whether settings were saved since they were found invalid.
     settings_saved: bool,
     /// Whether the link stopped a running drive: then the link may start it again.
@@ -38,8 +38,8 @@ pub struct Interlock {
 }
 
 impl Interlock {
-    /// The interlock of a drive that starts for this cause; `pace` in cycles per second.
-    pub fn begin(start: StartCause, pace: f32) -> Self {
+    /// The interlock of a drive that starts for this cause; `rate` in cycles per second.
+    pub fn begin(start: StartCause, rate: f32) -> Self {
         Self {
             fault: match start {
                 StartCause::Ordinary | StartCause::PowerOn => None,
@@ -53,7 +53,7 @@ impl Interlock {
             now: 0,
             faults: [None; 2],
             withdrawn: 0,
-            pace,
+            rate,
             settings_saved: false,
             stopped_by_link: false,
             bus_controls: false,
@@ -62,14 +62,14 @@ impl Interlock {
     }
 
     /// The same interlock at another number of cycles per second; times keep their seconds.
-    pub(crate) fn at_pace(&self, pace: f32) -> Self {
-        let scale = pace / self.pace;
+    pub(crate) fn at_rate(&self, rate: f32) -> Self {
+        let scale = rate / self.rate;
         let rescaled = |cycles: u32| (cycles as f32 * scale) as u32;
         let age = |then: u32| self.now.wrapping_sub(rescaled(self.now.wrapping_sub(then)));
         Self {
             faults: self.faults.map(|fault| fault.map(age)),
             withdrawn: rescaled(self.withdrawn),
-            pace,
+            rate,
             ..self.clone()
         }
     }
@@ -96,7 +96,7 @@ impl Interlock {
         self.now = self.now.wrapping_add(1);
     }
 
-    /// Stores a fault, unless there is one. Whether it was stored.
+    /// Stores a fault, unless there is one. Returns whether it was stored.
     pub(crate) fn fail(&mut self, fault: Fault, events: &mut Events) -> bool {
         if self.fault.is_some() {
             return false;
@@ -106,7 +106,7 @@ impl Interlock {
         events.push(Event::Faulted);
         let [newest, oldest] = self.faults;
         let since = |then: u32| self.now.wrapping_sub(then) as f32;
-        if oldest.is_some_and(|then| since(then) < LOCKOUT_SECONDS * self.pace) {
+        if oldest.is_some_and(|then| since(then) < LOCKOUT_SECONDS * self.rate) {
             self.locked_out = true;
             events.push(Event::LockedOut);
         }
@@ -129,7 +129,7 @@ impl Interlock {
         if !inputs.enable || inputs.held_off {
             self.stopped_by_link = false;
         }
-        // Control that passes from the bus to the enable input starts nothing.
+        // When control passes from the bus to the enable input, nothing starts.
         self.latched |= self.bus_controls && inputs.bus.is_none();
         self.bus_controls = inputs.bus.is_some();
         let effective = inputs.enable && !inputs.withheld && self.fault.is_none();
@@ -137,7 +137,7 @@ impl Interlock {
             (inputs.bus).is_some_and(|bus| bus.run == Some(false) || self.run_was_off && effective);
     }
 
-    /// Processes the inputs of a cycle at rest. Whether the drive may start.
+    /// Processes the inputs of a cycle at rest. Returns whether the drive may start.
     ///
     /// An enable input that comes on while the link withholds the drive is latched: the link may
     /// only return a drive that it stopped itself. A bus in control starts it by an edge.
@@ -159,7 +159,7 @@ impl Interlock {
     }
 
     /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The
-    /// bus ends no lock-out and no series of resets: somebody must look at the machine.
+    /// bus ends no lock-out and no series of resets: a person must inspect the machine.
     pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
@@ -177,7 +177,7 @@ impl Interlock {
         } else {
             ACKNOWLEDGE_SECONDS
         };
-        let by_input = !inputs.enable && self.withdrawn as f32 >= seconds * self.pace;
+        let by_input = !inputs.enable && self.withdrawn as f32 >= seconds * self.rate;
         let by_bus = inputs.bus.is_some_and(|bus| bus.acknowledge)
             && !self.locked_out
             && self.fault != Some(Fault::RepeatedResets);
@@ -226,16 +226,16 @@ mod tests {
             assert!(interlock.acknowledges(&off, &mut events));
         }
         wait(&mut interlock, 1000);
-        let mut faster = interlock.at_pace(100.0);
+        let mut faster = interlock.at_rate(100.0);
         assert!(faster.fail(Fault::SensorLost, &mut events) && faster.locked_out);
         // 59 s more at 100 Hz: the first fault is more than a minute old.
-        let mut later = interlock.at_pace(100.0);
+        let mut later = interlock.at_rate(100.0);
         wait(&mut later, 4000);
         assert!(later.fail(Fault::SensorLost, &mut events) && !later.locked_out);
         // Half a second off is 25 cycles at 50 Hz and 50 at 100 Hz.
         let mut half = Interlock::begin(StartCause::Reset, PACE);
         wait(&mut half, 20);
-        let mut half = half.at_pace(100.0);
+        let mut half = half.at_rate(100.0);
         wait(&mut half, 9);
         assert!(!half.acknowledges(&off, &mut events));
         wait(&mut half, 1);
@@ -266,7 +266,7 @@ mod tests {
         assert!(!may_start_after(&mut begin(), &[none, on, on]));
         assert!(!may_start_after(&mut begin(), &[off]));
         assert!(may_start_after(&mut begin(), &[none, off, on]));
-        // Without the enable input, or withheld by the link, an edge counts for nothing.
+        // Without the enable input, or withheld by the link, an edge has no effect.
         let disabled = with(on, |it| it.enable = false);
         let withheld = with(on, |it| it.withheld = true);
         for stopped in [disabled, withheld] {
@@ -277,7 +277,7 @@ mod tests {
         let held_off = with(on, |it| it.held_off = true);
         assert!(!may_start_after(&mut begin(), &[off, held_off]));
         assert!(may_start_after(&mut begin(), &[off, held_off, on]));
-        // Control that passes to the enable input starts nothing before an edge of it.
+        // When control passes to the enable input, nothing starts before an edge of it.
         let mut interlock = begin();
         assert!(may_start_after(&mut interlock, &[off, on]));
         let [local, low] = [true, false].map(|enable| inputs(enable, false));
@@ -313,36 +313,32 @@ mod tests {
 
     #[test]
     fn the_link_gives_back_only_what_it_stopped() {
-        // Stopped by the link, which may therefore start it again.
-        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
-        interlock.stopping(&inputs(true, true));
-        assert!(!interlock.may_start(&inputs(true, true)));
-        assert!(interlock.may_start(&inputs(true, false)));
-        // The input came on while the link withheld the drive.
-        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
-        assert!(!interlock.may_start(&inputs(false, true)));
-        assert!(!interlock.may_start(&inputs(true, true)));
-        assert!(!interlock.may_start(&inputs(true, false)));
-        assert!(!interlock.may_start(&inputs(false, false)));
-        assert!(interlock.may_start(&inputs(true, false)));
-        // Meanwhile the sample interrupt held the drive off: the input was off.
-        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
-        interlock.stopping(&inputs(true, true));
-        interlock.watch(&with(inputs(true, true), |it| it.held_off = true));
-        assert!(!interlock.may_start(&inputs(true, true)));
-        assert!(!interlock.may_start(&inputs(true, false)));
-        // The input was off for a moment after the link had stopped the drive.
-        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
-        interlock.stopping(&inputs(true, true));
-        interlock.watch(&inputs(false, true));
-        assert!(!interlock.may_start(&inputs(true, true)));
-        assert!(!interlock.may_start(&inputs(true, false)));
-        // The input was off as the drive stopped, and the link withholds the drive since then.
-        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
-        interlock.watch(&inputs(false, false));
-        interlock.stopping(&inputs(false, false));
-        interlock.watch(&inputs(true, true));
-        assert!(!interlock.may_start(&inputs(true, true)));
-        assert!(!interlock.may_start(&inputs(true, false)));
+        let [off, on] = [false, true].map(|enable| inputs(enable, false));
+        let [off_withheld, withheld] = [false, true].map(|enable| inputs(enable, true));
+        let held_off = with(withheld, |it| it.held_off = true);
+        // Inputs when the drive stopped, if it ran; those at rest until the link gives it back.
+        for (stopped, at_rest, starts) in [
+            (Some(withheld), &[withheld][..], true),
+            // The input came on while the link withheld the drive.
+            (None, &[off_withheld, withheld], false),
+            (None, &[off_withheld, withheld, on, off], true),
+            // The input was off for the sample interrupt alone, then for all.
+            (Some(withheld), &[held_off, withheld], false),
+            (Some(withheld), &[off_withheld, withheld], false),
+            // The input was off when the drive stopped.
+            (Some(off), &[withheld], false),
+        ] {
+            let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
+            if let Some(stopped) = stopped {
+                interlock.watch(&stopped);
+                interlock.stopping(&stopped);
+            }
+            assert!(!may_start_after(&mut interlock, at_rest), "{at_rest:?}");
+            assert_eq!(
+                may_start_after(&mut interlock, &[on]),
+                starts,
+                "{at_rest:?}"
+            );
+        }
     }
 }

@@ -10,7 +10,7 @@ const SATURATION_CYCLES: u32 = 25;
 pub struct LimitInputs {
     pub running: bool,
     pub frame_received: bool,
-    /// Timeout of the link in cycles; `None` where its silence is permitted.
+    /// Timeout of the link in cycles; `None` if its silence is permitted.
     pub link_timeout: Option<f32>,
     /// Whether the output is at its limit.
     pub saturated: bool,
@@ -23,23 +23,23 @@ pub struct LimitInputs {
 pub struct LimitMonitor {
     pub limits: Limits,
     /// Cycles in a row with the output at its limit.
-    saturated_for: u32,
+    saturated_cycles: u32,
     link_silence: u32,
-    link_known: bool,
+    link_used: bool,
 }
 
 impl LimitMonitor {
     pub fn cycle(&mut self, inputs: &LimitInputs) {
         if inputs.frame_received {
-            self.link_known = true;
+            self.link_used = true;
             self.link_silence = 0;
         } else {
             self.link_silence = self.link_silence.saturating_add(1);
         }
-        let lost = self.link_known
+        let lost = self.link_used
             && (inputs.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
-        self.saturated_for = if inputs.saturated {
-            self.saturated_for.saturating_add(1)
+        self.saturated_cycles = if inputs.saturated {
+            self.saturated_cycles.saturating_add(1)
         } else {
             0
         };
@@ -47,14 +47,14 @@ impl LimitMonitor {
         if inputs.running {
             self.limits = inputs.causes;
             self.limits.set(Limits::LINK_LOST, lost);
-            let limited = self.saturated_for > SATURATION_CYCLES;
+            let limited = self.saturated_cycles > SATURATION_CYCLES;
             self.limits.set(Limits::OUTPUT, limited);
         }
     }
 
     /// The drive is off, so no limit holds it back.
     pub fn rest(&mut self) {
-        self.saturated_for = 0;
+        self.saturated_cycles = 0;
         self.limits = Limits::default();
     }
 }
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
-    /// A limit of another cause stays all the time.
+    /// A limit of another cause lasts all the time.
     const FREE: LimitInputs = LimitInputs {
         running: true,
         frame_received: false,
@@ -86,13 +86,13 @@ mod tests {
         let mut monitor = LimitMonitor::default();
         let silent = |monitor: &mut LimitMonitor| after(monitor, &FREE, Limits::LINK_LOST);
         assert_eq!(silent(&mut monitor), None);
-        let heard = with(FREE, |it| it.frame_received = true);
+        let received = with(FREE, |it| it.frame_received = true);
         for _ in 0..2 {
-            monitor.cycle(&heard);
+            monitor.cycle(&received);
             assert_eq!(monitor.limits, Limits::MISFIT);
             assert_eq!(silent(&mut monitor), Some(101));
         }
-        monitor.cycle(&heard);
+        monitor.cycle(&received);
         let stopped = with(FREE, |it| it.running = false);
         assert_eq!(after(&mut monitor, &stopped, Limits::LINK_LOST), None);
         let unwatched = with(FREE, |it| it.link_timeout = None);

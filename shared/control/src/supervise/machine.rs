@@ -10,7 +10,7 @@ use crate::state::{Event, Events, Fault, Limits, State};
 use kband::regime::capture::Plan;
 use kband::regime::classify::{Regime, Verdict};
 
-/// Cycles at the setpoint before a missing lock starts a capture: five rise times.
+/// Cycles at the setpoint before a missing lock triggers a capture: five rise times.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
 /// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
 const LOCK_CONFIDENCE: f32 = 0.9;
@@ -18,7 +18,7 @@ const LOCK_CONFIDENCE: f32 = 0.9;
 const LOST_CONFIDENCE: f32 = 0.6;
 /// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
 const LOST_CYCLES: u8 = 10;
-/// Cycles in a row near the setpoint that reach it: more than the dead time of two.
+/// Consecutive cycles near the setpoint that reach it: more than the dead time of two.
 const SETPOINT_CYCLES: u8 = 3;
 /// Confidence, 0..1, at which a regime is detected: more likely than not.
 const REGIME_CONFIDENCE: f32 = 0.5;
@@ -57,9 +57,9 @@ pub enum Clearance {
 /// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
-    pub near: bool,
+    pub at_setpoint: bool,
     pub limits: Limits,
-    /// Confidence that the parts are in the wanted lock, 0..1; `None` where no lock is wanted.
+    /// Confidence that the parts are in the requested lock, 0..1; `None` if no lock is requested.
     pub lock: Option<f32>,
     /// The last verdict on the parts' regime.
     pub regime: Option<&'a Verdict>,
@@ -79,7 +79,7 @@ pub enum Decision {
     GoToChaos(f64),
     /// Set the setpoint back to the lock, from which chaos is reached.
     GoToLock,
-    /// The lot has no chaos, so there is no setpoint.
+    /// The lot has no chaos, hence no setpoint.
     NoChaos,
 }
 
@@ -90,8 +90,8 @@ pub struct StateMachine {
     pub interlock: Interlock,
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
-    arrived: u8,
-    doubts: u8,
+    setpoint_cycles: u8,
+    doubt_cycles: u8,
     /// Whether every permitted kick has failed for the present target.
     given_up: bool,
     glide: Glide,
@@ -102,23 +102,20 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
-    /// The state machine of a drive at rest: `pace` in cycles per second, `attempts` kicks.
-    pub fn begin(interlock: Interlock, pace: f32, attempts: f32) -> Self {
+    /// The state machine of a drive at rest: `rate` in cycles per second, `attempts` kicks.
+    pub fn begin(interlock: Interlock, rate: f32, attempts: f32) -> Self {
+        let has_fault = interlock.fault.is_some();
         Self {
-            state: if interlock.fault.is_some() {
-                State::Fault
-            } else {
-                State::Off
-            },
+            state: if has_fault { State::Fault } else { State::Off },
             interlock,
             in_state: 0,
-            arrived: 0,
-            doubts: 0,
+            setpoint_cycles: 0,
+            doubt_cycles: 0,
             given_up: false,
             glide: Glide::None,
             falls: 0,
             max_falls: attempts,
-            capture: Capture::new(attempts as u8, pace),
+            capture: Capture::new(attempts as u8, rate),
         }
     }
 
@@ -131,7 +128,7 @@ impl StateMachine {
     }
 
     /// Whether the detected regime decides the next step.
-    pub fn listens_for_chaos(&self) -> bool {
+    pub fn detects_chaos(&self) -> bool {
         matches!(self.glide, Glide::Gliding | Glide::Arrived { .. })
     }
 
@@ -152,11 +149,11 @@ impl StateMachine {
         (self.state == State::Capturing).then(|| self.capture.command())
     }
 
-    /// Begins the way to a new target. `chaotic`: the way leads through a lock to chaos.
-    pub fn pursue(&mut self, chaotic: bool) {
+    /// Restarts the sequence for a new target. `chaotic`: it passes through a lock to chaos.
+    pub fn set_chaotic(&mut self, chaotic: bool) {
         self.glide = if chaotic { Glide::Lock } else { Glide::None };
         self.falls = 0;
-        self.arrived = 0;
+        self.setpoint_cycles = 0;
         self.given_up = false;
         self.capture.stop();
         if self.settled() {
@@ -190,18 +187,18 @@ impl StateMachine {
         }
     }
 
-    /// The drive is off and everything at rest; the way to chaos begins anew.
+    /// The drive is off and everything at rest; the sequence to chaos restarts.
     pub fn rest(&mut self) -> Decision {
         self.capture.stop();
         self.back_to_lock()
     }
 
-    /// Follows the enable input. A drive that stops is off at rest, or after `patience` cycles.
+    /// Follows the enable input. A drive that stops is off at rest, or after `stop_timeout` cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
         clearance: Clearance,
-        (at_rest, patience): (bool, f32),
+        (at_rest, stop_timeout): (bool, f32),
         events: &mut Events,
     ) -> Option<EnableResponse> {
         self.interlock.watch(inputs);
@@ -226,12 +223,12 @@ impl StateMachine {
                     }
                 }
                 self.enter(State::Starting);
-                self.arrived = 0;
+                self.setpoint_cycles = 0;
                 events.push(Event::Started);
                 Some(EnableResponse::Started)
             }
             State::Stopping => {
-                if self.in_state > 0 && (at_rest || self.in_state as f32 > patience) {
+                if self.in_state > 0 && (at_rest || self.in_state as f32 > stop_timeout) {
                     self.enter(State::Off);
                     events.push(Event::Stopped);
                 }
@@ -253,9 +250,9 @@ impl StateMachine {
 
     /// Moves between the states of a running drive.
     #[inline(always)]
-    pub fn advance(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
-        let Observation { near, limits, .. } = *seen;
-        let confidence = seen.lock.unwrap_or(0.0);
+    pub fn advance(&mut self, observation: &Observation<'_>, events: &mut Events) -> Decision {
+        let (at_setpoint, limits) = (observation.at_setpoint, observation.limits);
+        let confidence = observation.lock.unwrap_or(0.0);
         let locked = confidence >= LOCK_CONFIDENCE;
         if self.settled() && self.state != State::Limiting && !limits.is_empty() {
             self.capture.stop();
@@ -271,12 +268,12 @@ impl StateMachine {
                 return Decision::ForgetImpacts;
             }
             State::Starting => {
-                self.arrived = if near {
-                    self.arrived.saturating_add(1)
+                self.setpoint_cycles = if at_setpoint {
+                    self.setpoint_cycles.saturating_add(1)
                 } else {
                     0
                 };
-                if self.arrived >= SETPOINT_CYCLES || limits.contains(Limits::OUTPUT) {
+                if self.setpoint_cycles >= SETPOINT_CYCLES || limits.contains(Limits::OUTPUT) {
                     if limits.is_empty() {
                         self.enter(State::Holding);
                         events.push(Event::SetpointReached);
@@ -287,11 +284,13 @@ impl StateMachine {
                 }
             }
             State::Limiting if limits.is_empty() => {
-                self.arrived = 0;
+                self.setpoint_cycles = 0;
                 self.enter(State::Starting);
             }
-            State::Holding if self.listens_for_chaos() => return self.glide_on(seen, events),
-            State::Holding if seen.lock.is_some() => {
+            State::Holding if self.detects_chaos() => {
+                return self.continue_glide(observation, events);
+            }
+            State::Holding if observation.lock.is_some() => {
                 if locked {
                     self.enter(State::Locked);
                     events.push(Event::Locked);
@@ -300,40 +299,42 @@ impl StateMachine {
                     self.enter(State::Capturing);
                 }
             }
-            State::Capturing => match self
-                .capture
-                .cycle(seen.plan, detected_lock(confidence), near)
-            {
-                None => {}
-                Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
-                Some(CaptureEvent::Planned { sure: false }) => events.push(Event::KickUncertain),
-                Some(CaptureEvent::Begun) => {
-                    events.push(Event::KickBegun);
-                    return Decision::ForgetImpacts;
+            State::Capturing => {
+                let detected = detected_lock(confidence);
+                match self.capture.cycle(observation.plan, detected, at_setpoint) {
+                    None => {}
+                    Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
+                    Some(CaptureEvent::Planned { sure: false }) => {
+                        events.push(Event::KickUncertain)
+                    }
+                    Some(CaptureEvent::Begun) => {
+                        events.push(Event::KickBegun);
+                        return Decision::ForgetImpacts;
+                    }
+                    Some(CaptureEvent::Ended) => events.push(Event::KickEnded),
+                    Some(CaptureEvent::Captured) => {
+                        self.enter(State::Locked);
+                        events.push(Event::Locked);
+                    }
+                    Some(CaptureEvent::Failed) => {
+                        self.given_up = true;
+                        self.enter(State::Holding);
+                        events.push(Event::NotCaptured);
+                    }
                 }
-                Some(CaptureEvent::Ended) => events.push(Event::KickEnded),
-                Some(CaptureEvent::Captured) => {
-                    self.enter(State::Locked);
-                    events.push(Event::Locked);
-                }
-                Some(CaptureEvent::Failed) => {
-                    self.given_up = true;
-                    self.enter(State::Holding);
-                    events.push(Event::NotCaptured);
-                }
-            },
+            }
             State::Locked => {
-                self.doubts = if confidence < LOST_CONFIDENCE {
-                    self.doubts.saturating_add(1)
+                self.doubt_cycles = if confidence < LOST_CONFIDENCE {
+                    self.doubt_cycles.saturating_add(1)
                 } else {
                     0
                 };
-                if self.doubts >= LOST_CYCLES {
-                    self.doubts = 0;
+                if self.doubt_cycles >= LOST_CYCLES {
+                    self.doubt_cycles = 0;
                     self.enter(State::Lost);
                     events.push(Event::LockLost);
                 } else if self.glide == Glide::Lock && self.in_state >= LOCK_CYCLES_BEFORE_GLIDE {
-                    return self.leave_lock(seen.chaos, events);
+                    return self.leave_lock(observation.chaos, events);
                 }
             }
             State::Lost => {
@@ -369,22 +370,23 @@ impl StateMachine {
 
     /// Returns to the amplitude of the lock, from which chaos is reached.
     fn back_to_lock(&mut self) -> Decision {
-        if !self.listens_for_chaos() {
+        if !self.detects_chaos() {
             return Decision::Stay;
         }
         self.glide = Glide::Lock;
         Decision::GoToLock
     }
 
-    /// On the way to chaos and there: tests whether the parts are chaotic.
-    fn glide_on(&mut self, seen: &Observation<'_>, events: &mut Events) -> Decision {
+    /// During the glide and in chaos: tests whether the parts are chaotic.
+    fn continue_glide(&mut self, observation: &Observation<'_>, events: &mut Events) -> Decision {
         match self.glide {
-            Glide::Gliding if seen.near => {
+            Glide::Gliding if observation.at_setpoint => {
                 self.glide = Glide::Arrived { detected: false };
                 return Decision::ForgetImpacts;
             }
             Glide::Arrived { detected } => {
-                let sure = (seen.regime).filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
+                let sure =
+                    (observation.regime).filter(|verdict| verdict.confidence >= REGIME_CONFIDENCE);
                 match sure.map(|verdict| verdict.regime) {
                     Some(Regime::Chaotic) if !detected => {
                         self.glide = Glide::Arrived { detected: true };
@@ -401,7 +403,7 @@ impl StateMachine {
         Decision::Stay
     }
 
-    /// The parts fell out of chaos to rest. The way begins anew, as often as kicks are permitted.
+    /// The parts fell out of chaos to rest. The sequence restarts, as often as kicks are permitted.
     fn restart_chaos(&mut self, events: &mut Events) -> Decision {
         self.falls = self.falls.saturating_add(1);
         let decision = self.back_to_lock();
@@ -411,7 +413,7 @@ impl StateMachine {
             self.enter(State::Holding);
             events.push(Event::NotCaptured);
         } else {
-            self.arrived = 0;
+            self.setpoint_cycles = 0;
             self.enter(State::Starting);
             events.push(Event::LockLost);
         }
@@ -419,7 +421,6 @@ impl StateMachine {
     }
 }
 
-/// The lock that a confidence detects.
 fn detected_lock(confidence: f32) -> DetectedLock {
     if confidence >= LOCK_CONFIDENCE {
         DetectedLock::All
@@ -440,10 +441,6 @@ mod tests {
     use crate::testing::seeded;
 
     const PACE: f32 = 50.0;
-
-    fn begin(start: StartCause) -> StateMachine {
-        StateMachine::begin(Interlock::begin(start, PACE), PACE, 8.0)
-    }
 
     /// The state after a number of cycles with these inputs.
     fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
@@ -483,11 +480,12 @@ mod tests {
             ),
             power_on: bool,
         ) {
-            let starts = [StartCause::Ordinary, StartCause::PowerOn];
-            let mut machine = begin(starts[usize::from(power_on)]);
+            let start = if power_on { StartCause::PowerOn } else { StartCause::Ordinary };
+            let interlock = Interlock::begin(start, PACE);
+            let mut machine = StateMachine::begin(interlock, PACE, 8.0);
             let mut events = Events::default();
             // Cycles, those for which the input is off, the cycles of the faults, the least off.
-            let (mut now, mut off, mut faults, mut least) = (0, 0, std::vec![], 0);
+            let (mut now, mut off, mut faults, mut min_off_cycles) = (0, 0, std::vec![], 0);
             let mut released = !power_on;
             for (flags, cycles, what) in steps {
                 let fault = CAUSES.get(what).map_or(Fault::SensorLost, |(fault, _)| *fault);
@@ -498,7 +496,7 @@ mod tests {
                 if what < 7 && free {
                     faults.push(now);
                     let third = faults.iter().rev().nth(2);
-                    least = if third.is_some_and(|then| now - then < 3000) { 3000 } else { 25 };
+                    min_off_cycles = if third.is_some_and(|then| now - then < 3000) { 3000 } else { 25 };
                     (off, released) = (0, true);
                 }
                 let mut inputs = Inputs { enable: flags & 1 == 1, ..Inputs::default() };
@@ -514,9 +512,9 @@ mod tests {
                     let (fault, running) = (machine.fault(), machine.running());
                     let state = after(&mut machine, 1, &inputs);
                     if fault.is_some() {
-                        let stays = off < least || lasts;
-                        prop_assert_eq!(machine.fault(), fault.filter(|_| stays));
-                        prop_assert_eq!(state, if stays { State::Fault } else { State::Off });
+                        let is_locked_out = off < min_off_cycles || lasts;
+                        prop_assert_eq!(machine.fault(), fault.filter(|_| is_locked_out));
+                        prop_assert_eq!(state, if is_locked_out { State::Fault } else { State::Off });
                     } else if !running {
                         let starts = inputs.enable && released;
                         prop_assert_eq!(state == State::Starting, starts);

@@ -7,7 +7,7 @@ use crate::hear::Cycle;
 use crate::settings::Settings;
 use kband::feeder::STANDARD_GRAVITY;
 
-/// Averaging time of the mean reading, in s: at 50 Hz the converter's noise leaves 0.03 mV.
+/// Averaging time of the mean reading, in s: at 50 Hz 0.03 mV of the converter's noise remain.
 const REST_SECONDS: f32 = 0.1;
 /// Permitted drift of the voltage at zero acceleration, in V: temperature, supply, age.
 const OFFSET_DRIFT: f32 = 0.02;
@@ -24,7 +24,7 @@ const SETTLING_TIME_CONSTANTS: f32 = 2.0;
 const SETTLING_CYCLES: f32 = 3.0;
 /// Cycles over which the test swing is averaged.
 const SWING_CYCLES: f32 = 8.0;
-/// Value of the setting `gain_tolerance` from which no test swing runs: it was not commissioned.
+/// Value of the setting `gain_tolerance` at which no test swing runs: it was not commissioned.
 pub const UNCOMMISSIONED_TOLERANCE: f32 = 2.5;
 
 /// Compares the mean reading with the one at rest at commissioning; motion has no mean.
@@ -41,12 +41,11 @@ pub struct RestTest {
 }
 
 impl RestTest {
-    /// The test for these settings.
     pub fn build(settings: &Settings) -> Self {
         let per_volt = STANDARD_GRAVITY as f32 / settings.sensitivity;
         let step = settings.converter_reference / libm::exp2f(settings.converter_bits);
         let rest = (settings.sensor_rest - settings.sensor_zero) * per_volt;
-        // The sensitivity drifts by a share of full gravity, whatever share the axis measures.
+        // The sensitivity drifts by a share of full gravity, whatever component the axis measures.
         let bound = (OFFSET_DRIFT + step) * per_volt + SENSITIVITY_DRIFT * STANDARD_GRAVITY as f32;
         Self {
             commissioned: (settings.sensor_rest > 0.0).then_some([rest, bound]),
@@ -76,11 +75,7 @@ impl RestTest {
 
     /// Whether the mean deviates; `None` before the first average.
     pub fn deviates(&self) -> Option<bool> {
-        if self.commissioned.is_some() {
-            self.deviates
-        } else {
-            Some(false)
-        }
+        self.commissioned.map_or(Some(false), |_| self.deviates)
     }
 }
 
@@ -125,11 +120,7 @@ impl TestSwing {
     }
 
     pub fn begin(&mut self) {
-        *self = Self {
-            passed: false,
-            held: false,
-            ..*self
-        };
+        (self.passed, self.held) = (false, false);
         self.restart();
     }
 
@@ -138,10 +129,11 @@ impl TestSwing {
     }
 
     /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of
-    /// the outputs, all in m. `ceiling`: hard limit; `least`: smallest detectable amplitude.
-    pub fn limits(&self, now: f32, ceiling: f32, least: f32) -> Option<[f32; 2]> {
+    /// the outputs, all in m. `ceiling`: hard limit; `min_amplitude`: smallest detectable
+    /// amplitude.
+    pub fn limits(&self, now: f32, ceiling: f32, min_amplitude: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
-        let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * least);
+        let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * min_amplitude);
         let swing = swing.max(now);
         Some([swing, tolerance * swing])
     }
@@ -171,8 +163,9 @@ impl TestSwing {
         let [by_output, by_current] = self.expected.map(|expected| self.measured / expected);
         self.restart();
         // A ratio that is not a number fails too.
-        let within = |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
-        self.passed = within(by_output) && within(by_current);
+        let is_plausible =
+            |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
+        self.passed = is_plausible(by_output) && is_plausible(by_current);
         if self.passed {
             SwingResult::Passed
         } else {
@@ -186,10 +179,10 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
-    /// Settings of a commissioned machine whose sensor measures the share `seen` of 1 g at rest.
-    fn commissioned(seen: f32) -> Settings {
+    /// Settings of a commissioned machine whose sensor measures the share `mean` of 1 g at rest.
+    fn commissioned(mean: f32) -> Settings {
         Settings {
-            sensor_rest: 1.65 + 0.1 * seen,
+            sensor_rest: 1.65 + 0.1 * mean,
             gain_tolerance: 1.3,
             load_tolerance: 1.3,
             ..Settings::default()
@@ -200,10 +193,8 @@ mod tests {
     fn after(settings: &Settings, seconds: f32, volts: f32) -> Option<bool> {
         let mut test = RestTest::build(settings);
         let rest = settings.sensor_rest + volts - settings.sensor_zero;
-        let cycle = Cycle {
-            mean: rest / settings.sensitivity * STANDARD_GRAVITY as f32,
-            ..Cycle::default()
-        };
+        let mean = rest / settings.sensitivity * STANDARD_GRAVITY as f32;
+        let cycle = with(Cycle::default(), |it| it.mean = mean);
         for _ in 0..(seconds * settings.frequency) as usize {
             test.cycle(&cycle);
         }
@@ -213,8 +204,8 @@ mod tests {
     #[test]
     fn a_mean_beyond_drift_and_a_step_deviates() {
         // 20 mV of offset, 5 % of 0.1 V and a step of 0.8 mV.
-        for seen in [-1.0, 0.0, 1.0] {
-            let settings = commissioned(seen);
+        for mean in [-1.0, 0.0, 1.0] {
+            let settings = commissioned(mean);
             for (volts, deviates) in [(0.0255, false), (0.0262, true)] {
                 for sign in [-1.0, 1.0] {
                     assert_eq!(after(&settings, 0.11, sign * volts), Some(deviates));
@@ -232,11 +223,11 @@ mod tests {
         let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
         swing.begin();
         swing.hold(true);
-        let found = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
+        let actual = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
             SwingResult::Pending => None,
             other => Some(other),
         });
-        assert_eq!(found, Some(SwingResult::Failed));
+        assert_eq!(actual, Some(SwingResult::Failed));
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999), which
-//! removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
+//! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999),
+//! which removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,10 +12,10 @@ use super::{SCHEMA, VERSION};
 const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
 /// Bytes of the CRC.
 const CHECK_BYTES: usize = 4;
-/// Version of the frames that never change.
+/// Version of frames whose format never changes.
 const FROZEN: u8 = 0;
-/// Byte after the sequence of a frozen frame that holds a message of an update; an identity has
-/// its version there.
+/// Byte after the sequence of a frozen frame with a message of an update. In an identity the
+/// version is there.
 const UPDATE: u8 = b'u';
 
 /// Error: a message too long for a frame.
@@ -26,7 +26,7 @@ pub struct Unsendable;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Incoming<'a> {
     /// The identity request.
-    Question {
+    IdentityRequest {
         /// Sequence of the response.
         sequence: u8,
     },
@@ -122,13 +122,12 @@ pub fn write_update_answer<'b>(
 }
 
 /// Encodes the identity request; its format never changes.
-pub fn write_question(
+pub fn write_identity_request(
     buffer: &mut [u8; MAX_FRAME_BYTES],
     sequence: u8,
 ) -> Result<&[u8], Unsendable> {
     let mut inside = [0; MAX_INSIDE_BYTES];
-    inside[0] = FROZEN;
-    inside[1] = sequence;
+    inside[..2].copy_from_slice(&[FROZEN, sequence]);
     finish(buffer, &mut inside, 2)
 }
 
@@ -141,14 +140,10 @@ pub fn write_identity<'b>(
     let mut inside = [0; MAX_INSIDE_BYTES];
     let image = identity.image.as_bytes();
     let length = 7 + image.len();
-    inside[0] = FROZEN;
-    inside[1] = sequence;
-    inside[2] = identity.version;
+    inside[..3].copy_from_slice(&[FROZEN, sequence, identity.version]);
     inside[3..7].copy_from_slice(&identity.schema.to_le_bytes());
-    inside
-        .get_mut(7..length)
-        .ok_or(Unsendable)?
-        .copy_from_slice(image);
+    let place = inside.get_mut(7..length).ok_or(Unsendable)?;
+    place.copy_from_slice(image);
     finish(buffer, &mut inside, length)
 }
 
@@ -173,7 +168,7 @@ pub fn read_frozen_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
 
 fn frozen_request(rest: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match rest {
-        [sequence] => Ok(Incoming::Question {
+        [sequence] => Ok(Incoming::IdentityRequest {
             sequence: *sequence,
         }),
         [sequence, UPDATE, message @ ..] => Ok(Incoming::Update {
@@ -220,8 +215,8 @@ fn write_message<'b, const HEAD: usize>(
 ) -> Result<&'b [u8], Unsendable> {
     let mut inside = [0; MAX_INSIDE_BYTES];
     inside[..HEAD].copy_from_slice(&head);
-    let room = (inside.get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)).ok_or(Unsendable)?;
-    let length = (postcard::to_slice(message, room).map_err(|_| Unsendable)?).len();
+    let payload = (inside.get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)).ok_or(Unsendable)?;
+    let length = (postcard::to_slice(message, payload).map_err(|_| Unsendable)?).len();
     finish(buffer, &mut inside, HEAD + length)
 }
 
@@ -252,12 +247,10 @@ fn finish<'b>(
     inside: &mut [u8; MAX_INSIDE_BYTES],
     length: usize,
 ) -> Result<&'b [u8], Unsendable> {
-    let check = crc32(inside.get(..length).ok_or(Unsendable)?).to_le_bytes();
-    inside
-        .get_mut(length..length + CHECK_BYTES)
-        .ok_or(Unsendable)?
-        .copy_from_slice(&check);
-    let whole = inside.get(..length + CHECK_BYTES).ok_or(Unsendable)?;
+    let (content, rest) = inside.split_at_mut_checked(length).ok_or(Unsendable)?;
+    let check = rest.first_chunk_mut().ok_or(Unsendable)?;
+    *check = crc32(content).to_le_bytes();
+    let checked = inside.get(..length + CHECK_BYTES).ok_or(Unsendable)?;
     let mut put = |at: usize, byte: u8| {
         let slot = buffer.get_mut(at).ok_or(Unsendable)?;
         *slot = byte;
@@ -266,7 +259,7 @@ fn finish<'b>(
     let mut code_at = 0;
     let mut end = 1;
     let mut code = 1_u8;
-    for &byte in whole {
+    for &byte in checked {
         if byte != 0 {
             put(end, byte)?;
             end += 1;
@@ -286,19 +279,19 @@ fn finish<'b>(
 
 /// A frame with arbitrary content and a valid CRC.
 #[cfg(test)]
-pub(super) fn write_inside<'b>(buffer: &'b mut [u8; MAX_FRAME_BYTES], plain: &[u8]) -> &'b [u8] {
+pub(super) fn write_inside<'b>(buffer: &'b mut [u8; MAX_FRAME_BYTES], content: &[u8]) -> &'b [u8] {
     let mut inside = [0; MAX_INSIDE_BYTES];
-    inside[..plain.len()].copy_from_slice(plain);
-    finish(buffer, &mut inside, plain.len()).unwrap()
+    inside[..content.len()].copy_from_slice(content);
+    finish(buffer, &mut inside, content.len()).unwrap()
 }
 
 /// Checks the CRC; returns the version and the bytes after it.
 fn check_frame(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
-    let (sound, check) = (inside.split_last_chunk::<CHECK_BYTES>()).ok_or(Unreadable::Corrupt)?;
-    if crc32(sound) != u32::from_le_bytes(*check) {
+    let (content, check) = (inside.split_last_chunk::<CHECK_BYTES>()).ok_or(Unreadable::Corrupt)?;
+    if crc32(content) != u32::from_le_bytes(*check) {
         return Err(Unreadable::Corrupt);
     }
-    let (version, rest) = sound.split_first().ok_or(Unreadable::Corrupt)?;
+    let (version, rest) = content.split_first().ok_or(Unreadable::Corrupt)?;
     Ok((*version, rest))
 }
 

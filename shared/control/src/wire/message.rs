@@ -14,7 +14,7 @@ pub enum Request<'a> {
     Setting(u8),
     /// Reads the setting with this key.
     Get(&'a str),
-    /// Changes a setting; an error outside its range. With the drive off the value applies at once.
+    /// Changes a setting; an error outside its range. With the drive off it takes effect at once.
     Set {
         /// The setting's key.
         key: &'a str,
@@ -63,7 +63,7 @@ pub enum Request<'a> {
     Identification,
     /// Reads the board's target.
     Held,
-    /// Reads a fault from non-volatile memory, by its age in faults before the newest.
+    /// Reads a fault from non-volatile memory; the number counts back from the newest fault.
     Fault(u8),
     /// Reads the board's present inputs and outputs.
     Status,
@@ -74,7 +74,7 @@ pub enum Request<'a> {
     Unlock(Pin),
     /// Reads a recipe, numbered from 1.
     Recipe(u8),
-    /// Changes a recipe, or deletes it, until the board's next reset; an error where it does not
+    /// Changes a recipe, or deletes it, until the board's next reset; an error if it does not
     /// fit the machine, or while the drive runs.
     SetRecipe {
         /// Number of the recipe, from 1.
@@ -82,13 +82,13 @@ pub enum Request<'a> {
         /// Its name and content; `None` deletes it.
         recipe: Option<(RecipeName, Recipe)>,
     },
-    /// Saves all recipes, with the settings and the target that were saved last. An error as for
-    /// [`Request::Save`], and where no settings were saved.
+    /// Saves all recipes, with the last saved settings and target. An error as for
+    /// [`Request::Save`], and if no settings were saved.
     SaveRecipes,
     /// Uses a recipe, also while the drive runs; 0: the saved target and its parts.
     UseRecipe(u8),
-    /// A request of Modbus, unit, function and data, for the registers of the fieldbus. Without
-    /// full access it only reads.
+    /// A Modbus request for the fieldbus: unit, function and data. Without full access it only
+    /// reads.
     Bus(&'a [u8]),
 }
 
@@ -143,32 +143,32 @@ pub enum Access {
 
 /// Appends the difference of a reading to the one before. Returns the number of bytes; 0 with room
 /// for fewer than three.
-pub fn write_reading(room: &mut [u8], before: u16, code: u16) -> usize {
+pub fn write_reading(buffer: &mut [u8], before: u16, code: u16) -> usize {
     let difference = i32::from(code) - i32::from(before);
-    let mut left = ((difference << 1) ^ (difference >> 31)) as u32;
-    let Some(room) = room.get_mut(..3) else {
+    let mut bits = ((difference << 1) ^ (difference >> 31)) as u32;
+    let Some(buffer) = buffer.get_mut(..3) else {
         return 0;
     };
     let mut used = 0;
-    while left >= 0x80 {
-        room[used] = left as u8 | 0x80;
-        left >>= 7;
+    while bits >= 0x80 {
+        buffer[used] = bits as u8 | 0x80;
+        bits >>= 7;
         used += 1;
     }
-    room[used] = left as u8;
+    buffer[used] = bits as u8;
     used + 1
 }
 
 /// Reads the next reading after `before` from the front of `codes`; `None` at the end or for an
 /// invalid code.
 pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
-    let mut left = 0_u32;
+    let mut bits = 0_u32;
     for shift in [0, 7, 14] {
         let (&byte, rest) = codes.split_first()?;
         *codes = rest;
-        left |= u32::from(byte & 0x7f) << shift;
+        bits |= u32::from(byte & 0x7f) << shift;
         if byte & 0x80 == 0 {
-            let difference = (left >> 1) as i32 ^ -((left & 1) as i32);
+            let difference = (bits >> 1) as i32 ^ -((bits & 1) as i32);
             return u16::try_from(i32::from(before) + difference).ok();
         }
     }
@@ -176,7 +176,7 @@ pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
 }
 
 /// Updates the check of a cycle's outputs with the bits of an output; 0 at the start of a cycle.
-pub fn fold_output(check: u32, output: f32) -> u32 {
+pub fn update_output_check(check: u32, output: f32) -> u32 {
     ((check ^ output.to_bits()).wrapping_mul(0x0100_0193)).rotate_left(5)
 }
 
@@ -201,7 +201,7 @@ pub enum Response<'a> {
     Telemetry(Telemetry),
     /// End of a drive cycle of the simulation.
     Cycle {
-        /// Check of all outputs of the cycle ([`fold_output`]).
+        /// Check of all outputs of the cycle ([`update_output_check`]).
         outputs: u32,
         /// The controller's report.
         report: Report,
@@ -211,24 +211,24 @@ pub enum Response<'a> {
     /// The board's target.
     Held(Target),
     /// A stored fault; `None` if there is none of that age.
-    Fault(Option<KeptFault>),
+    Fault(Option<FaultRecord>),
     /// The board's present inputs and outputs.
     Status(Status),
     /// A recipe.
     Recipe(Stored),
-    /// Answer of Modbus: unit, function and data; empty where there is none.
+    /// Answer of Modbus: unit, function and data; empty if there is none.
     Bus(&'a [u8]),
 }
 
 /// A stored recipe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum Stored {
-    /// There is none of this number.
+    /// There is no recipe of this number.
     #[default]
     None,
     /// Its name and content.
     Recipe(RecipeName, Recipe),
-    /// A newer firmware saved it; this one keeps it and cannot use it.
+    /// A newer firmware saved it; this one keeps it but cannot use it.
     Newer,
 }
 
@@ -269,7 +269,7 @@ pub enum Refusal<'a> {
     Running,
     /// The non-volatile memory failed.
     Store,
-    /// No simulation is active, or its readings end at another sample than the board's cycle.
+    /// No simulation is active, or its readings end at a different sample than the board's cycle.
     OutOfStep,
     /// Too many writes of the non-volatile memory in the last hour.
     TooOften,
@@ -283,9 +283,9 @@ pub enum Refusal<'a> {
     Faster(u16),
     /// The supply is low, or was within the last 100 ms; nothing was saved.
     SupplyLow,
-    /// There is no recipe of this number, or it is a newer firmware's.
+    /// There is no recipe of this number, or a newer firmware saved it.
     NoRecipe,
-    /// No settings were saved yet, or they are damaged: recipes are saved with them.
+    /// No settings were saved yet, or they are damaged; recipes are saved together with them.
     NoSettings,
     /// The fieldbus is in control; the setting `bus` ends that.
     NotInControl,
@@ -369,7 +369,7 @@ impl From<&Report> for Telemetry {
             lead: report.lead,
             output: report.command.amplitude,
             shape: report.shape,
-            overtones: (report.command.overtones).map(|tone| [tone.sine, tone.cosine]),
+            overtones: report.command.overtones,
             rate: report.rate,
             phase: report.phase,
             confidence: report.confidence,
@@ -405,7 +405,7 @@ pub struct Record {
 
 /// A fault stored in non-volatile memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct KeptFault {
+pub struct FaultRecord {
     /// Number among all faults of the board.
     pub number: u32,
     /// Seconds from the board's start to the fault.
@@ -428,15 +428,15 @@ pub struct KeptFault {
 
 /// Content of the non-volatile memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kept {
+pub enum SavedSettings {
     /// The present settings and target.
     InUse,
     /// Other settings or another target.
-    Others,
+    Different,
     /// Nothing was ever saved.
     #[default]
     Never,
-    /// Damaged content, or that of another firmware.
+    /// Damaged content, or content of another firmware.
     Damaged,
 }
 
@@ -460,7 +460,7 @@ pub struct SelfTest {
     /// noise.
     pub sensor: bool,
     /// Content of the non-volatile memory.
-    pub settings: Kept,
+    pub settings: SavedSettings,
     /// Number of stack bytes never used.
     pub stack_free: u32,
     /// Number of drive cycles with a missed control deadline.
@@ -493,17 +493,8 @@ pub struct Counters {
 impl Counters {
     /// Number of received frames, each counted once.
     pub fn frames(&self) -> u64 {
-        let Self {
-            requests,
-            oversized,
-            corrupt,
-            foreign,
-            unknown,
-            flooded,
-            rows_dropped: _,
-            answers_dropped: _,
-        } = *self;
-        let all = [requests, oversized, corrupt, foreign, unknown, flooded];
-        all.into_iter().map(u64::from).sum()
+        let valid = [self.requests, self.unknown, self.flooded];
+        let invalid = [self.oversized, self.corrupt, self.foreign];
+        valid.into_iter().chain(invalid).map(u64::from).sum()
     }
 }

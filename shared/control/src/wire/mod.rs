@@ -1,7 +1,9 @@
 //! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! A frame is encoded by COBS and ends with a zero, so a receiver resynchronizes after any garbage. It
-//! contains in this order:
+//! A frame is encoded by COBS and ends with a zero, so a receiver resynchronizes after any garbage.
+//! It contains in this order:
+//!
+//! | bytes | content |
 //! |---|---|
 //! | 1 | version: [`VERSION`], or 0 for identity and update |
 //! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
@@ -9,9 +11,10 @@
 //! | | the message: postcard of [`Request`] or [`Response`] |
 //! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
 //!
-//! Frames of version 0 never change, so any desk can identify and update any board. Without a message
-//! one is the identity request, whose response is [`Identity`]: version, schema (4 bytes), name. With
-//! the letter `u` it holds the postcard of [`UpdateRequest`] or [`UpdateAnswer`].
+//! Frames of version 0 never change, so any desk can identify and update any board. A frame of
+//! version 0 without a message is the identity request. Its response is [`Identity`]: version,
+//! schema (4 bytes), name. With the letter `u` the frame holds the postcard of [`UpdateRequest`] or
+//! [`UpdateAnswer`].
 //!
 //! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
 //! applied in part.
@@ -23,12 +26,13 @@ mod update;
 
 pub use frame::{
     Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_frozen_request,
-    read_request, write_identity, write_question, write_request, write_response,
+    read_request, write_identity, write_identity_request, write_request, write_response,
     write_update_answer, write_update_request,
 };
 pub use message::{
-    Access, Counters, Kept, KeptFault, Pin, Record, Refusal, Request, Response, SelfTest, SetUp,
-    Setting, Status, Stored, TELEMETRY_FRAME, Telemetry, fold_output, read_reading, write_reading,
+    Access, Counters, FaultRecord, Pin, Record, Refusal, Request, Response, SavedSettings,
+    SelfTest, SetUp, Setting, Status, Stored, TELEMETRY_FRAME, Telemetry, read_reading,
+    update_output_check, write_reading,
 };
 pub use receiver::{MAX_FRAME_BYTES, Receiver, Unreadable};
 pub use update::{

@@ -20,8 +20,8 @@ pub enum Unreadable {
 
 impl Counters {
     /// Counts a rejected frame.
-    pub fn count(&mut self, why: Unreadable) {
-        let counter = match why {
+    pub fn count(&mut self, reason: Unreadable) {
+        let counter = match reason {
             Unreadable::Oversized => &mut self.oversized,
             Unreadable::Corrupt => &mut self.corrupt,
             Unreadable::Foreign => &mut self.foreign,

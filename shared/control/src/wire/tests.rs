@@ -9,8 +9,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::{
     Command, Event, Events, Fault, GearMargin, Identification, Identified, Inputs, Limits, Load,
-    Overtone, Recipe, RecipeName, Report, Shape, StartCause, State, Target, Unidentified,
-    UpperTone,
+    Recipe, RecipeName, Report, Shape, StartCause, State, Target, Unidentified, UpperTone,
 };
 use kband::arithmetic::Phase;
 use kband::regime::classify::{Regime, Verdict};
@@ -80,6 +79,21 @@ fn requests() -> Vec<Request<'static>> {
     ]
 }
 
+const MARGIN: GearMargin = GearMargin {
+    trace: -0.5,
+    restitution: 0.25,
+    error: 0.125,
+    scatter: 0.0625,
+    flip: 0.5,
+    to_loss: 1000.0,
+};
+
+const LOAD: Load = Load {
+    mass: 250.0,
+    speed: 93.5,
+    flow: 46.75,
+};
+
 fn recipe() -> Recipe {
     Recipe {
         target: Target::K(0.41),
@@ -127,7 +141,7 @@ fn responses() -> Vec<Response<'static>> {
         Response::Event(None),
         Response::SelfTest(SelfTest {
             sensor: true,
-            settings: Kept::Others,
+            settings: SavedSettings::Different,
             stack_free: 20_000,
             missed: 0,
             set_up: SetUp {
@@ -165,19 +179,8 @@ fn responses() -> Vec<Response<'static>> {
             in_gear_error: 0.03125,
             expected_in_gear: 0.85,
             gear_band: Some([0.375, 0.4375]),
-            margin: Some(GearMargin {
-                trace: -0.5,
-                restitution: 0.25,
-                error: 0.125,
-                scatter: 0.0625,
-                flip: 0.5,
-                to_loss: 1000.0,
-            }),
-            load: Some(Load {
-                mass: 250.0,
-                speed: 93.5,
-                flow: 46.75,
-            }),
+            margin: Some(MARGIN),
+            load: Some(LOAD),
             state: 4,
             fault: 0,
             limits: 2,
@@ -220,7 +223,7 @@ fn responses() -> Vec<Response<'static>> {
             recipe()
         )),
         Response::Recipe(Stored::Newer),
-        Response::Fault(Some(KeptFault {
+        Response::Fault(Some(FaultRecord {
             number: 300,
             seconds: 70_000,
             fault: 4,
@@ -299,21 +302,10 @@ fn report() -> Report {
         in_gear_error: 0.03125,
         gear: 1,
         to_loss: 500.0,
-        margin: Some(GearMargin {
-            trace: -0.5,
-            restitution: 0.25,
-            error: 0.125,
-            scatter: 0.0625,
-            flip: 0.5,
-            to_loss: 1000.0,
-        }),
+        margin: Some(MARGIN),
         expected_in_gear: 0.85,
         gear_band: Some([0.375, 0.4375]),
-        load: Some(Load {
-            mass: 250.0,
-            speed: 93.5,
-            flow: 46.75,
-        }),
+        load: Some(LOAD),
         attempts: 2,
         identification: Identification::NotFound(Unidentified::Dead),
         state: State::Fault,
@@ -323,19 +315,10 @@ fn report() -> Report {
         command: Command {
             amplitude: 0.3,
             lead: Phase::from_bits(1 << 27),
-            overtones: [
-                Overtone {
-                    sine: 0.25,
-                    cosine: -0.5,
-                },
-                Overtone {
-                    sine: 0.125,
-                    cosine: 0.0625,
-                },
-            ],
+            overtones: [[0.25, -0.5], [0.125, 0.0625]],
             step: 10_737_418,
             immediate: true,
-            fold: Some(Phase::from_bits(1 << 30)),
+            average_from: Some(Phase::from_bits(1 << 30)),
             whole: false,
         },
     }
@@ -380,12 +363,10 @@ fn golden() -> Vec<(String, String)> {
 }
 
 fn hash(lines: &[(String, String)]) -> u32 {
-    lines
-        .iter()
-        .flat_map(|(_, hex)| hex.bytes().chain([b'\n']))
-        .fold(0x811c_9dc5, |sum, byte| {
-            (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
-        })
+    let bytes = (lines.iter()).flat_map(|(_, hex)| hex.bytes().chain([b'\n']));
+    bytes.fold(0x811c_9dc5, |sum, byte| {
+        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    })
 }
 
 #[test]
@@ -403,19 +384,22 @@ fn the_schema_is_the_hash_of_the_golden_messages() {
 #[test]
 fn the_frozen_frames_never_change() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let found = write_question(&mut buffer, 0x2a).unwrap();
-    assert_eq!(found, QUESTION, "the question who is there is frozen");
+    let actual = write_identity_request(&mut buffer, 0x2a).unwrap();
+    assert_eq!(
+        actual, IDENTITY_REQUEST,
+        "the question who is there is frozen"
+    );
     let identity = Identity {
         version: 1,
         schema: 0x0102_0304,
         image: "kband",
     };
-    let found = write_identity(&mut buffer, 0x2a, &identity).unwrap();
-    assert_eq!(found, ANSWER, "the answer who is there is frozen");
+    let actual = write_identity(&mut buffer, 0x2a, &identity).unwrap();
+    assert_eq!(actual, ANSWER, "the answer who is there is frozen");
 }
 
 // Computed by an independent program, with another library's CRC-32.
-const QUESTION: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
+const IDENTITY_REQUEST: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
 const ANSWER: &[u8] = &[
     0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
     0xf8, 0x00,
@@ -514,10 +498,8 @@ fn the_largest_request_of_an_update_fits_a_frame() {
 
 fn receive(bytes: &[u8]) -> Vec<Result<Vec<u8>, Unreadable>> {
     let mut receiver = Receiver::new();
-    bytes
-        .iter()
-        .filter_map(|byte| receiver.push(*byte).map(|frame| frame.map(<[u8]>::to_vec)))
-        .collect()
+    let take = |byte: &u8| receiver.push(*byte).map(|frame| frame.map(<[u8]>::to_vec));
+    bytes.iter().filter_map(take).collect()
 }
 
 #[test]
@@ -535,9 +517,9 @@ fn every_message_arrives_as_it_was_sent() {
         let expected = Outgoing::Response { sequence, response };
         assert_eq!(read_answer(&inside), Ok(expected));
     }
-    let inside = receive(write_question(&mut buffer, 9).unwrap()).remove(0);
-    let wanted = Ok(Incoming::Question { sequence: 9 });
-    assert_eq!(wanted, read_request(&inside.unwrap()));
+    let inside = receive(write_identity_request(&mut buffer, 9).unwrap()).remove(0);
+    let expected = Ok(Incoming::IdentityRequest { sequence: 9 });
+    assert_eq!(expected, read_request(&inside.unwrap()));
     let identity = Identity {
         version: VERSION,
         schema: SCHEMA,
@@ -596,13 +578,12 @@ fn zeros_between_frames_are_nothing() {
 #[test]
 fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_request(&mut buffer, 7, &Request::Get("frequency"))
-        .unwrap()
-        .to_vec();
+    let frame = write_request(&mut buffer, 7, &Request::Get("frequency"));
+    let frame = frame.unwrap().to_vec();
     let refusal = |bytes: &[u8]| -> Option<Unreadable> {
         let inside = match receive(bytes).pop()? {
             Ok(inside) => inside,
-            Err(why) => return Some(why),
+            Err(reason) => return Some(reason),
         };
         read_request(&inside).err()
     };
@@ -615,18 +596,18 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     assert_eq!(refusal(&long), Some(Unreadable::Oversized));
     // Another version, another schema, a trailing byte, an unknown message.
     let inside = receive(&frame).remove(0).unwrap();
-    let plain = &inside[..inside.len() - 4];
+    let content = &inside[..inside.len() - 4];
     let foreign = |at: usize| {
-        let mut plain = plain.to_vec();
-        plain[at] ^= 0x40;
-        plain
+        let mut content = content.to_vec();
+        content[at] ^= 0x40;
+        content
     };
-    let unknown = [&plain[..4], &[0x7f]].concat();
-    let trailing = [plain, &[1]].concat();
+    let unknown = [&content[..4], &[0x7f]].concat();
+    let trailing = [content, &[1]].concat();
     let question = std::vec![0, 1, 2];
     let update = std::vec![0, 1, b'u', 7];
     let update_and_more = std::vec![0, 1, b'u', 0, 0];
-    for (plain, why) in [
+    for (content, reason) in [
         (foreign(0), Unreadable::Foreign),
         (foreign(1), Unreadable::Foreign),
         (foreign(2), Unreadable::Foreign),
@@ -637,8 +618,8 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
         (update_and_more, Unreadable::Unknown),
     ] {
         let mut buffer = [0; MAX_FRAME_BYTES];
-        let bytes = frame::write_inside(&mut buffer, &plain).to_vec();
-        assert_eq!(refusal(&bytes), Some(why), "{plain:x?}");
+        let bytes = frame::write_inside(&mut buffer, &content).to_vec();
+        assert_eq!(refusal(&bytes), Some(reason), "{content:x?}");
     }
     // The receiver resynchronizes after any garbage.
     let resynchronised = [&long[..], &[3, 1, 0][..], &frame[..]].concat();

@@ -12,7 +12,7 @@ pub const MAX_UPDATE_BYTES: usize = 256;
 /// Request of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum UpdateRequest<'a> {
-    /// Reads what the board accepts.
+    /// Reads the board's state for updates.
     State,
     /// Gives the desk write access, as [`super::Request::Unlock`].
     Unlock(Pin),
@@ -35,7 +35,7 @@ pub enum UpdateRequest<'a> {
     },
     /// Ends the image with its signature, 64 bytes. A correct one starts the new image on trial.
     End(&'a [u8]),
-    /// Confirms the image on trial. Without it the next start is the previous image's.
+    /// Confirms the image on trial. Without it the next start uses the previous image.
     Confirm,
     /// Begins an update in the loader of a board with one slot, which then erases its old image.
     Signed {
@@ -50,12 +50,11 @@ pub enum UpdateRequest<'a> {
     },
 }
 
-/// Number of bytes of an image with `bytes` at `offset`, of an image of `length` bytes of which
-/// `written` are stored; `None` for a repeated request, which was carried out already.
+/// Number of new image bytes in a request with `bytes` at `offset`. The image has `length` bytes,
+/// of which `written` are stored. `None` for a repeated request, which was already carried out.
 ///
-/// # Errors
-/// [`UpdateRefusal::Length`] for a number of bytes that is no request, or beyond the image;
-/// [`UpdateRefusal::Order`] where others are due.
+/// # Errors [`UpdateRefusal::Length`] for an invalid number of bytes, or beyond the image;
+/// [`UpdateRefusal::Order`] if other bytes are due.
 pub fn check_chunk(
     offset: u32,
     bytes: &[u8],
@@ -80,7 +79,7 @@ pub enum UpdateAnswer<'a> {
     Done,
     /// The request was rejected without effect.
     Refused(UpdateRefusal),
-    /// What the board accepts.
+    /// State of the board for updates.
     State {
         /// Name of the board.
         board: &'a str,
@@ -91,8 +90,8 @@ pub enum UpdateAnswer<'a> {
         /// Whether its image is on trial.
         on_trial: bool,
     },
-    /// The board's loader takes the image, by [`UpdateRequest::Signed`]. The application restarts
-    /// into it.
+    /// The board's loader receives the image, by [`UpdateRequest::Signed`]. The application
+    /// restarts into the loader.
     Loader,
 }
 
@@ -117,7 +116,7 @@ pub enum UpdateRefusal {
     HasKey,
     /// A key, an image or a signature of a wrong length.
     Length,
-    /// The image is another board's.
+    /// The image is for another board.
     OtherBoard,
     /// Bytes out of order; the board has this number of them.
     Order(u32),

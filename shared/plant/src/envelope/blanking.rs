@@ -10,25 +10,25 @@ pub struct Blanking {
     end: u64,
     /// Number of blanked samples of the cycle, and how many more are allowed.
     samples: u64,
-    room: u64,
+    remaining: u64,
     /// Whether blanking is off in the next cycle.
-    whole: bool,
+    disabled: bool,
 }
 
 impl Blanking {
     /// Begins a cycle of `samples` samples at a sample.
     pub fn begin(&mut self, sample: u64, samples: u32) {
-        let most = (MAX_BLANKED_SHARE * f64::from(samples)) as u64;
-        let most = if self.whole { 0 } else { most };
+        let limit = (MAX_BLANKED_SHARE * f64::from(samples)) as u64;
+        let limit = if self.disabled { 0 } else { limit };
         self.end = sample + u64::from(samples);
-        self.samples = self.until.saturating_sub(sample).min(most);
-        self.room = most - self.samples;
+        self.samples = self.until.saturating_sub(sample).min(limit);
+        self.remaining = limit - self.samples;
         self.until = sample + self.samples;
     }
 
     /// Sets whether blanking is off in the next cycle.
-    pub fn keep_whole(&mut self, whole: bool) {
-        self.whole = whole;
+    pub fn disable_blanking(&mut self, disabled: bool) {
+        self.disabled = disabled;
     }
 
     /// First sample after the blanking.
@@ -40,11 +40,11 @@ impl Blanking {
     pub fn blank(&mut self, from: u64, until: u64) -> u64 {
         let from = from.max(self.until);
         if until > from {
-            let within = until.min(self.end).saturating_sub(from);
-            let taken = within.min(self.room);
-            self.samples += taken;
-            self.room -= taken;
-            self.until = if taken < within { from + taken } else { until };
+            let length = until.min(self.end).saturating_sub(from);
+            let blank = length.min(self.remaining);
+            self.samples += blank;
+            self.remaining -= blank;
+            self.until = if blank < length { from + blank } else { until };
         }
         self.until
     }

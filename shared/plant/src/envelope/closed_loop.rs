@@ -58,12 +58,12 @@ impl EnvelopeLoop {
 
     /// As [`EnvelopeLoop::cycle`], without a [moment](EnvelopeLoop::moment).
     pub fn advance(&mut self) {
-        self.advance_spared(|_| {});
+        self.advance_supplied(|_| {});
     }
 
-    /// As [`EnvelopeLoop::advance`]; `share` can give the controller stored results of the searches
-    /// it begins in this cycle.
-    pub fn advance_spared(&mut self, share: impl FnOnce(&mut Controller)) {
+    /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches that the
+    /// controller begins in this cycle.
+    pub fn advance_supplied(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
             self.restart();
@@ -92,7 +92,7 @@ impl EnvelopeLoop {
     /// Simulates the plant's next cycle.
     fn run(&mut self) -> Cycle {
         let [before, samples] = self.plant.samples();
-        // A change in the first half of a cycle applies to the whole cycle.
+        // A change in the first half of a cycle affects the whole cycle.
         self.happen(before + samples / 2);
         let cycle = self.plant.cycle(&self.running, &self.pending);
         self.happen(self.plant.samples()[0] - 1);
@@ -125,7 +125,7 @@ impl EnvelopeLoop {
     }
 
     /// Sets whether outputs without effect on the loop are computed: the displacement along the
-    /// track, and the regime where the controller does not use it. If not, both stay constant and
+    /// track, and the regime if the controller does not use it. Otherwise both stay constant and
     /// cost nothing.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
@@ -170,5 +170,26 @@ fn still(frequency: f32) -> Command {
     Command {
         step: phase_step(frequency),
         ..Command::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::scene::Disturbance;
+
+    #[test]
+    fn change_at_the_first_sample_of_a_cycle_is_seen_in_that_cycle() {
+        let mut scene = Scene::default();
+        let mut board = EnvelopeLoop::build(&scene).unwrap();
+        board.cycle();
+        let at = (board.plant.samples()[0] as f64 + 0.5) / 20_000.0;
+        let change = Change::Enable(false);
+        scene.disturbances.extend([Disturbance { at, change }]);
+        board = EnvelopeLoop::build(&scene).unwrap();
+        for enabled in [true, false] {
+            board.cycle();
+            assert_eq!(board.timeline.inputs().enable, enabled);
+        }
     }
 }

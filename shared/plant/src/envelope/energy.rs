@@ -14,7 +14,7 @@ use num_complex::Complex64 as Complex;
 use super::powers::Powers;
 use super::recurrence::{exp, turn};
 use kband::arithmetic::Phase;
-use kband_control::signal_path::{SECTORS, SECTORS_HANDED, Sectors};
+use kband_control::signal_path::{SECTORS, SECTORS_PER_CYCLE, Sectors};
 
 /// Bits of a phase below its sector number.
 const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();
@@ -26,29 +26,29 @@ const FILTER_TRANSIENT_SAMPLES: usize = 10;
 
 /// Residual without ringing.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground {
+pub struct NoiseFloor {
     /// RMS of the noise in m/s^2.
     pub rms: f64,
     /// Residual of the drive's acceleration in m/s^2: `Re(leak e^(i phase))`.
     pub leak: Complex,
 }
 
-/// Sum of all ringings: `Im(left e^(ringing n))` after n samples, plus the filters' transient of
+/// Sum of all ringings: `Im(phasor e^(ringing n))` after n samples, plus the filters' transient of
 /// the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct RingingEnergy {
     /// Residual of a ringing of unit height in steady state, and its transient in the first
     /// samples.
     steady: Complex,
-    besides: [Complex; FILTER_TRANSIENT_SAMPLES],
+    transient: [Complex; FILTER_TRANSIENT_SAMPLES],
     /// Decay of a ringing in one sample and in several.
     sample: Complex,
     decay: Powers,
     /// Sums of geometric series `1/(1 - |r|^2)` and `1/(1 - r^2)` for the ringing r of a sample.
-    straight: f64,
-    across: Complex,
-    left: Complex,
-    fresh: Complex,
+    square_sum: f64,
+    conjugate_sum: Complex,
+    phasor: Complex,
+    newest: Complex,
     begun: usize,
     /// Sample up to which the energy is summed.
     at: u64,
@@ -58,12 +58,12 @@ pub struct RingingEnergy {
     step: u32,
     /// Whole samples in a sector, and the decay of a ringing over them and over one more.
     sector: u32,
-    wholes: [Complex; 2],
+    decays: [Complex; 2],
     sums: [f64; SECTORS],
     next: usize,
     /// `e^(2 i phase)` at the centre of each sector, and its mean over a sector relative to it.
     middles: [Complex; SECTORS],
-    squeezed: f64,
+    sector_attenuation: f64,
 }
 
 impl RingingEnergy {
@@ -77,24 +77,24 @@ impl RingingEnergy {
         let decay = Powers::new(ringing);
         Self {
             steady: steady[0],
-            besides: core::array::from_fn(|n| response[n] - steady[n]),
+            transient: core::array::from_fn(|n| response[n] - steady[n]),
             sample: decay.at(1),
             decay,
-            straight: 1.0 / (1.0 - sample.norm_sqr()),
-            across: (Complex::ONE - sample * sample).inv(),
-            left: Complex::ZERO,
-            fresh: Complex::ZERO,
+            square_sum: 1.0 / (1.0 - sample.norm_sqr()),
+            conjugate_sum: (Complex::ONE - sample * sample).inv(),
+            phasor: Complex::ZERO,
+            newest: Complex::ZERO,
             begun: FILTER_TRANSIENT_SAMPLES,
             at: 0,
             began: 0,
             phase: 0,
             step: 1,
             sector: 1 << SECTOR_SHIFT,
-            wholes: [Complex::ZERO; 2],
+            decays: [Complex::ZERO; 2],
             sums: [0.0; SECTORS],
             next: 0,
             middles: core::array::from_fn(|n| turn(2.0 * TAU * (n as f64 + 0.5) / SECTORS as f64)),
-            squeezed: libm::sin(TAU / SECTORS as f64) / (TAU / SECTORS as f64),
+            sector_attenuation: libm::sin(TAU / SECTORS as f64) / (TAU / SECTORS as f64),
         }
     }
 
@@ -103,7 +103,7 @@ impl RingingEnergy {
         let step = step.max(1);
         if step != self.step {
             self.sector = (1 << SECTOR_SHIFT) / step;
-            self.wholes = [0, 1].map(|more| self.decay.at(u64::from(self.sector + more)));
+            self.decays = [0, 1].map(|more| self.decay.at(u64::from(self.sector + more)));
         }
         (self.began, self.phase, self.step) = (sample, phase.bits(), step);
     }
@@ -111,8 +111,8 @@ impl RingingEnergy {
     /// Adds a ringing that starts at a sample with complex height `began`.
     pub fn strike(&mut self, sample: u64, began: Complex) {
         self.advance(sample);
-        self.left += began * self.steady;
-        (self.fresh, self.begun) = (began, 0);
+        self.phasor += began * self.steady;
+        (self.newest, self.begun) = (began, 0);
     }
 
     fn phase_at(&self, sample: u64) -> u32 {
@@ -128,94 +128,96 @@ impl RingingEnergy {
         let mut samples = to - self.at;
         let mut phase = self.phase_at(self.at);
         self.at = to;
-        let mut left = self.left;
+        let mut phasor = self.phasor;
         if self.begun < FILTER_TRANSIENT_SAMPLES {
             let begins = (FILTER_TRANSIENT_SAMPLES - self.begun).min(samples as usize);
             let step = self.step;
             let mut sector = (phase >> SECTOR_SHIFT) as usize;
             let mut sum = self.sums[sector];
-            for besides in &self.besides[self.begun..self.begun + begins] {
+            for transient in &self.transient[self.begun..self.begun + begins] {
                 let now = (phase >> SECTOR_SHIFT) as usize;
                 if now != sector {
                     self.sums[sector] = sum;
                     (sector, sum) = (now, self.sums[now]);
                 }
-                let residual = left.im + (self.fresh.re * besides.im + self.fresh.im * besides.re);
+                let residual =
+                    phasor.im + (self.newest.re * transient.im + self.newest.im * transient.re);
                 sum += residual * residual;
-                left *= self.sample;
+                phasor *= self.sample;
                 phase = phase.wrapping_add(step);
             }
             self.sums[sector] = sum;
             self.begun += begins;
             samples -= begins as u64;
         }
-        let mut height = left.norm_sqr();
+        let mut height = phasor.norm_sqr();
         if samples > 0 && height > NEGLIGIBLE_HEIGHT_SQUARED {
-            let mut before = self.tail(left, height);
-            // The first sector is partial; each later one contains one of two numbers of samples.
-            let mut within = u64::from(ahead(phase).div_ceil(self.step));
-            let mut advance = (within as u32).wrapping_mul(self.step);
-            let mut decay = self.decay.at(within.min(samples));
+            let mut before = self.tail(phasor, height);
+            // The first sector is partial; each later one has one of two numbers of samples.
+            let mut samples_in_sector = u64::from(phase_to_sector_end(phase).div_ceil(self.step));
+            let mut advance = (samples_in_sector as u32).wrapping_mul(self.step);
+            let mut decay = self.decay.at(samples_in_sector.min(samples));
             let shorter = self.sector * self.step;
             loop {
-                left *= decay;
-                height = left.norm_sqr();
-                let after = self.tail(left, height);
+                phasor *= decay;
+                height = phasor.norm_sqr();
+                let after = self.tail(phasor, height);
                 self.sums[(phase >> SECTOR_SHIFT) as usize] += before - after;
                 before = after;
-                if within >= samples || height <= NEGLIGIBLE_HEIGHT_SQUARED {
+                if samples_in_sector >= samples || height <= NEGLIGIBLE_HEIGHT_SQUARED {
                     break;
                 }
-                samples -= within;
+                samples -= samples_in_sector;
                 phase = phase.wrapping_add(advance);
-                let longer = ahead(phase) > shorter;
+                let longer = phase_to_sector_end(phase) > shorter;
                 advance = shorter + if longer { self.step } else { 0 };
-                within = u64::from(self.sector) + u64::from(longer);
-                decay = if within > samples {
+                samples_in_sector = u64::from(self.sector) + u64::from(longer);
+                decay = if samples_in_sector > samples {
                     self.decay.at(samples)
                 } else {
-                    self.wholes[usize::from(longer)]
+                    self.decays[usize::from(longer)]
                 };
             }
-            samples = samples.saturating_sub(within);
+            samples = samples.saturating_sub(samples_in_sector);
         }
-        self.left = if samples == 0 { left } else { Complex::ZERO };
+        self.phasor = if samples == 0 { phasor } else { Complex::ZERO };
     }
 
-    /// Sum of the squares of `Im(left r^n)` for n >= 0; `height` is |left|^2.
+    /// Sum of the squares of `Im(phasor r^n)` for n >= 0; `height` is |left|^2.
     #[inline(always)]
-    fn tail(&self, left: Complex, height: f64) -> f64 {
-        let square = left * left;
-        0.5 * (height * self.straight - (square.re * self.across.re - square.im * self.across.im))
+    fn tail(&self, phasor: Complex, height: f64) -> f64 {
+        let square = phasor * phasor;
+        0.5 * (height * self.square_sum
+            - (square.re * self.conjugate_sum.re - square.im * self.conjugate_sum.im))
     }
 
     /// Ends a cycle of `samples` samples and returns the energy of the next group of sectors.
-    pub fn finish(&mut self, samples: u32, ground: &Ground) -> Sectors {
+    pub fn finish(&mut self, samples: u32, floor: &NoiseFloor) -> Sectors {
         self.advance(self.began + u64::from(samples));
         let first = self.next;
         // A sector is returned once in as many cycles as there are groups.
-        let waited = f64::from(samples) / SECTORS_HANDED as f64;
-        let swing = 0.5 * ground.leak.norm_sqr();
-        let swung = ground.leak * ground.leak;
-        let level = ground.rms * ground.rms + swing;
+        let waited = f64::from(samples) / SECTORS_PER_CYCLE as f64;
+        let swing = 0.5 * floor.leak.norm_sqr();
+        let leak_squared = floor.leak * floor.leak;
+        let level = floor.rms * floor.rms + swing;
         let mut handed = Sectors {
             first: first as u8,
             ..Sectors::default()
         };
         for (n, energy) in handed.energy.iter_mut().enumerate() {
             let sector = first + n;
-            let wave = 0.5 * (swung * self.middles[sector]).re * self.squeezed;
-            let rung = core::mem::take(&mut self.sums[sector]);
-            *energy = (rung + waited * (level + wave)) as f32;
+            let wave = 0.5 * (leak_squared * self.middles[sector]).re * self.sector_attenuation;
+            let ringing_energy = core::mem::take(&mut self.sums[sector]);
+            *energy = (ringing_energy + waited * (level + wave)) as f32;
         }
-        self.next = (first + SECTORS_HANDED) % SECTORS;
+        self.next = (first + SECTORS_PER_CYCLE) % SECTORS;
         handed
     }
 }
 
 /// Phase from here to the end of the sector.
 #[inline(always)]
-fn ahead(phase: u32) -> u32 {
+fn phase_to_sector_end(phase: u32) -> u32 {
     (1 << SECTOR_SHIFT) - (phase & ((1 << SECTOR_SHIFT) - 1))
 }
 
@@ -225,8 +227,7 @@ mod tests {
     use super::*;
     use crate::model::drive::Ringing;
     use crate::model::scene::SensorModel;
-    use kband_control::signal_path::EnergyHistogram;
-    use kband_control::signal_path::{HighPass, OnsetDetector};
+    use kband_control::signal_path::{EnergyHistogram, HighPass, OnsetDetector};
 
     /// Random impacts, some of them nearly simultaneous: each sector's energy agrees with the sum
     /// over samples.
@@ -234,7 +235,7 @@ mod tests {
     fn it_is_the_energy_of_the_samples() {
         let sensor = SensorModel::default();
         let mut model = OnsetModel::new(&sensor);
-        let mut ringing = Ringing::of(&sensor);
+        let mut ringing = Ringing::from_sensor(&sensor);
         let mut passes = [HighPass::default(); 2];
         let mut energy = EnergyHistogram::default();
         let step = u32::MAX / 400 + 1;
@@ -265,9 +266,9 @@ mod tests {
                 ringing.step();
                 phase = phase.wrapping_add(step);
             }
-            let mut heard = Sectors::default();
-            energy.hand_over(&mut heard);
-            let handed = [heard, model.sectors(400, 0.0, swing)];
+            let mut measured = Sectors::default();
+            energy.end_cycle(&mut measured);
+            let handed = [measured, model.sectors(400, 0.0, swing)];
             assert_eq!(handed[0].first, handed[1].first);
             for (sums, handed) in [&mut slow, &mut fast].into_iter().zip(handed) {
                 for (n, energy) in handed.energy.iter().enumerate() {

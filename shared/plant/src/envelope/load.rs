@@ -24,14 +24,14 @@ pub struct Rest {
 }
 
 /// Force of a cycle, as the complex `G` of a track acceleration `Im(G e^(i phase))` in m/s^2. Parts
-/// move on the track as moved by the last cycle's force; the track then moves under this cycle's.
+/// move on a track under the last cycle's force; then this cycle's force acts on the track.
 #[derive(Clone, Debug)]
 pub struct TrackLoad {
     shares: [f64; PARTS],
     angular: f64,
     /// Sums of the current cycle for impacts and rests, and the applied force.
-    gathered: [Complex; 2],
-    pushing: [Complex; 2],
+    sums: [Complex; 2],
+    force_terms: [Complex; 2],
 }
 
 impl TrackLoad {
@@ -40,8 +40,8 @@ impl TrackLoad {
         Self {
             shares: core::array::from_fn(|part| scene.mass_share(part)),
             angular: 1.0,
-            gathered: [Complex::ZERO; 2],
-            pushing: [Complex::ZERO; 2],
+            sums: [Complex::ZERO; 2],
+            force_terms: [Complex::ZERO; 2],
         }
     }
 
@@ -53,18 +53,18 @@ impl TrackLoad {
     /// Begins a cycle at an angular frequency in rad/s and returns the last cycle's force.
     pub fn begin(&mut self, angular: f64) -> Complex {
         self.angular = angular;
-        self.pushing[0] + self.pushing[1]
+        self.force_terms[0] + self.force_terms[1]
     }
 
     /// Ends the parts' motion in the cycle and returns their force.
     pub fn settle(&mut self) -> Complex {
-        self.pushing = core::mem::take(&mut self.gathered);
-        self.pushing[0] + self.pushing[1]
+        self.force_terms = core::mem::take(&mut self.sums);
+        self.force_terms[0] + self.force_terms[1]
     }
 
     /// Force of the impacts in this cycle.
-    pub fn struck(&self) -> Complex {
-        self.pushing[0]
+    pub fn impact_force(&self) -> Complex {
+        self.force_terms[0]
     }
 
     /// Adds an impact at an output phase. `change` is the part's velocity change in m/s on a track
@@ -73,11 +73,11 @@ impl TrackLoad {
         let share = self.share(part);
         let jump = share / (1.0 + share) * change;
         let size = -jump * self.angular * FRAC_1_PI;
-        self.gathered[0] += Complex::new(0.0, size) * turn(-phase);
+        self.sums[0] += Complex::new(0.0, size) * turn(-phase);
     }
 
     /// Adds a rest of a part.
-    pub fn lie(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
+    pub fn add_rest(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
         let Rest {
             phases: [from, until],
             amplitude,
@@ -85,11 +85,12 @@ impl TrackLoad {
         } = rest;
         let inertia = amplitude * self.angular * self.angular;
         // Integrals of e^(-i x) and of sin(x + lead) e^(-i x) between the phases.
-        let straight = (turn(-until) - turn(-from)) * Complex::new(0.0, 1.0);
+        let weight_term = (turn(-until) - turn(-from)) * Complex::new(0.0, 1.0);
         let doubled = (turn(-2.0 * until) - turn(-2.0 * from)) * Complex::new(0.0, 0.5);
-        let swung = (turn(lead) * (until - from) - turn(-lead) * doubled) * Complex::new(0.0, -0.5);
-        let force = straight * -normal_gravity + swung * inertia;
-        self.gathered[1] += force * Complex::new(0.0, FRAC_1_PI * self.share(part));
+        let inertia_term =
+            (turn(lead) * (until - from) - turn(-lead) * doubled) * Complex::new(0.0, -0.5);
+        let force = weight_term * -normal_gravity + inertia_term * inertia;
+        self.sums[1] += force * Complex::new(0.0, FRAC_1_PI * self.share(part));
     }
 }
 
@@ -119,17 +120,17 @@ mod tests {
         // change.
         let change = gravity * TAU / 314.0 * 1.05;
         load.strike(0, change, phase);
-        let found = load.settle();
+        let total = load.settle();
         for n in 0..8 {
             let at = TAU * f64::from(n) / 8.0;
             let expected = -2.0 * 0.05 * gravity * libm::cos(at - phase);
-            assert!(((found * turn(at)).im - expected).abs() < 1e-12);
+            assert!(((total * turn(at)).im - expected).abs() < 1e-12);
         }
     }
 
     /// A part that never leaves the track acts as added mass: its force opposes the acceleration.
     #[test]
-    fn a_part_that_lies_is_mass_of_the_track() {
+    fn resting_part_adds_to_the_track_mass() {
         let mut load = load();
         let (amplitude, lead) = (1e-4, -1.5);
         let rest = Rest {
@@ -137,9 +138,9 @@ mod tests {
             amplitude,
             lead,
         };
-        load.lie(0, rest, 9.8);
-        let found = load.settle();
+        load.add_rest(0, rest, 9.8);
+        let total = load.settle();
         let expected = turn(lead) * (0.05 * amplitude * 314.0 * 314.0);
-        assert!((found - expected).norm_sqr() < 1e-24, "{found} {expected}");
+        assert!((total - expected).norm_sqr() < 1e-24, "{total} {expected}");
     }
 }

@@ -8,12 +8,11 @@ use core::f64::consts::{PI, TAU};
 use num_complex::Complex64 as Complex;
 
 use super::blanking::Blanking;
-use super::energy::{Ground, RingingEnergy};
+use super::energy::{NoiseFloor, RingingEnergy};
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use crate::model::scene::SensorModel;
-use kband::arithmetic::Noise;
-use kband::arithmetic::Phase;
+use kband::arithmetic::{Noise, Phase};
 use kband_control::SAMPLE_RATE;
 use kband_control::signal_path::{HighPass, OnsetDetector, Sectors};
 
@@ -54,15 +53,14 @@ pub struct OnsetModel {
     /// Share of time in which ringing hides the noise, with exponential forgetting over some
     /// cycles.
     hidden: f64,
-    /// Share of time by which ringing on the drive's leakage exceeds the median more than the leakage
-    /// alone.
+    /// Share of time by which ringing on the drive's leakage exceeds the median more than the
+    /// leakage alone.
     raised: f64,
     /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; START_SHARES + 1],
     /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
     decay: Powers,
-    oblivion: Powers,
-    /// Samples blanked by the demodulator.
+    memory_decay: Powers,
     blanking: Blanking,
     /// Energy of all ringing by sector of the turn.
     energy: RingingEnergy,
@@ -70,10 +68,9 @@ pub struct OnsetModel {
     forgetting: f64,
     /// Samples after which this memory counts as 0.
     forgotten: u64,
-    /// The last ringing.
-    last: Ring,
+    last: RingingState,
     /// First sample at which the next impact can be detected.
-    open: u64,
+    rearm_sample: u64,
 }
 
 /// Constants of the detector for a drive phase of `theta` rad a sample.
@@ -90,69 +87,68 @@ struct Tuning {
     /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
     /// number.
     leak: f64,
-    passed: Complex,
+    complex_gain: Complex,
 }
 
 /// A ringing and the detector's peak memory of it.
 #[derive(Clone, Copy, Debug)]
-struct Ring {
+struct RingingState {
     /// Complex height `e^(i angle)` times height at its first sample, and the index of that sample.
     began: Complex,
     sample: u64,
     /// Complex height of all earlier ringings at that sample.
-    under: Complex,
+    earlier_phasor: Complex,
     /// Number of its samples that the memory contains.
-    known: usize,
-    memory: f64,
+    sample_count: usize,
+    peak_memory: f64,
     /// Residual of the drive's own acceleration at its first sample.
     leak: Complex,
     /// Threshold of a loud residual, and of a blanked one, in m/s^2.
-    loud: f64,
-    least: f64,
+    onset_threshold: f64,
+    blanking_threshold: f64,
     /// First of its samples at which the memory exceeds the blanking threshold, or [`NO_SAMPLE`].
-    out: usize,
+    first_blanked: usize,
 }
 
-impl Ring {
+impl RingingState {
     const NONE: Self = Self {
         began: Complex::ZERO,
         sample: 0,
-        under: Complex::ZERO,
-        known: RESIDUAL_SAMPLES,
-        memory: 0.0,
+        earlier_phasor: Complex::ZERO,
+        sample_count: RESIDUAL_SAMPLES,
+        peak_memory: 0.0,
         leak: Complex::ZERO,
-        loud: 0.0,
-        least: f64::INFINITY,
-        out: NO_SAMPLE,
+        onset_threshold: 0.0,
+        blanking_threshold: f64::INFINITY,
+        first_blanked: NO_SAMPLE,
     };
 
     /// Whether the earlier ringings have decayed.
-    fn is_alone(&self) -> bool {
-        self.under == Complex::ZERO
+    fn is_single(&self) -> bool {
+        self.earlier_phasor == Complex::ZERO
     }
 
     /// Updates the detector's decaying peak memory with the residual of the next sample.
     ///
     /// It is branch-free, because loud samples are unpredictable for the processor.
     #[inline(always)]
-    fn remember(&mut self, residual: f64) {
-        let memory = self.memory * OnsetDetector::ENVELOPE_DECAY;
-        let high = if residual > self.loud { residual } else { 0.0 };
-        self.memory = if high > memory { high } else { memory };
-        let out = if self.memory > self.least {
-            self.known
-        } else {
-            NO_SAMPLE
-        };
-        self.out = self.out.min(out);
-        self.known += 1;
+    fn add_residual(&mut self, residual: f64) {
+        let peak_memory = self.peak_memory * OnsetDetector::ENVELOPE_DECAY;
+        let is_high = residual > self.onset_threshold;
+        let high = if is_high { residual } else { 0.0 };
+        let is_peak = high > peak_memory;
+        self.peak_memory = if is_peak { high } else { peak_memory };
+        let blanks = self.peak_memory > self.blanking_threshold;
+        let first_blanked = if blanks { self.sample_count } else { NO_SAMPLE };
+        self.first_blanked = self.first_blanked.min(first_blanked);
+        self.sample_count += 1;
     }
 
     /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
     /// because the result only affects whether a close impact counts as the same ringing.
     fn complete(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
-        for residual in residuals.iter().skip(self.known) {
-            self.remember(residual.abs());
+        for residual in residuals.iter().skip(self.sample_count) {
+            self.add_residual(residual.abs());
         }
     }
 
@@ -160,8 +156,8 @@ impl Ring {
     #[inline(always)]
     fn residuals(&self, model: &OnsetModel) -> [f64; RESIDUAL_SAMPLES] {
         let mut residuals = sines(self.began, &model.response);
-        if !self.is_alone() {
-            let before = sines(self.under, &model.steady);
+        if !self.is_single() {
+            let before = sines(self.earlier_phasor, &model.steady);
             for (residual, before) in residuals.iter_mut().zip(before) {
                 *residual += before;
             }
@@ -170,23 +166,23 @@ impl Ring {
     }
 
     /// Remaining complex height and remaining memory of the ringing at a sample.
-    fn left(&self, model: &OnsetModel, sample: u64) -> (Complex, f64) {
+    fn remaining(&self, model: &OnsetModel, sample: u64) -> (Complex, f64) {
         let since = sample.saturating_sub(self.sample);
         if since >= model.forgotten {
             return (Complex::ZERO, 0.0);
         }
-        let memory = if self.known < RESIDUAL_SAMPLES {
-            let mut whole = *self;
-            whole.complete(&self.residuals(model));
-            whole.memory
+        let peak_memory = if self.sample_count < RESIDUAL_SAMPLES {
+            let mut completed = *self;
+            completed.complete(&self.residuals(model));
+            completed.peak_memory
         } else {
-            self.memory
+            self.peak_memory
         };
-        let rings = self.began + self.under;
+        let ringing_level = self.began + self.earlier_phasor;
         let forgotten = since.saturating_sub(RESIDUAL_SAMPLES as u64);
         (
-            rings * model.decay.at(since),
-            memory * model.oblivion.at(forgotten).re,
+            ringing_level * model.decay.at(since),
+            peak_memory * model.memory_decay.at(forgotten).re,
         )
     }
 }
@@ -203,7 +199,7 @@ fn sines(
 
 /// An impact before detection.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Struck {
+pub struct SampledImpact {
     /// Index of the first sample after it, counted from the start of the scene.
     pub sample: u64,
     /// Time from the impact to that sample in samples, 0..1.
@@ -225,7 +221,7 @@ pub struct Background {
 
 /// A detected impact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct HeardAt {
+pub struct DetectedOnset {
     /// Index of the sample of detection, counted from the start of the scene.
     pub sample: u64,
     /// Residual at that sample in m/s^2.
@@ -239,10 +235,8 @@ impl OnsetModel {
     /// The detector's response to the ringing of a sensor.
     pub fn new(sensor: &SensorModel) -> Self {
         let h = 1.0 / f64::from(SAMPLE_RATE);
-        let ringing = Complex::new(
-            -h / (f64::from(sensor.ringing_decay) * 1e-3),
-            TAU * f64::from(sensor.ringing_frequency) * h,
-        );
+        let decay = f64::from(sensor.ringing_decay) * 1e-3;
+        let ringing = Complex::new(-h / decay, TAU * f64::from(sensor.ringing_frequency) * h);
         let high_passed = |passes: &mut [HighPass<Complex>; 2], sample| {
             let once = passes[0].filter(OnsetDetector::CORNER, sample);
             passes[1].filter(OnsetDetector::CORNER, once)
@@ -253,8 +247,8 @@ impl OnsetModel {
         // Power gain of white noise: the sum of the squared impulse response.
         let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
         for _ in 0..OnsetDetector::SETTLING_SAMPLES {
-            let left = high_passed(&mut passes, sample).re;
-            power += left * left;
+            let output = high_passed(&mut passes, sample).re;
+            power += output * output;
             sample = 0.0.into();
         }
         let forgetting = libm::log(OnsetDetector::ENVELOPE_DECAY);
@@ -262,12 +256,12 @@ impl OnsetModel {
             let since = n as f64 - (RESIDUAL_SAMPLES - 1) as f64;
             response[RESIDUAL_SAMPLES - 1] * exp(ringing * since)
         });
-        let apart =
+        let split =
             |numbers: &[Complex; RESIDUAL_SAMPLES]| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
         Self {
             ringing,
-            response: apart(&response),
-            steady: apart(&steady),
+            response: split(&response),
+            steady: split(&steady),
             energy: RingingEnergy::new(ringing, &response, &steady),
             share: libm::sqrt(steady[0].norm_sqr()),
             noise_gain: libm::sqrt(power),
@@ -277,12 +271,12 @@ impl OnsetModel {
             raised: 0.0,
             onset: core::array::from_fn(|n| exp(ringing * (n as f64 / START_SHARES as f64))),
             decay: Powers::new(ringing),
-            oblivion: Powers::new(forgetting.into()),
+            memory_decay: Powers::new(forgetting.into()),
             blanking: Blanking::default(),
             forgetting: forgetting.max(ringing.re),
             forgotten: (libm::log(NEGLIGIBLE_PEAK) / forgetting) as u64,
-            last: Ring::NONE,
-            open: u64::from(OnsetDetector::SETTLING_SAMPLES),
+            last: RingingState::NONE,
+            rearm_sample: u64::from(OnsetDetector::SETTLING_SAMPLES),
         }
     }
 
@@ -309,7 +303,7 @@ impl OnsetModel {
         // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
         // numerical integration.
         let square = swing * swing;
-        let alone =
+        let single =
             OnsetDetector::QUARTILE + square * (0.14 + (0.86 - OnsetDetector::QUARTILE) * square);
         // Solves P(|n| > m) = (1/2 - q)/(1 - q) for m within 1/50.
         let hidden = self.hidden.min(0.4);
@@ -319,13 +313,13 @@ impl OnsetModel {
         // A sine exceeds its RMS times `sqrt 2 sin(pi/4 + pi q/2)` for a share 1/2 - q of the time.
         let raised = 0.5 * PI * self.raised.clamp(-0.4, 0.4);
         let of_sine = libm::sin(raised) + libm::cos(raised) - 1.0;
-        rms * (alone + of_noise + (of_sine - of_noise) * sine)
+        rms * (single + of_noise + (of_sine - of_noise) * sine)
     }
 
     /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
     /// cosine.
     pub fn leaked(&self, swing: Complex) -> Complex {
-        swing * self.tuning.passed
+        swing * self.tuning.complex_gain
     }
 
     /// Begins a cycle of `samples` samples at a sample and an output phase that advances by `step`.
@@ -338,12 +332,12 @@ impl OnsetModel {
     /// number of samples, RMS of the noise and complex amplitude of the drive, both in m/s^2.
     pub fn sectors(&mut self, samples: u32, rms: f64, swing: Complex) -> Sectors {
         let leak = self.leaked(swing);
-        self.energy.finish(samples, &Ground { rms, leak })
+        self.energy.finish(samples, &NoiseFloor { rms, leak })
     }
 
     /// Sets whether blanking is off in the next cycle.
-    pub fn keep_whole(&mut self, whole: bool) {
-        self.blanking.keep_whole(whole);
+    pub fn disable_blanking(&mut self, disabled: bool) {
+        self.blanking.disable_blanking(disabled);
     }
 
     /// Share of the current cycle that the demodulator blanks.
@@ -354,91 +348,95 @@ impl OnsetModel {
     /// Adds an impact's ringing only, `share` of a sample before a sample.
     #[cfg(test)]
     pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
-        self.energy.strike(sample, self.start_of(share) * height);
+        self.energy
+            .strike(sample, self.initial_phasor(share) * height);
     }
 
     /// Adds an impact. Returns its detection, and the sum of its unblanked ringing times the
     /// drive's phase factor.
     pub fn impact(
         &mut self,
-        struck: Struck,
+        impact: SampledImpact,
         background: Background,
         noise: &mut Noise,
-    ) -> (Option<HeardAt>, Complex) {
-        let sample = struck.sample;
+    ) -> (Option<DetectedOnset>, Complex) {
+        let sample = impact.sample;
         let mut leak = background.leak;
-        let began = self.start_of(struck.share) * struck.height;
+        let began = self.initial_phasor(impact.share) * impact.height;
         self.energy.strike(sample, began);
         self.raised += HIDDEN_SHARE_FORGETTING * self.excess(&self.last, sample);
-        let (under, memory) = self.last.left(self, sample);
-        let loud = Self::THRESHOLD * background.median;
-        let mut ring = Ring {
+        let (earlier_phasor, peak_memory) = self.last.remaining(self, sample);
+        let onset_threshold = Self::THRESHOLD * background.median;
+        let mut ring = RingingState {
             began,
             sample,
-            under,
-            known: 0,
-            memory,
+            earlier_phasor,
+            sample_count: 0,
+            peak_memory,
             leak,
-            loud,
-            least: OnsetDetector::LOUD * loud,
-            out: NO_SAMPLE,
+            onset_threshold,
+            blanking_threshold: OnsetDetector::BLANKING_THRESHOLD * onset_threshold,
+            first_blanked: NO_SAMPLE,
         };
         let residuals = ring.residuals(self);
         // The residual of a ringing never exceeds the ringing itself.
-        let quiet = struck.height + under.l1_norm() + leak.l1_norm() + 3.5 * background.rms < loud;
-        let mut heard = None;
-        while ring.known < RESIDUAL_SAMPLES && !quiet {
-            let left = residuals[ring.known] + leak.re + background.rms * f64::from(noise.gauss());
+        let below_threshold =
+            impact.height + earlier_phasor.l1_norm() + leak.l1_norm() + 3.5 * background.rms
+                < onset_threshold;
+        let mut detected = None;
+        while ring.sample_count < RESIDUAL_SAMPLES && !below_threshold {
+            let signed =
+                residuals[ring.sample_count] + leak.re + background.rms * f64::from(noise.gauss());
             leak *= self.tuning.turn;
-            let residual = left.abs();
-            let at = sample + ring.known as u64;
-            let above = residual > OnsetDetector::MIN_OVER_ENVELOPE * ring.memory;
-            ring.remember(residual);
-            if residual > loud && above && at >= self.open {
-                heard = Some(HeardAt {
+            let residual = signed.abs();
+            let at = sample + ring.sample_count as u64;
+            let above = residual > OnsetDetector::MIN_OVER_ENVELOPE * ring.peak_memory;
+            ring.add_residual(residual);
+            if residual > onset_threshold && above && at >= self.rearm_sample {
+                detected = Some(DetectedOnset {
                     sample: at,
                     strength: residual,
                 });
                 // Dead time while the ringing may still rise.
-                self.open = at + u64::from(OnsetDetector::RISE_SAMPLES) + 1;
-                ring.out = ring.out.min(ring.known - 1);
+                self.rearm_sample = at + u64::from(OnsetDetector::RISE_SAMPLES) + 1;
+                ring.first_blanked = ring.first_blanked.min(ring.sample_count - 1);
                 break;
             }
         }
-        let sum = self.is_detected(&mut ring, &residuals, heard.is_some());
+        let sum = self.is_detected(&mut ring, &residuals, detected.is_some());
         self.last = ring;
-        if !quiet {
-            let rings = struck.height * self.share / background.median;
-            let lasts = hiding(logarithm(rings.max(1.0) as f32));
-            self.hidden += lasts * self.filling;
+        if !below_threshold {
+            let ringing_level = impact.height * self.share / background.median;
+            let duration = hidden_time(logarithm(ringing_level.max(1.0) as f32));
+            self.hidden += duration * self.filling;
         }
-        (heard, sum)
+        (detected, sum)
     }
 
-    /// Net increase, in samples, of the time in which the residual exceeds the median, by the ringing
-    /// after an impact until a sample, on the drive's leakage. The phase of the ringing counts as
-    /// random.
-    fn excess(&self, ring: &Ring, until: u64) -> f64 {
+    /// Net change, in samples, of the time in which the residual exceeds the median, due to ringing
+    /// on the drive's leakage. It covers the time from an impact to a sample. The phase of the
+    /// ringing counts as random.
+    fn excess(&self, ring: &RingingState, until: u64) -> f64 {
         const STEPS: usize = 12;
-        let Ring { mut leak, loud, .. } = *ring;
-        let median = loud / Self::THRESHOLD;
+        let mut leak = ring.leak;
+        let median = ring.onset_threshold / Self::THRESHOLD;
         if leak.norm_sqr() <= median * median {
             return 0.0;
         }
-        let mut height = libm::sqrt((ring.began + ring.under).norm_sqr()) * self.share;
-        // Down to a tenth of the median.
-        let lasts = libm::log((10.0 * height / median).max(1.0)) / -self.ringing.re;
-        let lasts = lasts.min(until.saturating_sub(ring.sample) as f64);
-        let each = lasts / STEPS as f64;
+        let mut height = libm::sqrt((ring.began + ring.earlier_phasor).norm_sqr()) * self.share;
+        // The sum ends at a tenth of the median.
+        let duration = libm::log((10.0 * height / median).max(1.0)) / -self.ringing.re;
+        let duration = duration.min(until.saturating_sub(ring.sample) as f64);
+        let each = duration / STEPS as f64;
         let step = turn(0.5 * self.tuning.theta * each);
         let decay = libm::exp(0.5 * self.ringing.re * each);
         (leak, height) = (leak * step, height * decay);
         let mut sum = 0.0;
         for _ in 0..STEPS {
             // Probability that a sine of random phase exceeds a level.
-            let over = |level: f64| 0.5 - libm::asin((level / height).clamp(-1.0, 1.0)) / PI;
-            let alone = if leak.re.abs() > median { 1.0 } else { 0.0 };
-            sum += over(median - leak.re) + over(median + leak.re) - alone;
+            let exceedance = |level: f64| 0.5 - libm::asin((level / height).clamp(-1.0, 1.0)) / PI;
+            let single = if leak.re.abs() > median { 1.0 } else { 0.0 };
+            sum += exceedance(median - leak.re) + exceedance(median + leak.re) - single;
             leak *= step * step;
             height *= decay * decay;
         }
@@ -450,65 +448,73 @@ impl OnsetModel {
     #[inline(always)]
     fn is_detected(
         &mut self,
-        ring: &mut Ring,
+        ring: &mut RingingState,
         residuals: &[f64; RESIDUAL_SAMPLES],
-        heard: bool,
+        detected: bool,
     ) -> Complex {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
-        let held = self.blanking.until().max(sample);
+        let blanked_until = self.blanking.until().max(sample);
         let began = self.sums(ring.began);
-        let own = self.tail(began, since(held));
-        let rings = ring.began + ring.under;
+        let own_sum = self.tail(began, since(blanked_until));
+        let ringing_level = ring.began + ring.earlier_phasor;
         // Early return for quiet impacts, which need no memory.
-        if !heard && rings.l1_norm() < ring.least && ring.memory < ring.least {
-            return own;
+        if !detected
+            && ringing_level.l1_norm() < ring.blanking_threshold
+            && ring.peak_memory < ring.blanking_threshold
+        {
+            return own_sum;
         }
         ring.complete(residuals);
-        if ring.out == NO_SAMPLE {
-            return own;
+        if ring.first_blanked == NO_SAMPLE {
+            return own_sum;
         }
-        let from = (sample + ring.out as u64).max(held);
+        let from = (sample + ring.first_blanked as u64).max(blanked_until);
         // Accurate to 1/5 of a sample.
-        let lasts = logarithm((ring.memory / ring.least) as f32) / -self.forgetting;
-        let mut forgotten = sample + (RESIDUAL_SAMPLES as f64 + lasts).max(0.0) as u64;
-        if heard {
-            forgotten = forgotten.max(self.open);
+        let duration =
+            logarithm((ring.peak_memory / ring.blanking_threshold) as f32) / -self.forgetting;
+        let mut forgotten = sample + (RESIDUAL_SAMPLES as f64 + duration).max(0.0) as u64;
+        if detected {
+            forgotten = forgotten.max(self.rearm_sample);
         }
         let until = self.blanking.blank(from, forgotten).max(from);
-        let alone = ring.is_alone();
-        let sums = if alone { began } else { self.sums(rings) };
-        own - self.tail(sums, since(from)) + self.tail(sums, since(until))
+        let single = ring.is_single();
+        let sums = if single {
+            began
+        } else {
+            self.sums(ringing_level)
+        };
+        own_sum - self.tail(sums, since(from)) + self.tail(sums, since(until))
     }
 
     /// Both terms of a ringing's sum at its first sample.
     fn sums(&self, began: Complex) -> [Complex; 2] {
-        let [ahead, back] = self.tuning.sums;
-        [began * ahead, began.conj() * back]
+        let [forward, backward] = self.tuning.sums;
+        [began * forward, began.conj() * backward]
     }
 
     /// Sum of a ringing times the drive's phase factor, from `samples` after its first sample on.
     #[inline(always)]
-    fn tail(&self, [mut left, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
+    fn tail(&self, [mut direct, mut conjugate]: [Complex; 2], samples: u64) -> Complex {
         if samples > 0 {
-            left *= self.tuning.turns[0].at(samples);
+            direct *= self.tuning.turns[0].at(samples);
             conjugate *= self.tuning.turns[1].at(samples);
         }
-        conjugate - left
+        conjugate - direct
     }
 
     /// `e^(ringing share)` for `share` in 0..1.
-    fn start_of(&self, share: f64) -> Complex {
+    fn initial_phasor(&self, share: f64) -> Complex {
         let nearest = (share * START_SHARES as f64 + 0.5) as usize;
         let Some(node) = self.onset.get(nearest) else {
             return exp(self.ringing * share);
         };
-        let apart = share - nearest as f64 * (1.0 / START_SHARES as f64);
-        *node * exp_small(self.ringing * apart)
+        let offset = share - nearest as f64 * (1.0 / START_SHARES as f64);
+        *node * exp_small(self.ringing * offset)
     }
 
     /// Ends a cycle of this many samples.
-    pub fn pass(&mut self, samples: u32) {
+    pub fn age_background(&mut self, samples: u32) {
         let keep = (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
         self.hidden *= keep;
         self.raised *= keep;
@@ -518,7 +524,7 @@ impl OnsetModel {
 /// Number of decay times for which a ringing hides the noise; `folds` is the logarithm of its start
 /// over the median. It is twice the integral of the excess over 1/2, within a tenth of numerical
 /// integration.
-fn hiding(folds: f64) -> f64 {
+fn hidden_time(folds: f64) -> f64 {
     if folds < 2.0 {
         0.24 * folds * folds
     } else {
@@ -540,16 +546,16 @@ impl Tuning {
         let one = Complex::ONE;
         let turning = Complex::new(0.0, theta);
         // Response of (1 - c)(1 - z^-1) / (1 - (1 - c) z^-1), twice.
-        let back = turn(-theta);
-        let once = (one - back) * (1.0 - corner) / (one - back * (1.0 - corner));
+        let backward = turn(-theta);
+        let once = (one - backward) * (1.0 - corner) / (one - backward * (1.0 - corner));
         let logs = [ringing + turning, ringing.conj() + turning];
         Self {
             theta,
             sums: logs.map(|log| (one - exp(log)).inv() * Complex::new(0.0, 0.5)),
             turns: logs.map(Powers::new),
-            turn: back.conj(),
+            turn: backward.conj(),
             leak: once.norm_sqr(),
-            passed: once * once,
+            complex_gain: once * once,
         }
     }
 }
@@ -562,13 +568,13 @@ mod tests {
     use crate::model::drive::Ringing;
 
     /// Detection samples of the detector itself, and of the closed form.
-    fn both(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+    fn count_onsets(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::new(0.01);
-        let mut ringing = Ringing::of(&sensor);
+        let mut ringing = Ringing::from_sensor(&sensor);
         let mut fast = OnsetModel::new(&sensor);
         let mut noise = [Noise::new(3), Noise::new(4)];
-        let mut heard = [Vec::new(), Vec::new()];
+        let mut detected = [Vec::new(), Vec::new()];
         let mut next = 9000.25;
         for sample in 0..60_000_u64 {
             if next <= sample as f64 {
@@ -576,7 +582,7 @@ mod tests {
                 ringing.strike(height, share as f32);
                 let rms = fast.residual(f64::from(sigma));
                 let median = fast.median(rms, 0.0).max(0.01);
-                let struck = Struck {
+                let impact = SampledImpact {
                     sample,
                     share,
                     height: f64::from(height),
@@ -586,28 +592,28 @@ mod tests {
                     rms,
                     leak: Complex::default(),
                 };
-                let (found, _) = fast.impact(struck, background, &mut noise[1]);
-                heard[1].extend(found.map(|found| found.sample));
+                let (stamp, _) = fast.impact(impact, background, &mut noise[1]);
+                detected[1].extend(stamp.map(|stamp| stamp.sample));
                 next += spacing;
             }
             let reading = ringing.acceleration() + sigma * noise[0].gauss();
             // The detector first adapts to the noise.
             if detector.sample(reading).is_some() && sample > 8000 {
-                heard[0].push(sample);
+                detected[0].push(sample);
             }
             ringing.step();
             if sample % 400 == 0 {
-                fast.pass(400);
+                fast.age_background(400);
             }
         }
-        heard
+        detected
     }
 
     #[test]
-    fn it_finds_what_the_detector_finds_when_the_detector_finds_it() {
+    fn model_detects_the_onsets_of_the_detector() {
         for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
         {
-            let [slow, fast] = both(height, spacing, sigma);
+            let [slow, fast] = count_onsets(height, spacing, sigma);
             assert!(slow.len() > 50);
             assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
             for (slow, fast) in slow.iter().zip(&fast) {
@@ -615,17 +621,22 @@ mod tests {
                 assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
             }
         }
-        let [slow, fast] = both(0.4, 400.3, 0.15);
+        let [slow, fast] = count_onsets(0.4, 400.3, 0.15);
         assert!(slow.is_empty() && fast.is_empty());
     }
 
-    /// Number of detections of 500 impacts at a phase of a drive of 100 Hz, and median at the end: by
-    /// the detector and by the closed form. `swing` is the drive's acceleration, `sigma` the RMS of
-    /// the noise, both in m/s^2.
-    fn on_a_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> ([u32; 2], [f64; 2]) {
+    /// Number of detections of 500 impacts at one phase of a drive of 100 Hz, and final median.
+    /// Both are given for the detector and for the closed form. `swing` is the drive's
+    /// acceleration, `sigma` the RMS of the noise, both in m/s^2.
+    fn count_onsets_on_swing(
+        height: f32,
+        phase: f64,
+        swing: f64,
+        sigma: f32,
+    ) -> ([u32; 2], [f64; 2]) {
         let theta = TAU / 200.0;
         let mut detector = OnsetDetector::new(0.01);
-        let mut ringing = Ringing::of(&SensorModel::default());
+        let mut ringing = Ringing::from_sensor(&SensorModel::default());
         let mut fast = OnsetModel::new(&SensorModel::default());
         fast.tune(theta);
         let mut noise = [Noise::new(3), Noise::new(4)];
@@ -635,7 +646,7 @@ mod tests {
         let square = rms * rms + 0.5 * leaked.norm_sqr();
         let swinging = 0.5 * leaked.norm_sqr() / square;
         let at = (phase / theta) as u64;
-        let mut heard = [0, 0];
+        let mut detected = [0, 0];
         for sample in 0..120_000_u64 {
             let turned = turn(theta * sample as f64);
             if sample % 200 == at {
@@ -645,31 +656,34 @@ mod tests {
                     rms,
                     leak: leaked * turned,
                 };
-                let struck = Struck {
+                let impact = SampledImpact {
                     sample,
                     share: 0.25,
                     height: f64::from(height),
                 };
-                let (found, _) = fast.impact(struck, background, &mut noise[1]);
-                heard[1] += u32::from(found.is_some() && sample >= 20_000);
+                let (stamp, _) = fast.impact(impact, background, &mut noise[1]);
+                detected[1] += u32::from(stamp.is_some() && sample >= 20_000);
             }
             let drive = (swing * turned).re as f32;
             let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
-            heard[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
+            detected[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
             ringing.step();
             if sample % 200 == 199 {
-                fast.pass(200);
+                fast.age_background(200);
             }
         }
         let median = f64::from(detector.noise()) * OnsetDetector::QUARTILE;
-        (heard, [median, fast.median(libm::sqrt(square), swinging)])
+        (
+            detected,
+            [median, fast.median(libm::sqrt(square), swinging)],
+        )
     }
 
     #[test]
     fn ringing_on_a_sine_moves_the_median_alike_in_both() {
         for n in 0..8 {
             let phase = 0.1 + 0.75 * f64::from(n);
-            let (_, [slow, fast]) = on_a_swing(2.5, phase, 25.0, 0.02);
+            let (_, [slow, fast]) = count_onsets_on_swing(2.5, phase, 25.0, 0.02);
             assert!((fast / slow - 1.0).abs() < 0.05, "{phase}: {slow} {fast}");
         }
     }
@@ -682,15 +696,15 @@ mod tests {
                 let mut thresholds = [lowest; 2];
                 for n in 0..9 {
                     let height = lowest + step * f64::from(n);
-                    let (heard, _) = on_a_swing(height as f32, phase, swing, 0.15);
-                    for (threshold, heard) in thresholds.iter_mut().zip(heard) {
-                        *threshold += step * (1.0 - f64::from(heard) / 500.0);
+                    let (detected, _) = count_onsets_on_swing(height as f32, phase, swing, 0.15);
+                    for (threshold, detected) in thresholds.iter_mut().zip(detected) {
+                        *threshold += step * (1.0 - f64::from(detected) / 500.0);
                     }
                 }
                 let [slow, fast] = thresholds;
                 assert!(lowest + step < slow && slow < lowest + 8.0 * step, "{slow}");
-                let off = (fast / slow - 1.0).abs();
-                assert!(off < 0.05, "{swing} {phase}: {slow} {fast}");
+                let deviation = (fast / slow - 1.0).abs();
+                assert!(deviation < 0.05, "{swing} {phase}: {slow} {fast}");
             }
         }
     }

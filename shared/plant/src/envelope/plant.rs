@@ -1,7 +1,7 @@
 //! Envelope plant: the simulated feeder in steps of a drive cycle.
 //!
-//! The track's complex amplitude follows its exact recurrence, parts follow the impact map, and
-//! demodulator and onset detector are evaluated in closed form.
+//! The track's complex amplitude follows its exact recurrence, and the parts follow the impact map.
+//! Demodulator and onset detector are evaluated in closed form.
 
 use core::f64::consts::TAU;
 
@@ -9,7 +9,7 @@ use heapless::Vec;
 use num_complex::{Complex32, Complex64 as Complex};
 
 use super::load::TrackLoad;
-use super::onset::{Background, HeardAt, OnsetModel, Struck};
+use super::onset::{Background, DetectedOnset, OnsetModel, SampledImpact};
 use super::readings::{Read, Readings};
 use super::recurrence::{Demodulated, Recurrence, turn};
 use super::sense::Sense;
@@ -20,13 +20,12 @@ use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
-use kband::arithmetic::Noise;
-use kband::arithmetic::Phase;
+use kband::arithmetic::{Noise, Phase};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::signal_path::{
-    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, SECTORS_HANDED, last_cycle_gain,
-    push_weight,
+    DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector, SECTORS_PER_CYCLE, impulse_weight,
+    last_cycle_gain,
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
 
@@ -65,8 +64,8 @@ pub struct EnvelopePlant {
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
-    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive; that of the
-    /// output sample before this cycle.
+    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive. It is the
+    /// time of the last output sample before this cycle.
     time: i64,
     /// Samples before this cycle.
     sample: u64,
@@ -79,10 +78,10 @@ pub struct EnvelopePlant {
     watched: bool,
     strikes: Vec<Strike, MAX_STRIKES>,
     /// Detected impacts of cycles that have not ended, in order of time.
-    waiting: Vec<HeardAt, MAX_PENDING_IMPACTS>,
+    pending_impacts: Vec<DetectedOnset, MAX_PENDING_IMPACTS>,
     /// Demodulated acceleration of the last cycle under a load, along sine and cosine of the phase.
-    shown: Complex,
-    /// The detector's running median, which follows the noise over some cycles.
+    demodulated: Complex,
+    /// The detector's running median, which follows the noise within some cycles.
     median: f64,
 }
 
@@ -115,11 +114,11 @@ impl EnvelopePlant {
             } else {
                 0.0
             },
-            sensor: scene.heard_sensor(),
+            sensor: scene.effective_sensor(),
             contact: scene.contact_time()?,
-            readings: Readings::new(&scene.heard_sensor(), &sense),
+            readings: Readings::new(&scene.effective_sensor(), &sense),
             sense,
-            onset: OnsetModel::new(&scene.heard_sensor()),
+            onset: OnsetModel::new(&scene.effective_sensor()),
             parts: all_at_rest(scene)?,
             load: scene.has_mass().then(|| TrackLoad::new(scene)),
             hopper: Hopper::new(scene),
@@ -134,8 +133,8 @@ impl EnvelopePlant {
             law: scene.law(&track),
             watched: true,
             strikes: Vec::new(),
-            waiting: Vec::new(),
-            shown: Complex::ZERO,
+            pending_impacts: Vec::new(),
+            demodulated: Complex::ZERO,
             median: 1.0 / codes,
         };
         plant.sense();
@@ -161,11 +160,11 @@ impl EnvelopePlant {
 
     /// Simulates one drive cycle under a command. `next` is the signal path's command for the next
     /// cycle, which selects folding and blanking.
-    pub(crate) fn cycle(&mut self, told: &Command, next: &Command) -> Cycle {
-        let (output, step) = (f64::from(told.amplitude), told.step);
+    pub(crate) fn cycle(&mut self, command: &Command, next: &Command) -> Cycle {
+        let (output, step) = (f64::from(command.amplitude), command.step);
         self.strikes.clear();
         let middle = self.sample as f64 + 0.5 * f64::from(self.drive.samples());
-        let driven = self.output(output, told.lead.radians(), step, middle);
+        let driven = self.output(output, command.lead.radians(), step, middle);
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         let load = self.load.as_mut();
         let pushed = load.map_or(Complex::ZERO, |load| load.begin(angular));
@@ -173,9 +172,9 @@ impl EnvelopePlant {
         self.drive.begin(driven + pushed, step);
         if let Some(upper) = &mut self.upper {
             let gain = f64::from(self.gain);
-            let overtones = told
+            let overtones = command
                 .overtones
-                .map(|tone| Complex::new(f64::from(tone.sine), f64::from(tone.cosine)) * gain);
+                .map(|[sine, cosine]| Complex::new(f64::from(sine), f64::from(cosine)) * gain);
             upper.begin(driven, overtones, step.max(1));
         }
         let samples = self.drive.samples();
@@ -184,49 +183,51 @@ impl EnvelopePlant {
             let pushed = load.settle() * self.drive.per_acceleration();
             self.drive.begin(driven + pushed, step);
         }
-        let added = self.upper.as_ref().map_or(0.0, UpperEnvelope::loudest);
-        let loudest = self.drive.loudest();
+        let upper = self.upper.as_ref();
+        let added = upper.map_or(0.0, UpperEnvelope::max_acceleration);
+        let max_acceleration = self.drive.max_acceleration();
         // Upper bound of the summed ringing of this cycle's impacts.
         let speeds = self.strikes.iter().map(|strike| strike.speed);
         let ringing = f64::from(self.sensor.ringing) * speeds.sum::<f64>();
-        let clipped = loudest + added + ringing + 4.0 * self.sense.noise > self.sense.headroom;
+        let clipped =
+            max_acceleration + added + ringing + 4.0 * self.sense.noise > self.sense.headroom;
         let mut cycle = Cycle {
             samples: samples as u16,
             current: self.full_current * libm::sqrt(driven.norm_sqr()) as f32,
             ..Cycle::default()
         };
         // An impact detected only in the next cycle has a phase of this one.
-        let read = (clipped || self.readings.folds()).then(|| self.read_each(&mut cycle));
-        // Parts with mass seldom ring all at once. Without saturation the closed form applies, with
-        // blanking.
+        let read = (clipped || self.readings.averages()).then(|| self.read_each(&mut cycle));
+        // Parts with mass seldom ring simultaneously. Without saturation the closed form applies,
+        // with blanking.
         let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
         let readings = read.filter(|_| cut);
-        let struck = self.detect_impacts(loudest);
+        let ringing_sum = self.detect_impacts(max_acceleration);
         let swing = self.drive.steady_swing() * self.sense.factor;
         cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
-        let mut found = self.drive.end();
+        let mut measured = self.drive.end();
         if let Some(upper) = &mut self.upper {
             let ([cosine, sine], above) = upper.end(samples);
-            found.in_phase += cosine;
-            found.quadrature += sine;
+            measured.in_phase += cosine;
+            measured.quadrature += sine;
             if !self.lost {
-                for (parts, found) in cycle.upper.iter_mut().zip(above).take(self.tones) {
-                    *parts = found.map(|part| part as f32);
+                for (parts, measured) in cycle.upper.iter_mut().zip(above).take(self.tones) {
+                    *parts = measured.map(|part| part as f32);
                 }
             }
         }
-        let heeded = 1.0 - self.onset.blanked(samples);
-        let mut found = readings.unwrap_or(Demodulated {
-            in_phase: found.in_phase + struck.re / heeded,
-            quadrature: found.quadrature + struck.im / heeded,
+        let unblanked_share = 1.0 - self.onset.blanked(samples);
+        let mut measured = readings.unwrap_or(Demodulated {
+            in_phase: measured.in_phase + ringing_sum.re / unblanked_share,
+            quadrature: measured.quadrature + ringing_sum.im / unblanked_share,
         });
-        self.blank(&mut found, samples);
-        self.read(&mut cycle, found, loudest + added, middle);
-        self.tell(&mut cycle, samples);
-        self.readings.finish(next.fold, step, &mut cycle);
-        self.onset.keep_whole(next.whole);
+        self.blank(&mut measured, samples);
+        self.read(&mut cycle, measured, max_acceleration + added, middle);
+        self.report_impacts(&mut cycle, samples);
+        self.readings.finish(next.average_from, step, &mut cycle);
+        self.onset.disable_blanking(next.whole);
         self.sample += u64::from(samples);
-        self.onset.pass(samples);
+        self.onset.age_background(samples);
         cycle
     }
 
@@ -234,42 +235,41 @@ impl EnvelopePlant {
     /// `r/2 cos((W - w)t)`; the drive does not respond to the other sideband.
     fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
         let output = output * f64::from(self.gain);
-        let ahead = if lead == 0.0 {
-            Complex::ONE
-        } else {
-            turn(lead)
-        };
+        let leads = lead != 0.0;
+        let ahead = if leads { turn(lead) } else { Complex::ONE };
         if self.ripple <= 0.0 {
             return ahead * output;
         }
         let turns = f64::from(step) / Phase::TURN;
-        let apart = (2.0 * self.mains - 2.0 * turns) * TAU;
+        let frequency_difference = (2.0 * self.mains - 2.0 * turns) * TAU;
         let samples = f64::from(self.drive.samples());
         let phase = f64::from(self.drive.phase()) / Phase::TURN + 0.5 * samples * turns;
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
-        let ripple = turn(beat) * (0.5 * f64::from(self.ripple) * sinc(0.5 * apart * samples));
+        let ripple = turn(beat)
+            * (0.5 * f64::from(self.ripple) * sinc(0.5 * frequency_difference * samples));
         (ahead + ahead.conj() * Complex::new(0.0, 1.0) * ripple) * output
     }
 
     /// Effect of blanking on the demodulated acceleration. Impacts that push the track are blanked
-    /// with the motion at that phase, which is replaced by the last cycle's.
-    fn blank(&mut self, found: &mut Demodulated, samples: u32) {
+    /// together with the motion at that phase; the last cycle's motion replaces it.
+    fn blank(&mut self, measured: &mut Demodulated, samples: u32) {
         let Some(load) = &self.load else {
             return;
         };
-        let struck = load.struck();
+        let impact_force = load.impact_force();
         let share = self.onset.blanked(samples) as f32;
-        let between = struck * f64::from(push_weight(share));
-        let now = Complex::new(found.quadrature, found.in_phase) - between;
+        let between = impact_force * f64::from(impulse_weight(share));
+        let now = Complex::new(measured.quadrature, measured.in_phase) - between;
         // A push leads its velocity jump by a quarter turn.
-        let ahead = struck * Complex::new(0.0, 1.0 / libm::sqrt(struck.norm_sqr()).max(1e-30));
+        let ahead =
+            impact_force * Complex::new(0.0, 1.0 / libm::sqrt(impact_force.norm_sqr()).max(1e-30));
         let at = Complex32::new(ahead.re as f32, ahead.im as f32);
         let repeated = last_cycle_gain(at, share);
         let repeated = Complex::new(f64::from(repeated.re), f64::from(repeated.im));
-        let shown = now + repeated * (self.shown - now).conj();
-        (found.quadrature, found.in_phase) = (shown.re, shown.im);
-        self.shown = shown;
+        let demodulated = now + repeated * (self.demodulated - now).conj();
+        (measured.quadrature, measured.in_phase) = (demodulated.re, demodulated.im);
+        self.demodulated = demodulated;
     }
 
     /// Simulates the parts to the end of the cycle.
@@ -293,7 +293,7 @@ impl EnvelopePlant {
             }
             let begun = self.time.max(0) as u64;
             let mut from = begun.max(arrives);
-            let mut lying = part.lies().then_some(from);
+            let mut rest_start = part.is_on_track().then_some(from);
             let share = load.as_ref().map_or(0.0, |load| load.share(index));
             for _ in 0..EVENTS_PER_CYCLE {
                 let Some(next) = part.next() else {
@@ -303,9 +303,9 @@ impl EnvelopePlant {
                             part.throw(swing, &Track { wave, ..track }, time);
                             if let Some(load) = &mut load
                                 && !part.rests()
-                                && let Some(since) = lying.take()
+                                && let Some(since) = rest_start.take()
                             {
-                                load.lie(index, motion.rest(since, time), normal_gravity);
+                                load.add_rest(index, motion.rest(since, time), normal_gravity);
                             }
                         }
                         None => break,
@@ -332,26 +332,27 @@ impl EnvelopePlant {
                     if let Some(load) = &mut load {
                         load.strike(index, part.pushed(), motion.output_phase(next));
                     }
-                    if part.lies() {
-                        lying = Some(next);
+                    if part.is_on_track() {
+                        rest_start = Some(next);
                     }
                     // When the list is full, the loudest impacts are kept.
                     let part = index as u8;
                     if let Err(more) = self.strikes.push(Strike { part, ..strike }) {
-                        let kept = self.strikes.iter_mut();
-                        let quietest = kept.min_by(|one, other| one.speed.total_cmp(&other.speed));
+                        let stored = self.strikes.iter_mut();
+                        let quietest =
+                            stored.min_by(|one, other| one.speed.total_cmp(&other.speed));
                         if let Some(quietest) = quietest.filter(|one| one.speed < more.speed) {
                             *quietest = more;
                         }
                     }
                 }
             }
-            if let (Some(load), Some(since)) = (&mut load, lying) {
-                load.lie(index, motion.rest(since, end), normal_gravity);
+            if let (Some(load), Some(since)) = (&mut load, rest_start) {
+                load.add_rest(index, motion.rest(since, end), normal_gravity);
             }
             // A flying part does not slide. With upper tones the wave is updated in any case.
             if let Some(Law::Friction(_)) = track.law
-                && (part.rubs() || self.upper.is_some())
+                && (part.may_slide() || self.upper.is_some())
             {
                 let swing = motion.swing(end);
                 let wave = motion.wave(&swing, waves);
@@ -364,21 +365,19 @@ impl EnvelopePlant {
     }
 
     /// Detects this cycle's impacts and returns the demodulated part of their ringing.
-    fn detect_impacts(&mut self, loudest: f64) -> Complex {
+    fn detect_impacts(&mut self, max_acceleration: f64) -> Complex {
         self.onset
             .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
         let sense = self.sense;
-        let leak = self.onset.leak() * loudest * sense.factor;
+        let leak = self.onset.leak() * max_acceleration * sense.factor;
         let square = sense.residual * sense.residual + 0.5 * leak * leak;
         let level = libm::sqrt(square);
         let swinging = 0.5 * leak * leak / square.max(1e-30);
         // Largest relative change of a running median in a cycle.
-        let most = 1.0 + f64::from(self.drive.samples()) * OnsetDetector::MEDIAN_STEP;
-        self.median = self
-            .onset
-            .median(level, swinging)
-            .clamp(self.median / most, self.median * most)
-            .max(sense.floor);
+        let max_change = 1.0 + f64::from(self.drive.samples()) * OnsetDetector::MEDIAN_STEP;
+        let (low, high) = (self.median / max_change, self.median * max_change);
+        let median = self.onset.median(level, swinging).clamp(low, high);
+        self.median = median.max(sense.floor);
         let leaked = self.onset.leaked(self.drive.steady_swing() * sense.factor);
         let (samples, step) = (self.drive.samples(), self.drive.step());
         self.onset
@@ -387,31 +386,31 @@ impl EnvelopePlant {
         let mut index = 0;
         while let Some(&strike) = self.strikes.get(index) {
             // Simultaneous impacts ring as one.
-            let together = self.strikes[index..].iter();
-            let together = together.take_while(|other| other.time == strike.time);
-            let (count, speed) = together.fold((0, 0.0), |(count, speed), other| {
+            let simultaneous = self.strikes[index..].iter();
+            let simultaneous = simultaneous.take_while(|other| other.time == strike.time);
+            let (count, speed) = simultaneous.fold((0, 0.0), |(count, speed), other| {
                 (count + 1, speed + other.speed)
             });
             index += count;
             // The state at a sample results from the output of the sample before.
             let samples = (strike.time as i64 - self.time) as f64 * self.drive.per_step();
             let down = samples as u32;
-            let whole = down + u32::from(f64::from(down) < samples);
-            let struck = Struck {
-                sample: self.sample + u64::from(whole),
-                share: f64::from(whole) - samples,
+            let next_sample = down + u32::from(f64::from(down) < samples);
+            let impact = SampledImpact {
+                sample: self.sample + u64::from(next_sample),
+                share: f64::from(next_sample) - samples,
                 height: f64::from(self.sensor.ringing) * speed * sense.factor,
             };
-            let at = self.drive.at(whole);
+            let at = self.drive.at(next_sample);
             let background = Background {
                 median: self.median,
                 rms: sense.residual,
                 leak: leaked * at,
             };
-            let (heard, ringing) = self.onset.impact(struck, background, &mut self.noise);
+            let (detected, ringing) = self.onset.impact(impact, background, &mut self.noise);
             sum += ringing * at;
-            if let Some(heard) = heard {
-                self.wait(heard);
+            if let Some(detected) = detected {
+                self.queue_impact(detected);
             }
         }
         if !self.strikes.is_empty() {
@@ -421,14 +420,20 @@ impl EnvelopePlant {
     }
 
     /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
-    fn read(&mut self, cycle: &mut Cycle, found: Demodulated, loudest: f64, middle: f64) {
+    fn read(
+        &mut self,
+        cycle: &mut Cycle,
+        measured: Demodulated,
+        max_acceleration: f64,
+        middle: f64,
+    ) {
         cycle.noise = (self.median / OnsetDetector::QUARTILE) as f32;
         cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
         let factor = self.sense.factor;
-        let turned = if self.inverted { -factor } else { factor };
-        cycle.mean = (self.sense.rest * turned) as f32;
+        let signed_factor = if self.inverted { -factor } else { factor };
+        cycle.mean = (self.sense.rest * signed_factor) as f32;
         if self.lost {
-            cycle.sectors.energy = [0.0; SECTORS_HANDED];
+            cycle.sectors.energy = [0.0; SECTORS_PER_CYCLE];
             let code = (self.sense.zero + 0.5) as u16;
             (cycle.low, cycle.high) = (code, code);
             return;
@@ -436,28 +441,28 @@ impl EnvelopePlant {
         let sense = self.sense;
         let samples = f64::from(cycle.samples);
         // Standard deviation of the mean of 2 n(t) e^(i phase) over the N unblanked samples.
-        let heeded = 1.0 - self.onset.blanked(u32::from(cycle.samples));
-        let scatter = sense.white * libm::sqrt(2.0 / (samples * heeded).max(1.0));
+        let unblanked_share = 1.0 - self.onset.blanked(u32::from(cycle.samples));
+        let scatter = sense.white * libm::sqrt(2.0 / (samples * unblanked_share).max(1.0));
         let hum = self.hum(samples, middle);
-        let in_phase = found.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
-        let quadrature = found.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
-        cycle.in_phase = (in_phase * turned) as f32;
-        cycle.quadrature = (quadrature * turned) as f32;
+        let in_phase = measured.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
+        let quadrature = measured.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
+        cycle.in_phase = (in_phase * signed_factor) as f32;
+        cycle.quadrature = (quadrature * signed_factor) as f32;
         for part in cycle.upper.iter_mut().take(self.tones).flatten() {
-            let found = f64::from(*part) + scatter * f64::from(self.noise.gauss());
-            *part = (found * turned) as f32;
+            let measured = f64::from(*part) + scatter * f64::from(self.noise.gauss());
+            *part = (measured * signed_factor) as f32;
         }
         if cycle.saturated == 0 {
             let code = |acceleration: f64| {
-                let code = sense.zero + (acceleration + sense.rest * turned) / sense.floor + 0.5;
+                let code =
+                    sense.zero + (acceleration + sense.rest * signed_factor) / sense.floor + 0.5;
                 code.clamp(0.0, sense.full) as u16
             };
-            let reach = (loudest + 3.0 * sense.noise) * factor;
+            let reach = (max_acceleration + 3.0 * sense.noise) * factor;
             (cycle.low, cycle.high) = (code(-reach), code(reach));
         }
     }
 
-    /// Demodulated part of the mains hum.
     fn hum(&self, samples: f64, middle: f64) -> Complex {
         if self.sensor.hum <= 0.0 {
             return Complex::ZERO;
@@ -467,11 +472,11 @@ impl EnvelopePlant {
         let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
         let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
         let half = 0.5 * TAU * samples;
-        let near = sinc(half * (self.mains - drive));
-        let far = sinc(half * (self.mains + drive));
+        let difference_term = sinc(half * (self.mains - drive));
+        let sum_term = sinc(half * (self.mains + drive));
         // Average of 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t) over the cycle.
-        let sum = turn(mains + drive_at) * Complex::new(0.0, -far)
-            + turn(drive_at - mains) * Complex::new(0.0, near);
+        let sum = turn(mains + drive_at) * Complex::new(0.0, -sum_term)
+            + turn(drive_at - mains) * Complex::new(0.0, difference_term);
         sum * f64::from(self.sensor.hum)
     }
 
@@ -491,33 +496,34 @@ impl EnvelopePlant {
     }
 
     /// Stores a detected impact for the cycle of its sample; dropped when the list is full.
-    fn wait(&mut self, heard: HeardAt) {
-        let at = (self.waiting).partition_point(|other| other.sample <= heard.sample);
-        let _ = self.waiting.insert(at, heard);
+    fn queue_impact(&mut self, detected: DetectedOnset) {
+        let at = (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
+        let _ = self.pending_impacts.insert(at, detected);
     }
 
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
-    fn tell(&mut self, cycle: &mut Cycle, samples: u32) {
+    fn report_impacts(&mut self, cycle: &mut Cycle, samples: u32) {
         let step = self.drive.step();
         // The drive's phase is already that of the next cycle.
         let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
-        let due = self.waiting.partition_point(|heard| heard.sample < end);
-        for heard in &self.waiting[..due] {
+        let pending = &self.pending_impacts;
+        let due = pending.partition_point(|detected| detected.sample < end);
+        for detected in &pending[..due] {
             if self.lost {
                 break;
             }
-            let n = (heard.sample.max(last) - self.sample) as u32;
-            last = heard.sample.max(last);
+            let n = (detected.sample.max(last) - self.sample) as u32;
+            last = detected.sample.max(last);
             // The signal path stamps an impact with the phase of the sample before its detection.
             let phase = began.wrapping_add(n.wrapping_sub(1).wrapping_mul(step));
-            let _ = cycle.heard.push(DetectedImpact {
+            let _ = cycle.impacts.push(DetectedImpact {
                 phase: Phase::from_bits(phase),
-                strength: heard.strength as f32,
+                strength: detected.strength as f32,
             });
         }
-        self.waiting.drain(..due);
+        self.pending_impacts.drain(..due);
         self.time += i64::from(samples) * i64::from(step);
     }
 
@@ -582,7 +588,7 @@ impl EnvelopePlant {
             }
             Change::Parts(count) => {
                 let (now, parts) = (self.time.max(0) as u64, &mut self.parts);
-                let arrive = |part: usize| parts[part].lay(now);
+                let arrive = |part: usize| parts[part].rest_at(now);
                 self.hopper.place(now, count, arrive);
             }
             _ => {}

@@ -1,4 +1,4 @@
-//! Sample-by-sample readings of the envelope plant, for cycles with saturation or folding.
+//! Sample-by-sample readings of the envelope plant, for cycles with saturation or averaging.
 
 use num_complex::Complex64 as Complex;
 
@@ -8,20 +8,19 @@ use super::upper::UpperEnvelope;
 use crate::model::drive::Ringing;
 use crate::model::part::Strike;
 use crate::model::scene::SensorModel;
-use kband::arithmetic::Noise;
-use kband::arithmetic::Phase;
+use kband::arithmetic::{Noise, Phase};
 use kband_control::Cycle;
-use kband_control::signal_path::{Fold, OnsetDetector};
+use kband_control::signal_path::{OnsetDetector, SynchronousAverage};
 
-/// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and folding
+/// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and averaging
 /// needs each reading.
 #[derive(Clone, Debug)]
 pub(crate) struct Readings {
     ringing: Ringing,
     detector: OnsetDetector,
-    fold: Fold,
-    /// Whether folding is active or a result is pending.
-    folds: bool,
+    average: SynchronousAverage,
+    /// Whether averaging is active or a result is pending.
+    averages: bool,
     /// Sample of the ringing's state.
     at: u64,
 }
@@ -43,75 +42,76 @@ impl Readings {
     /// Initial state without readings.
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
-            ringing: Ringing::of(sensor),
+            ringing: Ringing::from_sensor(sensor),
             detector: OnsetDetector::new(sense.floor as f32),
-            fold: Fold::EMPTY,
-            folds: false,
+            average: SynchronousAverage::EMPTY,
+            averages: false,
             at: 0,
         }
     }
 
-    /// Whether the readings of this cycle are folded.
+    /// Whether the readings of this cycle are averaged.
     #[inline]
-    pub fn folds(&self) -> bool {
-        self.folds
+    pub fn averages(&self) -> bool {
+        self.averages
     }
 
-    /// Ends a cycle and sets the folding of the next, as in the signal path.
+    /// Ends a cycle and sets the averaging of the next, as in the signal path.
     #[inline]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, cycle: &mut Cycle) {
-        if self.folds || from.is_some() {
-            self.fold.finish(from, step, &mut cycle.folded);
-            self.folds = !self.fold.is_idle();
+        if self.averages || from.is_some() {
+            self.average.finish(from, step, &mut cycle.average);
+            self.averages = !self.average.is_idle();
         }
     }
 
     /// Simulates the readings of a cycle and demodulates them.
-    pub fn read(&mut self, of: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Demodulated {
-        let Read { drive, sense, .. } = *of;
-        let turned = if of.inverted { -1.0 } else { 1.0 };
-        let codes = turned * sense.factor / sense.floor;
+    pub fn read(&mut self, input: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Demodulated {
+        let Read { drive, sense, .. } = *input;
+        let sign = if input.inverted { -1.0 } else { 1.0 };
+        let codes = sign * sense.factor / sense.floor;
         let samples = drive.samples();
         let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), sense.full, 0.0_f64);
-        if self.at != of.sample {
+        if self.at != input.sample {
             self.ringing.silence();
         }
-        let mut strikes = of.strikes.iter().peekable();
+        let mut strikes = input.strikes.iter().peekable();
         for n in 0..samples {
             while let Some(strike) = strikes.peek() {
-                let late = f64::from(n) - (strike.time as i64 - of.time) as f64 * drive.per_step();
-                if late < 0.0 {
+                let delay =
+                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.per_step();
+                if delay < 0.0 {
                     break;
                 }
-                let height = f64::from(of.sensor.ringing) * strike.speed;
-                self.ringing.strike(height as f32, late.min(1.0) as f32);
+                let height = f64::from(input.sensor.ringing) * strike.speed;
+                self.ringing.strike(height as f32, delay.min(1.0) as f32);
                 strikes.next();
             }
             let mut reading = drive.acceleration(n)
                 + f64::from(self.ringing.acceleration())
                 + sense.noise * f64::from(noise.gauss())
                 + sense.rest;
-            if let Some(upper) = of.upper {
+            if let Some(upper) = input.upper {
                 reading += upper.acceleration(f64::from(n), drive.phase_at(n).radians());
             }
             self.ringing.step();
             let code = sense.zero + reading * codes + 0.5;
-            let kept = libm::floor(code.clamp(0.0, sense.full));
-            if kept < 1.0 || kept >= sense.full {
+            let clipped_code = libm::floor(code.clamp(0.0, sense.full));
+            if clipped_code < 1.0 || clipped_code >= sense.full {
                 cycle.saturated += 1;
             }
-            (low, high) = (low.min(kept), high.max(kept));
-            // The signal path takes the mean off before it demodulates.
-            let read = (kept - sense.zero) * sense.floor - sense.rest * turned * sense.factor;
-            if self.folds {
+            (low, high) = (low.min(clipped_code), high.max(clipped_code));
+            // The signal path subtracts the mean before it demodulates.
+            let read = (clipped_code - sense.zero) * sense.floor - sense.rest * sign * sense.factor;
+            if self.averages {
                 let residual = self.detector.residual(read as f32);
-                self.fold.add(drive.phase_at(n), residual);
+                self.average.add(drive.phase_at(n), residual);
             }
             sum += drive.at(n) * read;
         }
-        self.at = of.sample + u64::from(samples);
+        self.at = input.sample + u64::from(samples);
         (cycle.low, cycle.high) = (low as u16, high as u16);
-        let mean = sum * (2.0 / f64::from(samples) / (turned * sense.factor));
+        let mean = sum * (2.0 / f64::from(samples) / (sign * sense.factor));
         Demodulated {
             in_phase: mean.re,
             quadrature: mean.im,

@@ -1,4 +1,4 @@
-//! Resonant drive and demodulator in steps of a drive cycle, exact at the samples.
+//! Resonant drive and demodulator in steps of a drive cycle, exact at the samples but for rounding.
 //!
 //! The drive is its zero-order-hold discretization in modal coordinates (K. J. Åström and B.
 //! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
@@ -25,7 +25,7 @@ pub(crate) fn exp(z: Complex) -> Complex {
 }
 
 /// `e^(i phase)` with the signal path's sine.
-fn turned(phase: u32) -> Complex {
+fn unit_phasor(phase: u32) -> Complex {
     let (sine, cosine) = sine_cosine_single(Phase::from_bits(phase));
     Complex::new(f64::from(cosine), f64::from(sine))
 }
@@ -113,9 +113,9 @@ struct Tuning {
     step: u32,
     /// Phase advance per sample in rad.
     theta: f64,
-    /// Steady state per unit output: `ahead e^(i phase) + back e^(-i phase)`.
-    ahead: Complex,
-    back: Complex,
+    /// Steady state per unit output: `forward e^(i phase) + backward e^(-i phase)`.
+    forward: Complex,
+    backward: Complex,
     /// Steady acceleration per unit output: `Re(steady e^(i phase))`.
     steady: Complex,
     /// `ln l - i theta`: the transient per sample, relative to the rotating phase.
@@ -130,37 +130,32 @@ struct Tuning {
     /// `1 / (e^(2 i theta) - 1)`.
     double: Complex,
     /// Transient decay and demodulator sums over the shorter and the longer cycle.
-    cycles: [Whole; 2],
+    cycles: [CycleConstants; 2],
 }
 
 /// Constants of a cycle with a given number of samples.
 #[derive(Clone, Copy, Debug)]
-struct Whole {
+struct CycleConstants {
     samples: u32,
     /// `l^N`.
     decay: Complex,
-    /// `r^N` and `(r^N - r)/(r - 1)` for `r = l e^(i theta)` and `r = conj(l) e^(i theta)`.
-    ahead: [Complex; 2],
-    back: [Complex; 2],
+    /// `r^N` and the sum of `r^n` over `n = 1..N-1`, for `r = l e^(i theta)` and `r = conj(l)
+    /// e^(i theta)`.
+    forward: [Complex; 2],
+    backward: [Complex; 2],
 }
 
-impl Whole {
+impl CycleConstants {
     fn new(mode: &Mode, sample: Complex, samples: u32) -> Self {
         let sums = |ratio: Complex| {
             let last = ratio.powu(samples);
-            // At an undamped resonance at exactly this frequency all terms are equal.
-            let sum = if (ratio - 1.0).norm_sqr() < 1e-24 {
-                Complex::new(f64::from(samples) - 1.0, 0.0)
-            } else {
-                (last - ratio) / (ratio - 1.0)
-            };
-            [last, sum]
+            [last, (last - ratio) / (ratio - 1.0)]
         };
         Self {
             samples,
             decay: mode.sample.powu(samples),
-            ahead: sums(mode.sample * sample),
-            back: sums(mode.sample.conj() * sample),
+            forward: sums(mode.sample * sample),
+            backward: sums(mode.sample.conj() * sample),
         }
     }
 }
@@ -170,42 +165,43 @@ impl Tuning {
         let theta = f64::from(step) * (TAU / Phase::TURN);
         let sample = turn(theta);
         let half = Complex::new(0.0, -0.5);
-        let ahead = mode.input * half / (sample - mode.sample);
-        let back = -mode.input * half / (sample.conj() - mode.sample);
+        let forward = mode.input * half / (sample - mode.sample);
+        let backward = -mode.input * half / (sample.conj() - mode.sample);
         let shorter = ((1_u64 << 32) / u64::from(step)) as u32;
-        // The imaginary part is x, the real part its velocity over the drive's angular frequency.
+        // The imaginary part is the displacement, the real part the velocity over the angular
+        // frequency.
         let quadrature = mode.natural / (theta * f64::from(SAMPLE_RATE));
         let damping = Complex::new(0.0, quadrature * mode.zeta * mode.per_damped);
         let swing = [
             (damping + quadrature + mode.per_damped) * 0.5,
             (-damping + quadrature - mode.per_damped) * 0.5,
         ];
-        let steady = swing[0] * (ahead + back) + swing[1] * (ahead + back).conj();
+        let steady = swing[0] * (forward + backward) + swing[1] * (forward + backward).conj();
         let lead = phase_of(libm::atan2f(steady.im as f32, steady.re as f32));
-        let against = turned(lead.bits()).conj();
+        let against = unit_phasor(lead.bits()).conj();
         Self {
             step,
             theta,
             lead,
             swing: swing.map(|part| part * against),
             per_step: 1.0 / f64::from(step),
-            ahead,
-            back,
-            steady: mode.reading * ahead
-                + (mode.reading * back).conj()
+            forward,
+            backward,
+            steady: mode.reading * forward
+                + (mode.reading * backward).conj()
                 + Complex::new(0.0, -mode.direct) * sample.conj(),
             drift: mode.log - Complex::new(0.0, theta),
             double: (sample * sample - 1.0).inv(),
             cycles: [
-                Whole::new(mode, sample, shorter),
-                Whole::new(mode, sample, shorter + 1),
+                CycleConstants::new(mode, sample, shorter),
+                CycleConstants::new(mode, sample, shorter + 1),
             ],
         }
     }
 }
 
 /// The drive in steps of a cycle: one complex product for the transient, and the steady state in
-/// closed form. Both are exact for the held output.
+/// closed form. Both are exact for the held output, but for the rounding of the f32 sine.
 #[derive(Clone, Copy, Debug)]
 pub struct Recurrence {
     mode: Mode,
@@ -227,7 +223,7 @@ pub struct Recurrence {
     longer: usize,
 }
 
-/// Demodulated acceleration of a cycle.
+/// Demodulated acceleration of a cycle. The drive's output is a sine of the same phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Demodulated {
     /// Cosine part of the acceleration in m/s^2.
@@ -263,20 +259,20 @@ impl Recurrence {
         }
         let tuning = &self.tuning;
         // The drive is Im(G e^(i phase)), so the response to e^(-i phase) has conj(G).
-        self.steady = [tuning.ahead * output, tuning.back * output.conj()];
+        self.steady = [tuning.forward * output, tuning.backward * output.conj()];
         self.transient = self.state - self.steady(self.began);
         self.reading = [tuning.steady * output, self.mode.reading * self.transient];
-        let shorter = u64::from(self.phase) + u64::from(step) * u64::from(self.samples_of(0));
+        let shorter = u64::from(self.phase) + u64::from(step) * u64::from(self.samples_in_cycle(0));
         self.longer = usize::from(shorter < 1 << 32);
     }
 
-    fn samples_of(&self, longer: usize) -> u32 {
+    fn samples_in_cycle(&self, longer: usize) -> u32 {
         self.tuning.cycles[longer].samples
     }
 
     /// Number of samples of this cycle.
     pub fn samples(&self) -> u32 {
-        self.samples_of(self.longer)
+        self.samples_in_cycle(self.longer)
     }
 
     /// Steady state at `e^(i phase)`.
@@ -286,30 +282,30 @@ impl Recurrence {
 
     /// Ends the cycle and returns its demodulated acceleration.
     pub fn end(&mut self) -> Demodulated {
-        let whole = &self.tuning.cycles[self.longer];
-        let advance = u64::from(self.tuning.step) * u64::from(whole.samples);
+        let constants = &self.tuning.cycles[self.longer];
+        let advance = u64::from(self.tuning.step) * u64::from(constants.samples);
         let phase = (u64::from(self.phase) + advance) as u32;
-        let ended = turned(phase);
+        let ended = unit_phasor(phase);
         // The first and last samples are weighted by the part of their interval within the cycle.
         let per_step = self.tuning.per_step;
         let first = f64::from(self.phase) * per_step;
         let last = 1.0 - f64::from(phase) * per_step;
-        let weight = f64::from(whole.samples) - 1.0 + first + last;
+        let weight = f64::from(constants.samples) - 1.0 + first + last;
         let square = ended * ended;
         let double = self.tuning.double;
         let doubled = square * (double + last) - self.squared * (double + (1.0 - first));
         let [steady, reading] = self.reading;
         let sum = |[end, sum]: [Complex; 2]| sum + first + end * last;
-        let transient = reading * sum(whole.ahead) + reading.conj() * sum(whole.back);
-        let found = steady * doubled + steady.conj() * weight + self.began * transient;
-        self.state = self.transient * whole.decay + self.steady(ended);
+        let transient = reading * sum(constants.forward) + reading.conj() * sum(constants.backward);
+        let demodulated = steady * doubled + steady.conj() * weight + self.began * transient;
+        self.state = self.transient * constants.decay + self.steady(ended);
         self.phase = phase;
         self.began = ended;
         self.squared = square;
-        let found = found * (1.0 / weight);
+        let demodulated = demodulated * (1.0 / weight);
         Demodulated {
-            in_phase: found.re,
-            quadrature: found.im,
+            in_phase: demodulated.re,
+            quadrature: demodulated.im,
         }
     }
 
@@ -319,7 +315,7 @@ impl Recurrence {
     }
 
     /// Upper bound of the acceleration in this cycle, in m/s^2.
-    pub fn loudest(&self) -> f64 {
+    pub fn max_acceleration(&self) -> f64 {
         let norm = |z: Complex| libm::sqrt(z.norm_sqr());
         norm(self.reading[0]) + norm(self.reading[1])
     }
@@ -345,23 +341,23 @@ impl Recurrence {
     pub fn swinging(&self) -> Swinging<'_> {
         let transient =
             (self.transient.norm_sqr() > 1e-30).then(|| self.transient * self.began.conj());
-        let [ahead, back] = self.tuning.swing;
+        let [forward, backward] = self.tuning.swing;
         Swinging {
             drive: self,
             transient,
-            apart: [back * self.steady[1].conj(), ahead * self.steady[1]],
+            counter_rotating: [backward * self.steady[1].conj(), forward * self.steady[1]],
         }
     }
 
     /// `e^(i phase)` of the output, `samples` after the first sample of this cycle.
     pub fn at(&self, samples: u32) -> Complex {
-        turned(self.phase_at(samples).bits())
+        unit_phasor(self.phase_at(samples).bits())
     }
 
     /// Output phase, `samples` after the first sample of this cycle.
     pub fn phase_at(&self, samples: u32) -> Phase {
-        let ahead = samples.wrapping_mul(self.tuning.step);
-        Phase::from_bits(self.phase.wrapping_add(ahead))
+        let forward = samples.wrapping_mul(self.tuning.step);
+        Phase::from_bits(self.phase.wrapping_add(forward))
     }
 
     /// Samples per phase step of 2^-32 turns.
@@ -384,7 +380,7 @@ pub struct Swinging<'a> {
     transient: Option<Complex>,
     /// Contributions of the steady state's `e^(-i phase)` to the swing: a constant, and the factor
     /// of `e^(-2 i phase)`.
-    apart: [Complex; 2],
+    counter_rotating: [Complex; 2],
 }
 
 impl<'a> Swinging<'a> {
@@ -396,26 +392,22 @@ impl<'a> Swinging<'a> {
     /// Swing at the drive's frequency, `ticks` output steps of 2^-32 turns after the first sample
     /// of the cycle.
     pub fn at(&self, ticks: i64) -> Swing {
-        let Recurrence {
-            tuning,
-            phase,
-            steady,
-            ..
-        } = self.drive;
-        let phase = phase.wrapping_add(ticks as u32);
-        let at = turned(phase);
-        // The state is `left e^(i phase) + steady[1] e^(-i phase)`.
-        let mut left = steady[0];
+        let (tuning, steady) = (&self.drive.tuning, &self.drive.steady);
+        let phase = self.drive.phase.wrapping_add(ticks as u32);
+        let at = unit_phasor(phase);
+        // The state is `forward_state e^(i phase) + steady[1] e^(-i phase)`.
+        let mut forward_state = steady[0];
         if let Some(transient) = self.transient {
             let samples = ticks as f64 * tuning.per_step;
-            left += transient * exp_small(tuning.drift * samples);
+            forward_state += transient * exp_small(tuning.drift * samples);
         }
-        let [ahead, back] = tuning.swing;
-        let [alike, against] = self.apart;
-        let apart = (ahead * left + alike) + (against + back * left.conj()) * (at * at).conj();
+        let [forward, backward] = tuning.swing;
+        let [alike, against] = self.counter_rotating;
+        let swing = (forward * forward_state + alike)
+            + (against + backward * forward_state.conj()) * (at * at).conj();
         Swing {
-            amplitude: libm::sqrt(apart.norm_sqr()) as f32,
-            phase: Phase::from_bits(phase) + tuning.lead + angle(apart),
+            amplitude: libm::sqrt(swing.norm_sqr()) as f32,
+            phase: Phase::from_bits(phase) + tuning.lead + angle(swing),
             shape: Shape::SINE,
         }
     }
@@ -459,17 +451,17 @@ mod tests {
                     let angular = f64::from(step) / Phase::TURN * 20_000.0 * TAU;
                     let slow = Swing::through([x, v], angular as f32);
                     let swing = fast.swinging().at(i64::from(n) * i64::from(step));
-                    let apart = f64::from((swing.phase - slow.phase).bits() as i32);
+                    let shift = f64::from((swing.phase - slow.phase).bits() as i32);
                     let (share, full) = (2e-5 + rounding, f64::from(model.gain) * 1e-3);
-                    let off = f64::from(swing.amplitude - slow.amplitude).abs();
-                    assert!(off < share * full, "cycle {cycle}: {swing:?} {slow:?}");
+                    let error = f64::from(swing.amplitude - slow.amplitude).abs();
+                    assert!(error < share * full, "cycle {cycle}: {swing:?} {slow:?}");
                     if f64::from(slow.amplitude) > 0.01 * full {
-                        assert!(apart.abs() / Phase::TURN * TAU < 100.0 * share);
+                        assert!(shift.abs() / Phase::TURN * TAU < 100.0 * share);
                     }
-                    let (seen, most) = (fast.acceleration(n), fast.loudest());
-                    let near = (seen - reading).abs() < (2e-4 + rounding) * most + 1e-6;
-                    let what = std::format!("cycle {cycle}: {seen} {reading} {most}");
-                    assert!(near && seen.abs() <= most, "{what}");
+                    let (actual, maximum) = (fast.acceleration(n), fast.max_acceleration());
+                    let is_close = (actual - reading).abs() < (2e-4 + rounding) * maximum + 1e-6;
+                    let case = std::format!("cycle {cycle}: {actual} {reading} {maximum}");
+                    assert!(is_close && actual.abs() <= maximum, "{case}");
                 }
                 if n < fast.samples() {
                     held = amplitude * sine;
@@ -477,37 +469,37 @@ mod tests {
                     phase = phase.wrapping_add(step);
                 }
             }
-            let found = fast.end();
+            let demodulated = fast.end();
             assert_eq!(fast.phase(), phase);
             let slow = [2.0 * cosines / weight, 2.0 * sines / weight];
             largest = largest.max(slow[0].hypot(slow[1]));
-            let off = (found.in_phase - slow[0]).hypot(found.quadrature - slow[1]);
-            // The waveform's first reading of a cycle contains the output before. This is a step of
-            // at most 0.7 at phase theta, in one of N readings.
+            let error = (demodulated.in_phase - slow[0]).hypot(demodulated.quadrature - slow[1]);
+            // The waveform's first reading of a cycle contains the previous output. This is a step
+            // of at most 0.7 at phase theta, in one of N readings.
             let theta = f64::from(step) / Phase::TURN * TAU;
             let held = 0.7 * fast.mode.direct * theta * 2.0 / weight;
-            let room = (1e-4 + rounding) * largest.max(1.0) + held;
-            assert!(off < room, "cycle {cycle}: {off} of {largest}");
+            let tolerance = (1e-4 + rounding) * largest.max(1.0) + held;
+            assert!(error < tolerance, "cycle {cycle}: {error} of {largest}");
         }
         assert!(largest > 1.0);
     }
 
     #[test]
     fn the_recurrence_is_the_waveform_at_and_off_resonance() {
-        let plain = DriveModel::default();
-        compare(&plain, [50.0, 50.7, 48.0]);
-        let blunt = DriveModel {
+        let standard = DriveModel::default();
+        compare(&standard, [50.0, 50.7, 48.0]);
+        let low_quality = DriveModel {
             quality: 3.0,
             resonance: 61.0,
-            ..plain
+            ..standard
         };
-        compare(&blunt, [60.0, 33.3, 90.0]);
-        let sharp = DriveModel {
+        compare(&low_quality, [60.0, 33.3, 90.0]);
+        let high_quality = DriveModel {
             quality: 200.0,
             resonance: 24.9,
             gain: 4.0,
-            ..plain
+            ..standard
         };
-        compare(&sharp, [25.0, 24.9, 25.3]);
+        compare(&high_quality, [25.0, 24.9, 25.3]);
     }
 }

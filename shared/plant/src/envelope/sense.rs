@@ -11,9 +11,9 @@ pub(crate) struct Sense {
     pub white: f64,
     /// RMS of this noise after the onset detector's filters, in the board's unit.
     pub residual: f64,
-    /// Acceleration in m/s^2 that its axis sees of gravity at rest.
+    /// Acceleration in m/s^2 that its axis measures of gravity at rest.
     pub rest: f64,
-    /// Acceleration in m/s^2 that the converter has room for on its nearer side.
+    /// Distance from the reading at rest to the nearer end of the converter's range, in m/s^2.
     pub headroom: f64,
     /// Converter step in m/s^2.
     pub floor: f64,

@@ -10,7 +10,7 @@ use super::load::Rest;
 use super::recurrence::{Recurrence, Swinging};
 use super::upper::UpperEnvelope;
 use crate::model::drive::Swing;
-use crate::model::part::{Track, WaveCache, turned};
+use crate::model::part::{Track, WaveCache, wrap_angle};
 use kband::arithmetic::Phase;
 use kband::impact::{Kernel, Map, Wave, WaveMap};
 
@@ -95,7 +95,7 @@ impl<'a> TrackMotion<'a> {
                 let time = from + (wait / TAU * Phase::TURN) as u64;
                 (time <= end).then_some(time)
             };
-            // If the present amplitude throws no part, the amplitude at the end of the cycle may.
+            // If the present amplitude throws no part, that at the end of the cycle may.
             let time = after(began, waves).or_else(|| after(self.swing(end), waves))?;
             let time = after(self.swing(time), waves)?;
             return Some((self.swing(time), time));
@@ -104,8 +104,8 @@ impl<'a> TrackMotion<'a> {
         if libm::sin(phase) > k(&began) {
             return Some((began, from));
         }
-        // A growing amplitude throws first at the crest; from there search back to arcsin k.
-        let ahead = |angle: f64| (turned(angle) / TAU * Phase::TURN) as u64;
+        // A growing amplitude first throws at the crest; search back from there to arcsin k.
+        let ahead = |angle: f64| (wrap_angle(angle) / TAU * Phase::TURN) as u64;
         let crest = from + ahead(FRAC_PI_2 - phase);
         if crest > end + (1 << 30) {
             return None;
@@ -117,12 +117,12 @@ impl<'a> TrackMotion<'a> {
         let mut time = crest - ahead(FRAC_PI_2 - libm::asin(at_crest)).min(crest - from);
         for _ in 0..8 {
             let swing = self.swing(time);
-            let late = libm::sin(swing.phase.radians()) - k(&swing);
-            if late > 0.0 {
+            let excess = libm::sin(swing.phase.radians()) - k(&swing);
+            if excess > 0.0 {
                 return (time <= end).then_some((swing, time));
             }
             // Move past the crossing of a slowly changing amplitude.
-            time += (1 << 20) + (-late / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
+            time += (1 << 20) + (-excess / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
         }
         None
     }

@@ -20,7 +20,7 @@ use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
 #[derive(Clone, Copy, Debug, Default)]
 struct Driven {
     /// Displacement in m per unit output.
-    answer: Complex,
+    response: Complex,
     /// Logarithm of decay and rotation per sample, relative to the multiple of the phase.
     drift: Complex,
     /// X at the first sample of the cycle, its limit, and its remaining difference.
@@ -36,14 +36,13 @@ impl Driven {
     }
 }
 
-/// A mode of the drive.
 #[derive(Clone, Copy, Debug)]
 struct Mode {
     model: UpperMode,
     /// Displacement in m per unit output of the first tone.
-    answer: Complex,
+    response: Complex,
     /// Acceleration per unit transient in 1/s^2.
-    surge: Complex,
+    square: Complex,
     tones: [Driven; UPPER],
 }
 
@@ -56,7 +55,7 @@ impl Mode {
     fn tune(&mut self, angular: f64) {
         let natural = TAU * self.model.frequency;
         let per_sample = 1.0 / f64::from(SAMPLE_RATE);
-        let answer = |n: f64| {
+        let response = |n: f64| {
             let x = n * angular / natural;
             let half = 0.5 * n * angular * per_sample;
             // The zero-order hold adds half a sample of delay.
@@ -66,13 +65,13 @@ impl Mode {
         };
         let zeta = 0.5 / self.model.quality;
         let damped = libm::sqrt((1.0 - zeta * zeta).max(0.0));
-        let own = Complex::new(-zeta, damped) * natural;
-        self.answer = answer(1.0);
-        self.surge = own * own;
+        let eigenvalue = Complex::new(-zeta, damped) * natural;
+        self.response = response(1.0);
+        self.square = eigenvalue * eigenvalue;
         for (n, tone) in self.tones.iter_mut().enumerate() {
             let n = harmonic(n);
-            tone.answer = answer(n);
-            tone.drift = (own - Complex::new(0.0, n * angular)) * per_sample;
+            tone.response = response(n);
+            tone.drift = (eigenvalue - Complex::new(0.0, n * angular)) * per_sample;
         }
     }
 }
@@ -93,15 +92,15 @@ impl UpperEnvelope {
     /// For a drive at rest with this number of upper tones, at a frequency in Hz; `None` without
     /// upper tones and modes.
     pub fn build(model: &DriveModel, frequency: f64, tones: usize) -> Option<Self> {
-        let modes = UpperMode::of(model, frequency);
+        let modes = UpperMode::fit_configured(model, frequency);
         if tones == 0 && modes.is_empty() {
             return None;
         }
         let resonance = core::iter::once(UpperMode::resonance(model));
         let modes = resonance.chain(modes).map(|model| Mode {
             model,
-            answer: Complex::ZERO,
-            surge: Complex::ZERO,
+            response: Complex::ZERO,
+            square: Complex::ZERO,
             tones: [Driven::default(); UPPER],
         });
         Some(Self {
@@ -125,32 +124,32 @@ impl UpperEnvelope {
         }
         for mode in &mut self.modes {
             for (tone, output) in mode.tones.iter_mut().zip(upper).take(self.tones) {
-                tone.steady = tone.answer * output;
+                tone.steady = tone.response * output;
                 tone.transient = tone.state - tone.steady;
             }
         }
         let above = self.modes.iter().skip(1);
-        self.added = above.map(|mode| mode.answer * first).sum();
+        self.added = above.map(|mode| mode.response * first).sum();
     }
 
     /// Ends a cycle and returns the demodulated acceleration beside that of the resonance's first
     /// tone. Values are cosine and sine parts in m/s^2, at the drive's frequency and its multiples.
     pub fn end(&mut self, samples: u32) -> ([f64; 2], [[f64; 2]; UPPER]) {
         let count = f64::from(samples);
-        let mut found = [Complex::ZERO; UPPER];
+        let mut sums = [Complex::ZERO; UPPER];
         for mode in &mut self.modes {
-            let tones = mode.tones.iter_mut().zip(&mut found).take(self.tones);
-            for (n, (tone, found)) in tones.enumerate() {
+            let tones = mode.tones.iter_mut().zip(&mut sums).take(self.tones);
+            for (n, (tone, sums)) in tones.enumerate() {
                 let angular = harmonic(n) * self.angular;
-                let whole = tone.drift * count;
-                let left = exp(whole);
-                let mean = (left - 1.0) / whole;
-                *found += tone.steady * (-angular * angular) + tone.transient * mode.surge * mean;
-                tone.state = tone.steady + tone.transient * left;
+                let exponent = tone.drift * count;
+                let decay = exp(exponent);
+                let mean = (decay - 1.0) / exponent;
+                *sums += tone.steady * (-angular * angular) + tone.transient * mode.square * mean;
+                tone.state = tone.steady + tone.transient * decay;
             }
         }
         let first = self.added * (-self.angular * self.angular);
-        ([first.im, first.re], found.map(|tone| [tone.im, tone.re]))
+        ([first.im, first.re], sums.map(|tone| [tone.im, tone.re]))
     }
 
     /// Each mode under each tone, with the tone's index.
@@ -162,11 +161,11 @@ impl UpperEnvelope {
     }
 
     /// Upper bound of the added acceleration in m/s^2.
-    pub fn loudest(&self) -> f64 {
+    pub fn max_acceleration(&self) -> f64 {
         let size = |z: Complex| libm::sqrt(z.norm_sqr());
         let above = self.driven().map(|(mode, n, tone)| {
             let angular = harmonic(n) * self.angular;
-            size(tone.steady) * angular * angular + size(tone.transient) * size(mode.surge)
+            size(tone.steady) * angular * angular + size(tone.transient) * size(mode.square)
         });
         size(self.added) * self.angular * self.angular + above.sum::<f64>()
     }
@@ -177,7 +176,7 @@ impl UpperEnvelope {
         let mut sum = self.added * turn(phase) * (-self.angular * self.angular);
         for (mode, n, tone) in self.driven() {
             let angular = harmonic(n) * self.angular;
-            let transient = tone.transient * exp(tone.drift * samples) * mode.surge;
+            let transient = tone.transient * exp(tone.drift * samples) * mode.square;
             sum += (tone.steady * (-angular * angular) + transient) * turn(harmonic(n) * phase);
         }
         sum.im
@@ -186,8 +185,8 @@ impl UpperEnvelope {
     /// Swing of the resonance with all contributions, `samples` after the first sample of the
     /// cycle, at the output phase `phase`.
     pub fn complete(&self, swing: Swing, samples: f64, phase: Phase) -> Swing {
-        let alone = turn((swing.phase - phase).radians()) * f64::from(swing.amplitude);
-        let first = alone + self.added;
+        let single = turn((swing.phase - phase).radians()) * f64::from(swing.amplitude);
+        let first = single + self.added;
         let size = libm::sqrt(first.norm_sqr());
         if size <= 0.0 {
             return swing;

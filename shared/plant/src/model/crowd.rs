@@ -1,4 +1,4 @@
-//! The parts of a scene, and what they have in common.
+//! The parts of a scene, and their common quantities.
 
 use heapless::Vec;
 
@@ -16,9 +16,8 @@ const RESTITUTION_SEED: u64 = 0x7363_6174;
 
 /// Parts of a scene, each with its own stream of restitutions.
 pub(crate) fn all_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange> {
-    restitutions(scene)
-        .map(|drawn| Ok(Part::at_rest(drawn?)))
-        .collect()
+    let parts = restitutions(scene).map(|drawn| Ok(Part::at_rest(drawn?)));
+    parts.collect()
 }
 
 /// Restitution of each part of a scene.
@@ -26,15 +25,12 @@ pub(crate) fn restitutions(
     scene: &Scene,
 ) -> impl Iterator<Item = Result<Scatter, OutOfRange>> + '_ {
     let mut seeds = Noise::new(scene.seed ^ RESTITUTION_SEED);
-    scene
-        .parts
-        .iter()
-        .enumerate()
-        .map(move |(n, &restitution)| {
-            let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
-            let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
-            Scatter::build(restitution.into(), deviation.into(), seed)
-        })
+    let parts = scene.parts.iter().enumerate();
+    parts.map(move |(n, &restitution)| {
+        let deviation = scene.scatter.get(n).copied().unwrap_or(0.0);
+        let seed = u64::from(seeds.bits()) << 32 | u64::from(seeds.bits());
+        Scatter::build(restitution.into(), deviation.into(), seed)
+    })
 }
 
 /// Applies a change of the restitution to that of a part. A value out of range is rejected, and the

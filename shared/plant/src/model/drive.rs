@@ -9,8 +9,7 @@ use num_complex::{Complex32 as Complex, Complex64};
 use heapless::Vec;
 
 use super::scene::{DriveModel, SensorModel};
-use kband::arithmetic::Phase;
-use kband::arithmetic::sine_cosine_single;
+use kband::arithmetic::{Phase, sine_cosine_single};
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
 
 /// A damped oscillator under an output held between samples, exact at the samples. In the pair (x,
@@ -30,11 +29,11 @@ pub struct Resonator {
 impl Resonator {
     /// Resonator of a drive model at rest.
     pub fn new(model: &DriveModel) -> Self {
-        Self::of(&UpperMode::resonance(model))
+        Self::from_mode(&UpperMode::resonance(model))
     }
 
     /// Resonator of a mode at rest.
-    pub fn of(mode: &UpperMode) -> Self {
+    pub fn from_mode(mode: &UpperMode) -> Self {
         // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta
         // y).
         let w0 = mode.frequency * core::f64::consts::TAU;
@@ -130,10 +129,8 @@ impl Swing {
             }
             let own = Self::through(motion, harmonic as f32 * angular);
             let first = Phase::from_bits(self.phase.bits().wrapping_mul(harmonic));
-            UpperTone::new(
-                own.amplitude / self.amplitude,
-                (own.phase - first).bits() as i32 as f32 * (TAU / Phase::TURN as f32),
-            )
+            let phase = (own.phase - first).bits() as i32 as f32 * (TAU / Phase::TURN as f32);
+            UpperTone::new(own.amplitude / self.amplitude, phase)
         };
         let [second, third] = motions;
         Self {
@@ -173,46 +170,46 @@ impl UpperMode {
 
     /// Modes of a model at a drive frequency in Hz; none if the resonance alone gives the
     /// configured response.
-    pub fn of(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
-        let told = [
+    pub fn fit_configured(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
+        let configured = [
             (2.0, model.second_gain, model.second_lag),
             (3.0, model.third_gain, model.third_lag),
         ];
         let mut modes = [None::<Self>; UPPER];
-        let several = told.iter().filter(|(_, gain, _)| *gain > 0.0).count() > 1;
+        let several = configured.iter().filter(|(_, gain, _)| *gain > 0.0).count() > 1;
         for _ in 0..if several { FIT_ROUNDS } else { 1 } {
-            for (n, (harmonic, gain, lag)) in told.into_iter().enumerate() {
+            for (n, (harmonic, gain, lag)) in configured.into_iter().enumerate() {
                 if gain <= 0.0 {
                     continue;
                 }
                 // The zero-order hold adds half a sample of delay, which no mode causes.
-                let held = PI64 * harmonic * frequency / f64::from(SAMPLE_RATE);
-                let lag = f64::from(lag).to_radians() - held;
+                let hold_lag = PI64 * harmonic * frequency / f64::from(SAMPLE_RATE);
+                let lag = f64::from(lag).to_radians() - hold_lag;
                 let (sine, cosine) = libm::sincos(lag);
-                let told = Complex64::new(cosine, -sine) * (f64::from(gain) * 1e-3);
+                let configured = Complex64::new(cosine, -sine) * (f64::from(gain) * 1e-3);
                 let at = harmonic * frequency;
-                let mut missing = told - Self::resonance(model).answer(at);
+                let mut residue = configured - Self::resonance(model).response(at);
                 modes[n] = None;
                 for mode in modes.iter().flatten() {
-                    missing -= mode.answer(at);
+                    residue -= mode.response(at);
                 }
-                modes[n] = Self::fitted(missing, at, f64::from(model.second_quality));
+                modes[n] = Self::fitted(residue, at, f64::from(model.second_quality));
             }
         }
         modes.into_iter().flatten().collect()
     }
 
-    /// Mode of a quality factor whose response to full output at a frequency in Hz is `missing` m.
-    fn fitted(missing: Complex64, at: f64, quality: f64) -> Option<Self> {
+    /// Mode of a quality factor whose response to full output at a frequency in Hz is `residue` m.
+    fn fitted(residue: Complex64, at: f64, quality: f64) -> Option<Self> {
         // A mode lags by less than half a turn; a larger lag requires antiphase.
-        let against = missing.im > 0.0;
-        let missing = if against { -missing } else { missing };
-        let size = libm::sqrt(missing.norm_sqr());
+        let against = residue.im > 0.0;
+        let residue = if against { -residue } else { residue };
+        let size = libm::sqrt(residue.norm_sqr());
         if size < 1e-12 {
             return None;
         }
         // tan lag = (x/Q) / (1 - x^2).
-        let tangent = -missing.re / missing.im.min(-1e-6 * size) / quality;
+        let tangent = -residue.re / residue.im.min(-1e-6 * size) / quality;
         let x = libm::sqrt(0.25 * tangent * tangent + 1.0) - 0.5 * tangent;
         let stiffness = Complex64::new(1.0 - x * x, x / quality);
         let force = size * libm::sqrt(stiffness.norm_sqr());
@@ -224,7 +221,7 @@ impl UpperMode {
     }
 
     /// Response to full output at a frequency in Hz, in m.
-    fn answer(&self, frequency: f64) -> Complex64 {
+    fn response(&self, frequency: f64) -> Complex64 {
         let x = frequency / self.frequency;
         Complex64::new(1.0 - x * x, x / self.quality).inv() * self.force
     }
@@ -233,7 +230,7 @@ impl UpperMode {
 /// Separates the upper tones of the track's motion. It estimates the tones of the output and
 /// simulates each mode under each upper tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TonesApart {
+pub struct ToneSeparator {
     /// State of each mode under each upper tone.
     states: [[[f32; 2]; 1 + UPPER]; UPPER],
     /// Number of upper tones of the drive.
@@ -242,7 +239,7 @@ pub struct TonesApart {
     output: [[f32; 2]; 1 + UPPER],
 }
 
-impl TonesApart {
+impl ToneSeparator {
     /// For a drive at rest with this number of upper tones.
     pub fn new(upper: usize) -> Self {
         Self {
@@ -297,10 +294,10 @@ impl TonesApart {
         modes: impl Iterator<Item = &'a Resonator> + Clone,
     ) -> [[f32; 2]; UPPER] {
         self.states.map(|states| {
-            let moved = states.iter().zip(modes.clone());
-            let mut moved = moved.map(|([x, y], mode)| [*x, y * mode.natural]);
-            let first = moved.next().unwrap_or_default();
-            moved.fold(first, |[x, v], [dx, dv]| [x + dx, v + dv])
+            let mode_motions = states.iter().zip(modes.clone());
+            let mut mode_motions = mode_motions.map(|([x, y], mode)| [*x, y * mode.natural]);
+            let first = mode_motions.next().unwrap_or_default();
+            mode_motions.fold(first, |[x, v], [dx, dv]| [x + dx, v + dv])
         })
     }
 }
@@ -317,13 +314,13 @@ pub struct Ringing {
 
 impl Ringing {
     /// Ringing in a sensor.
-    pub fn of(sensor: &SensorModel) -> Self {
+    pub fn from_sensor(sensor: &SensorModel) -> Self {
         let (frequency, decay) = (sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
         let h = 1.0 / SAMPLE_RATE as f32;
         let angle = TAU * frequency * h;
-        let keep = libm::expf(-h / decay);
+        let decay_factor = libm::expf(-h / decay);
         Self {
-            turn: turn(angle) * keep,
+            turn: turn(angle) * decay_factor,
             state: Complex::default(),
             angle,
             decay: h / decay,
@@ -388,5 +385,25 @@ mod tests {
         let lead = swing.phase.bits() as i32 as f32 * (TAU / Phase::TURN as f32);
         // The held output adds a delay of half a sample, 0.008 rad.
         assert!((lead + PI / 2.0 + 0.008).abs() < 2e-3, "{lead}");
+    }
+
+    #[test]
+    fn tones_of_the_output_are_separated() {
+        let expected = [[0.5, 0.1], [-0.2, 0.1], [0.05, 0.15]];
+        let (mut separator, step) = (ToneSeparator::new(UPPER), phase_step(50.0));
+        for n in 0..4000 {
+            let phase = Phase::from_bits(step.wrapping_mul(n));
+            let tones = [1, 2, 3].map(|m| Phase::from_bits(phase.bits().wrapping_mul(m)));
+            let tones = tones.map(sine_cosine_single).map(|(s, c)| [s, c]);
+            let parts = tones.as_flattened().iter().zip(expected.as_flattened());
+            let output = parts.map(|(tone, part)| tone * part).sum();
+            separator.step(output, phase, step, core::iter::empty());
+        }
+        let parts = separator.output.as_flattened().iter();
+        assert!(
+            parts
+                .zip(expected.as_flattened())
+                .all(|(a, b)| (a - b).abs() < 1e-3)
+        );
     }
 }

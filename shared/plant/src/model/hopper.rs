@@ -29,8 +29,8 @@ impl Hopper {
         }
     }
 
-    /// Sets which parts are on the track from `now` on: the first `count`. `arrive` gets the index of
-    /// each that comes onto it. Other parts in the hopper keep waiting.
+    /// Sets that the first `count` parts are on the track from `now` on. `arrive` gets the index of
+    /// each part that is added to it. Other parts in the hopper keep waiting.
     pub fn place(&mut self, now: u64, count: u8, mut arrive: impl FnMut(usize)) {
         let count = usize::from(count).min(self.end);
         for (part, arrival) in self.arrives.iter_mut().enumerate().take(self.end) {
@@ -54,7 +54,7 @@ impl Hopper {
         self.first = self.end;
     }
 
-    /// When a part comes onto the track.
+    /// Arrival time of a part on the track.
     #[inline]
     pub fn arrives(&self, part: usize) -> u64 {
         self.arrives.get(part).copied().unwrap_or(0)
@@ -77,7 +77,7 @@ mod tests {
         hopper.dump(1 << 32, 8.0);
         let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
         assert_eq!(arrivals, [3, 5, 7, 9]);
-        // A part falls once only.
+        // A part falls only once.
         hopper.dump(100 << 32, 8.0);
         assert_eq!(hopper.arrives(4) >> 32, 9);
     }
@@ -93,8 +93,8 @@ mod tests {
         let mut place = |now, count| {
             let mut arrived = std::vec::Vec::new();
             hopper.place(now, count, |part| arrived.push(part));
-            let there = (0..5).filter(|part| hopper.arrives(*part) <= now).count();
-            (there, arrived)
+            let count = (0..5).filter(|part| hopper.arrives(*part) <= now).count();
+            (count, arrived)
         };
         assert_eq!(place(10, 1), (1, std::vec![]));
         assert_eq!(place(20, 2), (2, std::vec![1]));

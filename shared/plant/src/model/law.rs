@@ -31,7 +31,7 @@ impl Law {
             }) => (amplitude_ratio, phase_lead, incline_tangent),
         };
         let phase = phase + lead;
-        let shaken = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
-        ratio * shaken - k * incline
+        let acceleration = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
+        ratio * acceleration - k * incline
     }
 }

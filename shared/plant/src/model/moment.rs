@@ -1,4 +1,4 @@
-//! What a closed loop shows of one drive cycle.
+//! State of a closed loop in one drive cycle.
 
 use kband_control::Report;
 

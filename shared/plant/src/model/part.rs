@@ -53,7 +53,8 @@ pub struct Part {
     motion: Motion,
     /// Whether the current flight began from rest.
     rested: bool,
-    /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the drive.
+    /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the
+    /// drive.
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
@@ -64,7 +65,7 @@ pub struct Part {
     displacement: f64,
     /// Time from which the part lies on the track, in steps of 2^-32 turns of the drive; `None` in
     /// flight. Earlier sliding is in its displacement.
-    lying: Option<u64>,
+    rest_start: Option<u64>,
 }
 
 /// Motion of the track for the simulation of a part.
@@ -117,12 +118,13 @@ impl WaveCache {
         if shape.tones().iter().all(|tone| tone.ratio < MIN_TONE_RATIO) {
             return None;
         }
-        let moved = |(now, was): (UpperTone, UpperTone)| {
-            let turned = (now.phase - was.phase).abs();
-            (now.ratio - was.ratio).abs() > TONE_TOLERANCE || turned * now.ratio > TONE_TOLERANCE
+        let has_changed = |(now, was): (UpperTone, UpperTone)| {
+            let phase_change = (now.phase - was.phase).abs();
+            (now.ratio - was.ratio).abs() > TONE_TOLERANCE
+                || phase_change * now.ratio > TONE_TOLERANCE
         };
         let pairs = shape.tones().into_iter().zip(self.shape.tones());
-        if pairs.into_iter().any(moved) {
+        if pairs.into_iter().any(has_changed) {
             let [second, third] = shape.tones().map(|tone| Tone {
                 // Larger ratios occur only while the first tone starts.
                 amplitude: f64::from(tone.ratio.min(0.5)),
@@ -146,14 +148,14 @@ impl Part {
             along: 0.0,
             pushed: 0.0,
             displacement: 0.0,
-            lying: Some(0),
+            rest_start: Some(0),
         }
     }
 
     /// Lays the part at rest onto the track at `time`.
-    pub fn lay(&mut self, time: u64) {
+    pub fn rest_at(&mut self, time: u64) {
         self.motion = Motion::Resting;
-        (self.rested, self.along, self.lying) = (true, 0.0, Some(time));
+        (self.rested, self.along, self.rest_start) = (true, 0.0, Some(time));
     }
 
     /// Its restitution, from the next impact on.
@@ -170,8 +172,8 @@ impl Part {
     /// restitution is drawn at the impact.
     fn map(&self, k: f64) -> Option<Map> {
         let scatters = self.restitution.deviation() > 0.0;
-        let kept = if scatters { 1.0 } else { self.mean() };
-        Map::build(k, kept).ok()
+        let restitution = if scatters { 1.0 } else { self.mean() };
+        Map::build(k, restitution).ok()
     }
 
     /// Displacement along the track so far in m, positive upwards.
@@ -186,7 +188,7 @@ impl Part {
     }
 
     /// Whether it rests on the track or is in a silent chatter.
-    pub fn lies(&self) -> bool {
+    pub fn is_on_track(&self) -> bool {
         !matches!(self.motion, Motion::Flying { .. })
     }
 
@@ -197,8 +199,8 @@ impl Part {
 
     /// Whether it rests and slides, or did until its next slide.
     #[inline]
-    pub fn rubs(&self) -> bool {
-        self.lying.is_some()
+    pub fn may_slide(&self) -> bool {
+        self.rest_start.is_some()
     }
 
     /// Time of its next event, in steps of 2^-32 turns of the drive; `None` at rest.
@@ -210,8 +212,8 @@ impl Part {
         }
     }
 
-    /// Throws a part at rest where the track's downward acceleration exceeds gravity; `swing` is
-    /// the track's at `time`.
+    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `swing` is the
+    /// track's at `time`.
     pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
@@ -225,38 +227,35 @@ impl Part {
         let Some(lift_off) = map.lift_off() else {
             return;
         };
-        // The sample is up to one late; the launch itself is at arcsin k.
-        let late = turned(swing.phase.radians() - lift_off);
-        let start = time.saturating_sub((late / TAU * Phase::TURN) as u64);
+        // The sample is late by up to one; the launch itself is at arcsin k.
+        let delay = wrap_angle(swing.phase.radians() - lift_off);
+        let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
         let Some(Release { launch, impact }) = Release::build(&map, lift_off, 0.0) else {
             return;
         };
-        self.leave(track, k, launch.phase, amplitude, start);
+        self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_sine(&map, launch.phase, impact);
-        self.fly(&flight, amplitude, track, start);
+        self.begin_flight(&flight, amplitude, track, start);
     }
 
     /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
     /// event.
     pub fn event(&mut self, swing: Swing, track: &Track<'_>) -> Option<Strike> {
-        let (time, arrival, displacement, along) = match self.motion {
-            Motion::Resting => return None,
-            Motion::Chattering { .. } => {
-                self.motion = Motion::Resting;
-                return None;
-            }
-            Motion::Flying {
-                until,
-                arrival,
-                displacement,
-                along,
-            } => (until, arrival, displacement, along),
+        let Motion::Flying {
+            until: time,
+            arrival,
+            displacement,
+            along,
+        } = self.motion
+        else {
+            self.motion = Motion::Resting;
+            return None;
         };
         self.displacement += displacement;
         self.along = along;
         // At rest it lies from now on; a flight resets this.
-        self.lying = Some(time);
+        self.rest_start = Some(time);
         let phase = swing.phase.radians();
         let strike = Strike {
             time,
@@ -275,25 +274,24 @@ impl Part {
             self.motion = Motion::Resting;
             return Some(strike);
         }
-        // Launch speed in the unit that the track has now.
-        let kept = self.restitution.draw();
-        let left = kept * arrival;
-        self.pushed = arrival + left;
-        self.rub(track, arrival, left);
-        let velocity = left / (amplitude * track.angular);
+        // Launch speed in the present units of the track.
+        let restitution = self.restitution.draw();
+        let launch_speed = restitution * arrival;
+        self.pushed = arrival + launch_speed;
+        self.apply_impact_friction(track, arrival, launch_speed);
+        let velocity = launch_speed / (amplitude * track.angular);
         let mut state = PartState { phase, velocity };
-        let struck = time;
+        let impact_time = time;
         let mut time = time;
         if !track.contact.is_instant() {
-            state = track.contact.launch(kept, state, k, track.wave);
+            state = track.contact.launch(restitution, state, k, track.wave);
             let radians = track.contact.radians();
             time += (radians / TAU * Phase::TURN) as u64;
-            // Friction of the contact is in the state after it; a part that rests lies from then on.
-            self.lying = Some(time);
-            let push = track
-                .law
-                .map_or(0.0, |law| law.push(track.wave, k, state.phase));
-            self.along += track.contact.gain_along(kept) * push * amplitude * track.angular;
+            // The state after the contact includes its friction; a resting part lies from then on.
+            self.rest_start = Some(time);
+            let law = track.law;
+            let push = law.map_or(0.0, |law| law.push(track.wave, k, state.phase));
+            self.along += track.contact.gain_along(restitution) * push * amplitude * track.angular;
             self.displacement += 0.5 * (along + self.along) * radians / track.angular;
             if state.velocity == 0.0 {
                 self.motion = Motion::Chattering { until: time };
@@ -304,15 +302,15 @@ impl Part {
             if let Some(wave) = track.wave {
                 self.bounce_on_tones(wave, k, state, amplitude, track, time);
             }
-            self.began = struck;
+            self.began = impact_time;
             return Some(strike);
         };
-        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Map::time_to_rest`), so faster parts skip the
-        // test. With scattered restitution it is closed at the mean.
-        let slow = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
-        let closed = slow.then(|| Map::build(k, self.mean()).ok()?.time_to_rest(state));
+        // A chatter is closed below 8e-6 (1 + k)^(5/3) (see `Map::time_to_rest`), so faster parts
+        // skip the test. With scattered restitution it is closed at the mean.
+        let is_chatter = velocity < 1e-5 * (1.0 + k) * (1.0 + k);
+        let closed = is_chatter.then(|| Map::build(k, self.mean()).ok()?.time_to_rest(state));
         if let Some(chatter) = closed.flatten() {
-            self.spare(track, left);
+            self.correct_chatter_friction(track, launch_speed);
             self.motion = Motion::Chattering {
                 until: time + (chatter / TAU * Phase::TURN) as u64,
             };
@@ -324,8 +322,8 @@ impl Part {
             return Some(strike);
         }
         let flight = Flight::on_sine(&map, state.phase, impact);
-        self.fly(&flight, amplitude, track, time);
-        self.began = struck;
+        self.begin_flight(&flight, amplitude, track, time);
+        self.began = impact_time;
         Some(strike)
     }
 
@@ -336,10 +334,11 @@ impl Part {
         let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
             return;
         };
-        let Some((wait, phase)) = map.throw(turned(swing.phase.radians() - MAX_THROW_DELAY)) else {
+        let Some((wait, phase)) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))
+        else {
             return;
         };
-        // It may be early by as much, where the amplitude changed since the search.
+        // It may also be early by this, if the amplitude changed since the search.
         if wait > 2.0 * MAX_THROW_DELAY {
             return;
         }
@@ -349,10 +348,10 @@ impl Part {
         };
         let amplitude = f64::from(swing.amplitude);
         let start = time.saturating_add_signed(ticks);
-        self.leave(track, k, launch.phase, amplitude, start);
+        self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_tones(&map, launch.phase, impact);
-        self.fly(&flight, amplitude, track, start);
+        self.begin_flight(&flight, amplitude, track, start);
     }
 
     /// Next motion after an impact on a track with several tones.
@@ -372,7 +371,7 @@ impl Part {
         };
         match map.hop(self.mean(), state) {
             Hop::Rest(chatter) => {
-                self.spare(track, state.velocity * amplitude * track.angular);
+                self.correct_chatter_friction(track, state.velocity * amplitude * track.angular);
                 self.motion = Motion::Chattering {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
                 };
@@ -380,23 +379,23 @@ impl Part {
             Hop::Impact(impact) if impact.flight <= 0.0 => self.motion = Motion::Resting,
             Hop::Impact(impact) => {
                 let flight = Flight::on_tones(&map, state.phase, impact);
-                self.fly(&flight, amplitude, track, time);
+                self.begin_flight(&flight, amplitude, track, time);
             }
         }
     }
 
     /// Applies the friction of an impact with these arrival and launch speeds in m/s.
-    fn rub(&mut self, track: &Track<'_>, arrival: f64, left: f64) {
+    fn apply_impact_friction(&mut self, track: &Track<'_>, arrival: f64, launch_speed: f64) {
         if let Some(Law::Friction(settings)) = track.law {
-            self.along = settings.velocity_after_impact(self.along, arrival + left);
+            self.along = settings.velocity_after_impact(self.along, arrival + launch_speed);
         }
     }
 
-    /// Corrects the velocity along the track for a chatter that begins with `left` m/s. Its
+    /// Corrects the velocity along the track for a chatter that begins with `launch_speed` m/s. Its
     /// friction is less than that of the contact by which it is simulated.
-    fn spare(&mut self, track: &Track<'_>, left: f64) {
+    fn correct_chatter_friction(&mut self, track: &Track<'_>, launch_speed: f64) {
         if let Some(Law::Friction(settings)) = track.law {
-            self.along += settings.chatter_velocity_excess(self.along, left);
+            self.along += settings.chatter_velocity_excess(self.along, launch_speed);
         }
     }
 
@@ -410,13 +409,13 @@ impl Part {
 
     /// [`Part::slide`] up to a phase of a track with this k and amplitude.
     fn slide_to(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, time: u64) {
-        let (Some(since), Some(Law::Friction(settings))) = (self.lying, track.law) else {
+        let (Some(since), Some(Law::Friction(settings))) = (self.rest_start, track.law) else {
             return;
         };
         let Some(duration) = time.checked_sub(since).filter(|duration| *duration > 0) else {
             return;
         };
-        self.lying = Some(time);
+        self.rest_start = Some(time);
         let sine = Wave::sine();
         // A track with k above 1000 moves too little to slide a part.
         let Ok(friction) = Friction::on(track.wave.unwrap_or(&sine), k, settings) else {
@@ -425,23 +424,23 @@ impl Part {
         };
         let duration = duration as f64 / Phase::TURN * TAU;
         let unit = amplitude * track.angular;
-        let lain = friction.move_in_contact(phase - duration, duration, self.along / unit);
-        self.displacement += lain.distance * amplitude;
-        self.along = lain.velocity * unit;
+        let slid = friction.move_in_contact(phase - duration, duration, self.along / unit);
+        self.displacement += slid.distance * amplitude;
+        self.along = slid.velocity * unit;
     }
 
     /// Ends a rest: the track throws the part at `start`, at a phase.
-    fn leave(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, start: u64) {
+    fn end_rest(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, start: u64) {
         match track.law {
             Some(Law::Friction(_)) => self.slide_to(track, k, phase, amplitude, start),
             _ => self.along = 0.0,
         }
-        self.lying = None;
+        self.rest_start = None;
     }
 
-    fn fly(&mut self, flight: &Flight, amplitude: f64, track: &Track<'_>, start: u64) {
+    fn begin_flight(&mut self, flight: &Flight, amplitude: f64, track: &Track<'_>, start: u64) {
         self.began = start;
-        self.lying = None;
+        self.rest_start = None;
         let unit = amplitude * track.angular;
         let Flight {
             k, phase, impact, ..
@@ -450,7 +449,7 @@ impl Part {
         let velocity = self.along / unit;
         let sine = Wave::sine();
         let wave = track.wave.unwrap_or(&sine);
-        let moved = match track.law {
+        let result = match track.law {
             None => None,
             Some(Law::Friction(settings)) => Friction::on(wave, *k, settings)
                 .ok()
@@ -462,7 +461,7 @@ impl Part {
                 })
             }
         };
-        let (displacement, along) = moved.unwrap_or_default();
+        let (displacement, along) = result.unwrap_or_default();
         self.motion = Motion::Flying {
             until: start + (impact.flight / TAU * Phase::TURN) as u64,
             arrival: flight.arrival * unit,
@@ -514,9 +513,9 @@ impl Flight {
 }
 
 /// `angle` in 0..2 pi.
-pub(crate) fn turned(angle: f64) -> f64 {
-    let turned = angle - TAU * libm::floor(angle / TAU);
-    if turned < TAU { turned } else { 0.0 }
+pub(crate) fn wrap_angle(angle: f64) -> f64 {
+    let wrapped = angle - TAU * libm::floor(angle / TAU);
+    if wrapped < TAU { wrapped } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -530,7 +529,7 @@ mod tests {
 
     /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude. The
     /// events are evaluated per sample and the sliding per cycle, as in the plant.
-    fn way(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
+    fn displacement_per_cycle(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);
         let track = Track {
             normal_gravity,
@@ -585,12 +584,13 @@ mod tests {
             };
             for contact in [0.0, 0.12].map(|c| ContactTime::build(c).unwrap()) {
                 let orbit = Orbit::from_rest(&map).with_contact(contact);
-                let found = measure(orbit, along, effort, &mut ()).conveyed;
-                let expected = found.time_mean().unwrap() * TAU;
-                let found = way(k, Law::Friction(settings), restitution, contact);
+                let surveyed = measure(orbit, along, effort, &mut ()).conveyed;
+                let expected = surveyed.time_mean().unwrap() * TAU;
+                let actual =
+                    displacement_per_cycle(k, Law::Friction(settings), restitution, contact);
                 // Errors: the amplitude has f32 precision, a throw is timed to a sample.
-                let off = (found / expected - 1.0).abs();
-                assert!(off < 2e-3, "{throw} {contact:?}: {found} {expected}");
+                let error = (actual / expected - 1.0).abs();
+                assert!(error < 2e-3, "{throw} {contact:?}: {actual} {expected}");
             }
         }
     }

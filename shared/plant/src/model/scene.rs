@@ -144,8 +144,8 @@ pub enum Change {
     /// The hopper drops its waiting parts ([`Scene::waiting`]) onto the track, evenly within this
     /// number of seconds.
     Dump(f32),
-    /// The first so many parts are on the track from now on: others leave it, missing ones come onto
-    /// it.
+    /// The first so many parts are on the track from now on: others leave it, missing ones come
+    /// onto it.
     Parts(u8),
 }
 
@@ -242,8 +242,8 @@ impl Scene {
         if settings.sensor_rest <= 0.0 {
             return 0.0;
         }
-        let seen = settings.sensor_rest - settings.sensor_zero;
-        seen / settings.sensitivity * STANDARD_GRAVITY as f32
+        let mean_signal = settings.sensor_rest - settings.sensor_zero;
+        mean_signal / settings.sensitivity * STANDARD_GRAVITY as f32
     }
 
     /// The target, and those that disturbances set later, as listed.
@@ -267,7 +267,7 @@ impl Scene {
     }
 
     /// The accelerometer, with the ringing weakened by the contact time.
-    pub(crate) fn heard_sensor(&self) -> SensorModel {
+    pub(crate) fn effective_sensor(&self) -> SensorModel {
         let mut sensor = self.sensor;
         if self.contact > 0.0 {
             sensor.ringing *= ringing_share(sensor.ringing_frequency * self.contact * 1e-3);
@@ -282,8 +282,8 @@ impl Scene {
                 Law::Friction(FrictionSettings::on(track, sticking.into(), sliding.into()))
             }
             None => {
-                let kept = f64::from(self.settings.tangential_restitution);
-                Law::Restitution(TangentialSettings::on(track, kept))
+                let factor = f64::from(self.settings.tangential_restitution);
+                Law::Restitution(TangentialSettings::on(track, factor))
             }
         }
     }
@@ -301,9 +301,9 @@ impl Scene {
         let millimetres = ([0.0, 100.0], "0..100 mm");
         let hertz = ([5.0, 500.0], "5..500 Hz");
         let amperes = ([1e-3, 100.0], "0.001..100 mm/A");
-        let noisy = ([0.0, 100.0], "0..100 m/s^2");
+        let noise_range = ([0.0, 100.0], "0..100 m/s^2");
         let sensitive = ([0.1, 10.0], "0.1..10");
-        let loud = ([0.0, 1e5], "0..100000 1/s");
+        let ringing_range = ([0.0, 1e5], "0..100000 1/s");
         let high = ([500.0, 9000.0], "500..9000 Hz");
         for (parameter, value, (range, accepted)) in [
             ("drive resonance", drive.resonance, hertz),
@@ -318,10 +318,10 @@ impl Scene {
             ("drive ripple", drive.ripple, ([0.0, 0.5], "0..0.5")),
             ("drive mass", drive.mass, ([0.001, 1e5], "0.001..100000 kg")),
             ("drive current_gain", current, amperes),
-            ("sensor hum", sensor.hum, noisy),
-            ("sensor noise", sensor.noise, noisy),
+            ("sensor hum", sensor.hum, noise_range),
+            ("sensor noise", sensor.noise, noise_range),
             ("sensor sensitivity", sensor.sensitivity, sensitive),
-            ("sensor ringing", sensor.ringing, loud),
+            ("sensor ringing", sensor.ringing, ringing_range),
             ("sensor ringing_frequency", ringing, high),
             ("sensor ringing_decay", decay, ([0.05, 50.0], "0.05..50 ms")),
         ] {
@@ -336,10 +336,10 @@ impl Scene {
         for &mass in &self.masses {
             within("part mass", mass, [0.0, 1e6], "0..1000000 g")?;
         }
-        let together: f32 = self.masses.iter().take(self.parts.len()).sum();
+        let total: f32 = self.masses.iter().take(self.parts.len()).sum();
         let accepted = "0..the mass that swings with the track";
-        let room = [0.0, 1e3 * drive.mass];
-        within("part mass, of all parts", together, room, accepted)?;
+        let mass_range = [0.0, 1e3 * drive.mass];
+        within("part mass, of all parts", total, mass_range, accepted)?;
         let count = ([0.0, self.parts.len() as f32], "0..the number of parts");
         let waiting = f32::from(self.waiting);
         within("parts in the hopper", waiting, count.0, count.1)?;
@@ -381,11 +381,11 @@ impl Scene {
 /// The force is half a sine. Its spectrum gives 0.79 at half a period, 1/3 at one, 0 at 1.5.
 fn ringing_share(periods: f32) -> f32 {
     let double = 2.0 * periods;
-    let off = 1.0 - double * double;
-    if off.abs() < 1e-3 {
+    let difference = 1.0 - double * double;
+    if difference.abs() < 1e-3 {
         return 0.25 * core::f32::consts::PI;
     }
-    (libm::cosf(core::f32::consts::PI * periods) / off).abs()
+    (libm::cosf(core::f32::consts::PI * periods) / difference).abs()
 }
 
 #[cfg(test)]
@@ -408,9 +408,9 @@ mod tests {
                 sums[1] += force * libm::sin(angle);
             }
             let expected = libm::hypot(sums[0], sums[1]);
-            let found = f64::from(ringing_share(periods as f32));
-            let off = (found - expected).abs();
-            assert!(off < 1e-3, "{periods}: {found} {expected}");
+            let actual = f64::from(ringing_share(periods as f32));
+            let difference = (actual - expected).abs();
+            assert!(difference < 1e-3, "{periods}: {actual} {expected}");
         }
     }
 

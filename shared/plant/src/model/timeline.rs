@@ -30,15 +30,13 @@ impl Timeline {
             next: 0,
             due: 0,
         };
-        timeline.look_ahead();
+        timeline.find_due();
         timeline
     }
 
-    fn look_ahead(&mut self) {
-        self.due = match self.disturbances.get(self.next) {
-            Some(disturbance) => (disturbance.at * f64::from(SAMPLE_RATE)) as u64,
-            None => u64::MAX,
-        };
+    fn find_due(&mut self) {
+        let next = self.disturbances.get(self.next);
+        self.due = next.map_or(u64::MAX, |next| (next.at * f64::from(SAMPLE_RATE)) as u64);
     }
 
     /// Next change due before sample `sample`, counted from 0; call until `None`.
@@ -49,7 +47,7 @@ impl Timeline {
         }
         let change = self.disturbances.get(self.next)?.change;
         self.next += 1;
-        self.look_ahead();
+        self.find_due();
         Some(change)
     }
 

@@ -9,14 +9,13 @@ use crate::model::Moment;
 use crate::model::crowd::{
     MAX_STRIKES, all_at_rest, change_restitution, mean_displacement, restitutions,
 };
-use crate::model::drive::{Resonator, Ringing, Swing, TonesApart, UpperMode};
+use crate::model::drive::{Resonator, Ringing, Swing, ToneSeparator, UpperMode};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use crate::model::timeline::Timeline;
-use kband::arithmetic::Noise;
-use kband::arithmetic::{Phase, sine_cosine_single};
+use kband::arithmetic::{Noise, Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
@@ -44,14 +43,14 @@ pub struct Bench {
     /// Modes above the resonance and their static displacements.
     modes: Vec<(Resonator, f32), UPPER>,
     /// Separation of the upper tones, if the drive has any.
-    apart: Option<TonesApart>,
+    tone_filter: Option<ToneSeparator>,
     waves: WaveCache,
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
     /// Duration of an impact.
     contact: ContactTime,
-    /// Acceleration in m/s^2 that the sensor's axis sees at rest.
+    /// Acceleration in m/s^2 that the sensor's axis measures at rest.
     rest: f32,
     /// The parts, if none has mass.
     parts: Vec<Part, PARTS>,
@@ -97,8 +96,8 @@ fn all<'a>(
 }
 
 impl Bench {
-    /// The bench of a scene at time 0: parts at rest, drive off, enable input on. An error names the
-    /// parameter out of range.
+    /// The bench of a scene at time 0: parts at rest, drive off, enable input on. An error names
+    /// the parameter out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -107,24 +106,24 @@ impl Bench {
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
         let drive = Resonator::new(&scene.drive);
-        let modes = UpperMode::of(&scene.drive, f64::from(settings.frequency));
+        let modes = UpperMode::fit_configured(&scene.drive, f64::from(settings.frequency));
         let upper = settings.upper_tones();
         let lead = track.phase_lead();
-        // The impact map serves all parts, or none if any has mass.
+        // The impact map moves all parts, or none if any has mass.
         let has_mass = scene.has_mass();
         let mut plant = Self {
             timeline: Timeline::new(scene),
             samples: 0,
-            apart: (upper > 0).then(|| TonesApart::new(upper)),
+            tone_filter: (upper > 0).then(|| ToneSeparator::new(upper)),
             waves: WaveCache::default(),
             modes: (modes.iter())
-                .map(|mode| (Resonator::of(mode), mode.force as f32))
+                .map(|mode| (Resonator::from_mode(mode), mode.force as f32))
                 .collect(),
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
             gain: 1.0,
-            ringing: Ringing::of(&scene.sensor),
-            sensor: scene.heard_sensor(),
+            ringing: Ringing::from_sensor(&scene.sensor),
+            sensor: scene.effective_sensor(),
             contact: scene.contact_time()?,
             rest: scene.rest(),
             parts: if has_mass {
@@ -167,7 +166,7 @@ impl Bench {
         };
         for index in 0..plant.massive.len() {
             if plant.hopper.arrives(index) == 0 {
-                let sag = plant.bear(index);
+                let sag = plant.load_spring(index);
                 plant.drive.push(-sag, 0.0);
             }
         }
@@ -175,7 +174,7 @@ impl Bench {
     }
 
     /// Adds a part to the spring's load and returns the added deflection in m.
-    fn bear(&mut self, index: usize) -> f64 {
+    fn load_spring(&mut self, index: usize) -> f64 {
         let share = self.massive.get(index).map_or(0.0, MassivePart::share);
         let sag = self.drive.sag(share * self.normal_gravity);
         self.sagged += sag;
@@ -214,7 +213,7 @@ impl Bench {
             acceleration
         };
         let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
-        // `clamp` may panic with both numbers in the message, whose formatting takes 15 KiB of the
+        // `clamp` may panic with both numbers in the message; their formatting takes 15 KiB of the
         // emulated image.
         self.last_code = code.max(0.0).min(self.full) as u16;
         AdcCode(self.last_code)
@@ -242,14 +241,9 @@ impl Bench {
         for (mode, _) in &mut self.modes {
             mode.step(self.gain * output);
         }
-        if let Some(apart) = &mut self.apart {
-            let modes = all(&self.drive, &self.modes);
-            apart.step(
-                self.gain * output,
-                Phase::from_bits(now as u32),
-                step,
-                modes,
-            );
+        if let Some(tone_filter) = &mut self.tone_filter {
+            let (modes, phase) = (all(&self.drive, &self.modes), Phase::from_bits(now as u32));
+            tone_filter.step(self.gain * output, phase, step, modes);
         }
         self.ringing.step();
         self.time = now;
@@ -257,11 +251,11 @@ impl Bench {
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
         // Downward acceleration over gravity from the harmonic motion.
         let mut pushed = f64::from(x);
-        if let Some(apart) = &self.apart {
-            let [[second, _], [third, _]] = apart.motions(all(&self.drive, &self.modes));
+        if let Some(tone_filter) = &self.tone_filter {
+            let [[second, _], [third, _]] = tone_filter.motions(all(&self.drive, &self.modes));
             pushed += 3.0 * f64::from(second) + 8.0 * f64::from(third);
         }
-        let thrown = pushed * angular * angular > self.normal_gravity;
+        let lifts_off = pushed * angular * angular > self.normal_gravity;
         if let Law::Friction(_) = self.law
             && now >> 32 != (now - u64::from(step)) >> 32
         {
@@ -274,17 +268,14 @@ impl Bench {
             if self.hopper.arrives(index) > now {
                 continue;
             }
-            let due = match self.parts[index].next() {
-                Some(next) => next <= now,
-                None => thrown,
-            };
-            if due {
+            let next = self.parts[index].next();
+            if next.map_or(lifts_off, |next| next <= now) {
                 self.settle(index, [x, v], angular, now);
             }
         }
     }
 
-    /// Slides the lying parts, once a cycle, because the amplitude changes while they lie.
+    /// Moves the sliding parts once a cycle, because the amplitude changes while they lie.
     fn slide(&mut self, motion: [f32; 2], angular: f64, now: u64) {
         let swing = self.swing(motion, angular as f32);
         let track = Track {
@@ -317,17 +308,17 @@ impl Bench {
         let earlier = now.saturating_sub(u64::from(self.step));
         let onto = |hopper: &Hopper, index: usize| hopper.arrives(index) <= now;
         let parts = self.massive.iter().enumerate();
-        let lying: f64 = parts
-            .filter(|(index, part)| part.lies() && onto(&self.hopper, *index))
+        let resting_mass: f64 = parts
+            .filter(|(index, part)| part.is_on_track() && onto(&self.hopper, *index))
             .map(|(_, part)| part.share())
             .sum();
-        let fallen = stroke.acceleration(ground.sample);
+        let acceleration_without_parts = stroke.acceleration(ground.sample);
         // Equation of motion with the lying mass: M a = F - m (g + a).
-        let pressed = (self.normal_gravity + fallen) / (1.0 + lying);
-        let thrown = pressed <= 0.0;
+        let pressed = (self.normal_gravity + acceleration_without_parts) / (1.0 + resting_mass);
+        let lifts_off = pressed <= 0.0;
         self.pressed = 0.0;
-        if !thrown {
-            let push = -lying * pressed;
+        if !lifts_off {
+            let push = -resting_mass * pressed;
             stroke.to[0] += 0.5 * push * ground.sample * ground.sample;
             stroke.to[1] += push * ground.sample;
             self.pressed = -push as f32;
@@ -347,15 +338,15 @@ impl Bench {
                 let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
                 let crest = f64::from(swing.amplitude) - self.sagged;
                 self.massive[index].drop_from(crest.max(x), now);
-                self.bear(index);
+                self.load_spring(index);
                 continue;
             }
             let part = &mut self.massive[index];
-            if part.lies() {
-                if thrown {
+            if part.is_on_track() {
+                if lifts_off {
                     part.leave(&ground, stroke.to, now);
                 } else {
-                    part.lie(&ground, pressed, along);
+                    part.rest_on(&ground, pressed, along);
                 }
                 continue;
             }
@@ -363,10 +354,10 @@ impl Bench {
                 continue;
             };
             let share = (1.0 - blow.at) as f32;
-            let late = (f64::from(share) * f64::from(self.step)) as u64;
+            let delay = (f64::from(share) * f64::from(self.step)) as u64;
             let [x, v] = blow.track;
             let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
-            let time = now - late;
+            let time = now - delay;
             // Impacts beyond the capacity are dropped.
             let _ = self.strikes.push(Strike {
                 time,
@@ -400,9 +391,9 @@ impl Bench {
             let Some(next) = part.next().filter(|&next| next <= now) else {
                 return;
             };
-            let late = now - next;
+            let delay = now - next;
             let then = Swing {
-                phase: swing.phase - Phase::from_bits(late as u32),
+                phase: swing.phase - Phase::from_bits(delay as u32),
                 ..swing
             };
             if let Some(strike) = part.event(then, &track) {
@@ -411,7 +402,7 @@ impl Bench {
                     part: index as u8,
                     ..strike
                 });
-                let share = (late as f32 / self.step as f32).min(1.0);
+                let share = (delay as f32 / self.step as f32).min(1.0);
                 self.ringing
                     .strike(self.sensor.ringing * strike.speed as f32, share);
             }
@@ -430,7 +421,7 @@ impl Bench {
         let (now, parts) = (self.time + 1, &mut self.parts);
         let arrive = |index: usize| {
             if let Some(part) = parts.get_mut(index) {
-                part.lay(now);
+                part.rest_at(now);
             }
         };
         self.hopper.place(now, count, arrive);
@@ -439,8 +430,8 @@ impl Bench {
     /// Mass of the parts on the track over that of the track.
     pub fn load(&self) -> f64 {
         let parts = self.massive.iter().enumerate();
-        let borne = parts.filter(|(index, _)| self.hopper.arrives(*index) <= self.time);
-        borne.map(|(_, part)| part.share()).sum()
+        let load_mass = parts.filter(|(index, _)| self.hopper.arrives(*index) <= self.time);
+        load_mass.map(|(_, part)| part.share()).sum()
     }
 
     /// Displacement of the track in m and its velocity in m/s.
@@ -453,10 +444,10 @@ impl Bench {
 
     /// Swing of the track with this motion at an angular frequency in rad/s.
     fn swing(&self, [x, v]: [f32; 2], angular: f32) -> Swing {
-        let Some(apart) = &self.apart else {
+        let Some(tone_filter) = &self.tone_filter else {
             return Swing::through([x, v], angular);
         };
-        let motions = apart.motions(all(&self.drive, &self.modes));
+        let motions = tone_filter.motions(all(&self.drive, &self.modes));
         let first = (motions.iter()).fold([x, v], |[x, v], [dx, dv]| [x - dx, v - dv]);
         Swing::through(first, angular).with(motions, angular)
     }
@@ -529,9 +520,8 @@ impl Bench {
             Change::Restitution(_) | Change::Scatter(_) => {
                 let parts = self.parts.iter_mut().map(Part::restitution_mut);
                 let massive = self.massive.iter_mut().map(MassivePart::restitution_mut);
-                parts
-                    .chain(massive)
-                    .for_each(|restitution| change_restitution(restitution, change));
+                let all = parts.chain(massive);
+                all.for_each(|restitution| change_restitution(restitution, change));
             }
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,

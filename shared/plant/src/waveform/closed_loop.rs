@@ -59,25 +59,25 @@ impl ClosedLoop {
 
     /// Simulates the next drive cycle.
     pub fn cycle(&mut self) -> Moment {
-        self.cycle_shown(|_| ())
+        self.trace_cycle(|_| ())
     }
 
     /// As [`ClosedLoop::cycle`]; passes each sample to a callback.
     #[inline]
-    pub fn cycle_shown(&mut self, mut show: impl FnMut(Sample)) -> Moment {
+    pub fn trace_cycle(&mut self, mut observe: impl FnMut(Sample)) -> Moment {
         self.bench.forget_strikes();
-        self.samples(&mut show);
+        self.samples(&mut observe);
         if self.bench.sagged() {
             self.restart();
-            self.samples(&mut show);
+            self.samples(&mut observe);
         }
         if let Some(target) = self.bench.new_target() {
             // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
         let mut inputs = self.bench.inputs();
-        if let Some((command, heard)) = self.bus.take() {
-            (inputs.bus, inputs.link_heard) = (Some(command), heard);
+        if let Some((command, request_received)) = self.bus.take() {
+            (inputs.bus, inputs.link_heard) = (Some(command), request_received);
         }
         let report = self.controller.cycle(self.signal.cycle(), &inputs);
         self.signal.command(report.command);
@@ -91,11 +91,11 @@ impl ClosedLoop {
 
     /// Simulates the samples of one cycle.
     #[inline]
-    fn samples(&mut self, show: &mut impl FnMut(Sample)) {
+    fn samples(&mut self, observe: &mut impl FnMut(Sample)) {
         // The longest cycle has 4000 samples; the bound prevents an endless loop after a wrong
         // step.
         for _ in 0..2 * SAMPLE_RATE {
-            if self.sample(show) {
+            if self.sample(observe) {
                 break;
             }
         }
@@ -115,14 +115,14 @@ impl ClosedLoop {
     }
 
     #[inline]
-    fn sample(&mut self, show: &mut impl FnMut(Sample)) -> bool {
+    fn sample(&mut self, observe: &mut impl FnMut(Sample)) -> bool {
         let code = self.bench.sample();
         let before = self.signal.phase();
         let sampled = self.signal.sample_with(code, || self.bench.current());
         let step = (self.signal.phase() - before).bits();
         self.bench.hold(sampled.output, step);
         let [displacement, velocity] = self.bench.motion();
-        show(Sample {
+        observe(Sample {
             time: self.bench.time(),
             output: sampled.output,
             code: code.0,
@@ -132,12 +132,13 @@ impl ClosedLoop {
         sampled.wrapped
     }
 
-    /// Commands the next cycle by a fieldbus in control; `heard`: a request came since the last.
-    pub fn command(&mut self, command: BusCommand, heard: bool) {
-        self.bus = Some((command, heard));
+    /// Sets a fieldbus's commands for the next cycle; `request_received`: a request arrived since
+    /// the last.
+    pub fn command(&mut self, command: BusCommand, request_received: bool) {
+        self.bus = Some((command, request_received));
     }
 
-    /// Sets new settings, as a board at rest does. The error names the parameter out of range; the
+    /// Sets new settings, as on a board at rest. The error names the parameter out of range; the
     /// settings then stay.
     pub fn configure(&mut self, settings: &Settings) -> Result<(), OutOfRange> {
         let signal = Signal::build(settings)?;
@@ -171,7 +172,7 @@ impl ClosedLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::EnvelopeLoop;
+    use crate::{Change, EnvelopeLoop};
     use kband_control::{State, Target};
 
     /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
@@ -202,11 +203,39 @@ mod tests {
                 outputs[0] += report.command.amplitude;
                 outputs[1] += envelope.cycle().report.command.amplitude;
             }
-            // The bias of late detections and of a short memory.
+            // Bias from late detections and from a short memory.
             let bias = measured / moved - 1.0;
             assert!(bias.abs() < 4e-3, "{count} parts, {frequency} Hz: {bias}");
-            let apart = outputs[1] / outputs[0] - 1.0;
-            assert!(apart.abs() < 5e-3, "{count} parts, {frequency} Hz: {apart}");
+            let error = outputs[1] / outputs[0] - 1.0;
+            assert!(error.abs() < 5e-3, "{count} parts, {frequency} Hz: {error}");
+        }
+    }
+
+    /// A part arrives every 0.1 s, and falls from the highest place of the track.
+    #[test]
+    fn hopper_drops_heavy_parts_evenly_in_both_plants() {
+        let scene = Scene {
+            target: Target::K(0.5),
+            waiting: 4,
+            parts: [0.2; 4].into_iter().collect(),
+            masses: [100.0; 4].into_iter().collect(),
+            ..Scene::default()
+        };
+        let mut closed = ClosedLoop::build(&scene).unwrap();
+        let mut envelope = EnvelopeLoop::build(&scene).unwrap();
+        for _ in 0..100 {
+            closed.cycle();
+            envelope.cycle();
+        }
+        closed.apply(Change::Dump(0.4));
+        envelope.apply(Change::Dump(0.4));
+        for cycle in 1..24 {
+            let moments = [closed.cycle(), envelope.cycle()];
+            if cycle % 5 == 3 {
+                let count = f64::from(cycle / 5);
+                assert!((moments.iter()).all(|it| it.load == count * scene.mass_share(0)));
+                assert!((moments.iter()).all(|it| (it.strikes > 0) == (count > 0.0)));
+            }
         }
     }
 }

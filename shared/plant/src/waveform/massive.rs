@@ -13,7 +13,7 @@ const BISECTIONS: usize = 30;
 /// Velocities of track and part after an impact with a part of `share` of the track's mass.
 /// Momentum is conserved, and the relative velocity is reversed times `restitution`. All velocities
 /// have the same unit.
-pub fn struck(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
+pub fn collide(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
     let change = (1.0 + restitution) * (track - part) / (1.0 + share);
     [track - share * change, part + change]
 }
@@ -61,10 +61,10 @@ impl Stroke {
     fn at(&self, share: f64, sample: f64) -> [f64; 2] {
         let ([x, v], [y, w]) = (self.from, self.to);
         let (v, w) = (v * sample, w * sample);
-        let (bend, twist) = (3.0 * (y - x) - 2.0 * v - w, 2.0 * (x - y) + v + w);
+        let (quadratic, cubic) = (3.0 * (y - x) - 2.0 * v - w, 2.0 * (x - y) + v + w);
         [
-            x + share * (v + share * (bend + share * twist)),
-            (v + share * (2.0 * bend + 3.0 * share * twist)) / sample,
+            x + share * (v + share * (quadratic + share * cubic)),
+            (v + share * (2.0 * quadratic + 3.0 * share * cubic)) / sample,
         ]
     }
 
@@ -97,23 +97,21 @@ enum Motion {
     Flying(Fall),
 }
 
-/// Height in m, velocities normal to the track and along it in m/s. `left` is the track's position
-/// along itself at launch and `way` the distance since, both in m.
+/// Height in m, velocities normal to the track and along it in m/s. `launch_position` is the
+/// track's position along itself at launch and `travel` the distance since, both in m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Fall {
     height: f64,
     velocity: f64,
     along: f64,
-    left: f64,
-    way: f64,
+    launch_position: f64,
+    travel: f64,
 }
 
 impl Fall {
     /// Height and velocity after a time in s under gravity (m/s^2).
     fn normal(&self, gravity: f64, time: f64) -> [f64; 2] {
-        let Self {
-            height, velocity, ..
-        } = *self;
+        let (height, velocity) = (self.height, self.velocity);
         [
             height + time * (velocity - 0.5 * gravity * time),
             velocity - gravity * time,
@@ -122,9 +120,9 @@ impl Fall {
 
     /// Way and velocity along the track after it.
     fn along(&self, down: f64, time: f64) -> [f64; 2] {
-        let Self { way, along, .. } = *self;
+        let Self { travel, along, .. } = *self;
         [
-            way + time * (along - 0.5 * down * time),
+            travel + time * (along - 0.5 * down * time),
             along - down * time,
         ]
     }
@@ -161,7 +159,7 @@ impl MassivePart {
     }
 
     /// Whether it lies on the track.
-    pub fn lies(&self) -> bool {
+    pub fn is_on_track(&self) -> bool {
         matches!(self.motion, Motion::Lying(_))
     }
 
@@ -186,7 +184,7 @@ impl MassivePart {
 
     /// Simulates a sample at rest. The part presses with `normal` m/s^2, and the track accelerates
     /// along itself by `along`.
-    pub fn lie(&mut self, ground: &Ground, normal: f64, along: f64) {
+    pub fn rest_on(&mut self, ground: &Ground, normal: f64, along: f64) {
         let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
         else {
             return;
@@ -218,14 +216,14 @@ impl MassivePart {
     /// Begins a flight with a height, a velocity normal to the track and a velocity along it
     /// relative to the track.
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
-        let [left, carried] = ground.along(track);
+        let [launch_position, track_velocity] = ground.along(track);
         self.began = now;
         self.motion = Motion::Flying(Fall {
             height: own[0],
             velocity: own[1],
-            along: carried + along,
-            left,
-            way: 0.0,
+            along: track_velocity + along,
+            launch_position,
+            travel: 0.0,
         });
     }
 
@@ -238,12 +236,12 @@ impl MassivePart {
         let (sample, [gravity, down]) = (ground.sample, ground.gravity);
         let [height, velocity] = fall.normal(gravity, sample);
         if height >= stroke.to[0] {
-            let [way, along] = fall.along(down, sample);
+            let [travel, along] = fall.along(down, sample);
             self.motion = Motion::Flying(Fall {
                 height,
                 velocity,
                 along,
-                way,
+                travel,
                 ..fall
             });
             return None;
@@ -260,17 +258,17 @@ impl MassivePart {
         let [x, v] = stroke.at(below, sample);
         let own = fall.normal(gravity, below * sample)[1];
         let speed = (v - own).max(0.0);
-        let kept = self.restitution.draw();
-        let [after, thrown] = struck(v, own, self.share, kept);
+        let restitution = self.restitution.draw();
+        let [after, launch_velocity] = collide(v, own, self.share, restitution);
         let before = [x, v];
-        let [place, carried] = ground.along(before);
-        let [way, along] = fall.along(down, below * sample);
-        self.displacement += way - (place - fall.left);
-        let relative = along - carried;
+        let [track_position, track_velocity] = ground.along(before);
+        let [travel, along] = fall.along(down, below * sample);
+        self.displacement += travel - (track_position - fall.launch_position);
+        let relative = along - track_velocity;
         let relative = match ground.law {
             Law::Restitution(tangential) => tangential.restitution * relative,
             Law::Friction(friction) => {
-                friction.velocity_after_impact(relative, (1.0 + kept) * speed)
+                friction.velocity_after_impact(relative, (1.0 + restitution) * speed)
             }
         };
         let blow = Blow {
@@ -285,23 +283,23 @@ impl MassivePart {
         stroke.to[0] += (after - v) * rest;
         stroke.to[1] += after - v;
         let time = times[0] + ((times[1] - times[0]) as f64 * below) as u64;
-        self.fly(ground, [x, after], [x, thrown], relative, time);
+        self.fly(ground, [x, after], [x, launch_velocity], relative, time);
         let end = [
-            x + rest * (thrown - 0.5 * gravity * rest),
-            thrown - gravity * rest,
+            x + rest * (launch_velocity - 0.5 * gravity * rest),
+            launch_velocity - gravity * rest,
         ];
         if end[0] <= stroke.to[0] {
-            // The hop ends within the sample: the part stays, and its momentum goes to the track.
-            let [track, _] = struck(stroke.to[1], end[1], self.share, 0.0);
+            // The hop ends within the sample: the part stays, and the track receives its momentum.
+            let [track, _] = collide(stroke.to[1], end[1], self.share, 0.0);
             stroke.to[1] = track;
-            let kept = match ground.law {
+            let velocity = match ground.law {
                 Law::Restitution(_) => 0.0,
                 Law::Friction(_) => relative,
             };
-            self.motion = Motion::Lying(kept);
+            self.motion = Motion::Lying(velocity);
         } else if let Motion::Flying(fall) = &mut self.motion {
             [fall.height, fall.velocity] = end;
-            [fall.way, fall.along] = fall.along(down, rest);
+            [fall.travel, fall.along] = fall.along(down, rest);
         }
         Some(blow)
     }
@@ -312,23 +310,34 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_fall_along_the_track_is_a_parabola() {
+        let fall = Fall {
+            along: -0.3,
+            travel: 0.2,
+            ..Fall::default()
+        };
+        let [travel, along] = fall.along(9.8, 0.5);
+        assert!((travel - (0.2 - 0.15 - 1.225)).abs() < 1e-14 && (along + 5.2).abs() < 1e-14);
+    }
+
+    #[test]
     fn impact_keeps_momentum_and_loses_its_energy() {
         for n in 0..200 {
             let draw = |m: u32| f64::from((n * 7919 + m * 104_729) % 1000) * 1e-3;
             let (track, part) = (draw(1) - 0.5, -draw(2) - 0.5);
             let (share, restitution) = (draw(3), draw(4));
-            let [after, thrown] = struck(track, part, share, restitution);
+            let [after, launch_velocity] = collide(track, part, share, restitution);
             let momentum = |track: f64, part: f64| track + share * part;
-            let change = momentum(after, thrown) - momentum(track, part);
+            let change = momentum(after, launch_velocity) - momentum(track, part);
             assert!(change.abs() < 1e-15, "{change}");
-            assert!((thrown - after - restitution * (track - part)).abs() < 1e-15);
+            assert!((launch_velocity - after - restitution * (track - part)).abs() < 1e-15);
             // Energy loss over M: m M / (m + M) (1 - R^2) s^2 / 2.
             let energy = |track: f64, part: f64| 0.5 * (track * track + share * part * part);
-            let lost = energy(track, part) - energy(after, thrown);
+            let loss = energy(track, part) - energy(after, launch_velocity);
             let speed = track - part;
-            let due =
+            let expected =
                 0.5 * share / (1.0 + share) * (1.0 - restitution * restitution) * speed * speed;
-            assert!((lost - due).abs() < 1e-15, "{lost} {due}");
+            assert!((loss - expected).abs() < 1e-15, "{loss} {expected}");
         }
     }
 }

@@ -28,7 +28,7 @@ fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {
 }
 
 #[test]
-fn deaf_board_holds_and_captures_after_recovery() {
+fn board_missing_impacts_holds_and_captures_after_recovery() {
     for disturbed in [Change::Noise(3.0), Change::Noise(1.5)] {
         let scene = Scene {
             disturbances: changes([(0.0, disturbed), (20.0, Change::Noise(0.15))]),

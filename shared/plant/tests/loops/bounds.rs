@@ -51,8 +51,8 @@ fn strength(settings: &Settings, frequency: f32) -> f32 {
     1e-3 * settings.gain * response
 }
 
-/// Complete machines with a sensor as sensitive as configured, or less. The bound is on the
-/// measured amplitude, which is all that a board has.
+/// Complete machines whose sensor has the configured sensitivity or less. The bound is on the
+/// measured amplitude, because a board knows no other.
 #[test]
 fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
     const CYCLES: usize = 1000;
@@ -62,19 +62,20 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         noise: Noise::new(seed),
         settings: Settings::default(),
     };
-    let (mut played, mut moving) = (0, 0);
-    while played < 2000 {
+    let (mut written, mut moving) = (0, 0);
+    while written < 2000 {
         let mut scene = Scene::default();
         scene.parts.clear();
         let mut settings = walk.step(200);
         let cycles = settings.quality / PI * settings.frequency / settings.resonance;
         settings.tracking = 0.0;
-        // The upper modes (Q 25) supply what the resonance lacks at 2f and 3f. They move the track
-        // at the drive's own frequency, too. The configured gain describes the drive only while
-        // each moves it by less than 1 %.
+        // The upper modes (Q 25) supply the response that the resonance lacks at 2f and 3f. They
+        // also move the track at the drive's own frequency. The configured gain describes the drive
+        // only while each mode moves it by less than 1 %.
         let strength = |harmonic: f32| strength(&settings, harmonic * settings.frequency);
-        let most = 1e3 * (0.01 * 0.75 * 25.0 * strength(1.0));
-        let upper = |harmonic: f32, gain: f32| gain.min((most - 1e3 * strength(harmonic)).max(0.0));
+        let limit = 1e3 * (0.01 * 0.75 * 25.0 * strength(1.0));
+        let upper =
+            |harmonic: f32, gain: f32| gain.min((limit - 1e3 * strength(harmonic)).max(0.0));
         let (second, third) = (
             upper(2.0, settings.second_gain),
             upper(3.0, settings.third_gain),
@@ -84,19 +85,19 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         settings.soft_start = 40.0 / settings.frequency;
         settings.soft_stop = 40.0 / settings.frequency;
         settings.link_timeout = 40.0 / settings.frequency;
-        let link_lost = played % 2 == 0;
+        let link_lost = written % 2 == 0;
         let angular = TAU * settings.frequency;
         let ceiling = (1e-3 * settings.amplitude_limit)
             .min(settings.acceleration_limit / (angular * angular));
         let setpoint = walk.ratio(1e-3) * settings.output_maximum * strength;
         let safe = 1e-3 * settings.safe_amplitude;
-        let wanted = setpoint
+        let expected = setpoint
             .min(ceiling)
             .min(if link_lost { safe } else { f32::INFINITY });
-        // The largest amplitude spans a third of the converter's range.
+        // The largest amplitude uses a third of the converter's range.
         let sensor = Settings::default();
         settings.sensor_zero = sensor.sensor_zero;
-        // Not commissioned: the tests of the sensor would keep a weak one from driving.
+        // Not commissioned: otherwise the tests of the sensor would stop a drive with a weak one.
         settings.sensor_rest = sensor.sensor_rest;
         settings.gain_tolerance = sensor.gain_tolerance;
         settings.load_tolerance = sensor.load_tolerance;
@@ -107,14 +108,14 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         settings.sensitivity = 0.3 * sensor.sensor_zero / largest;
         // The smallest detectable swing is 8 steps of the converter.
         let steps = libm::exp2f(settings.converter_bits);
-        let least = 8.0 * 9.80665 * settings.converter_reference
+        let noise_floor = 8.0 * 9.80665 * settings.converter_reference
             / (steps * settings.sensitivity * angular * angular);
-        // The steps of the held output accelerate a stiff drive: before each step the reading is
-        // off by this share of the amplitude's acceleration. The loop corrects a factor of 4.
-        let held = PI * settings.resonance * settings.resonance
+        // The steps of the held output accelerate a stiff drive. Before each step the reading is
+        // wrong by this share of the amplitude's acceleration. The loop corrects a factor of 4.
+        let lag = PI * settings.resonance * settings.resonance
             / (settings.frequency * SAMPLE_RATE as f32);
-        // A beat or a decay longer than the run is no steady amplitude.
-        if held > 1.0 || cycles > 80.0 || setpoint > 1e-3 * 100.0 || settings.check().is_err() {
+        // A beat or a decay longer than the run gives no steady amplitude.
+        if lag > 1.0 || cycles > 80.0 || setpoint > 1e-3 * 100.0 || settings.check().is_err() {
             continue;
         }
         scene.settings = settings;
@@ -135,7 +136,7 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let Ok(mut looped) = EnvelopeLoop::build(&scene) else {
             continue;
         };
-        played += 1;
+        written += 1;
         let mut mean = 0.0;
         for n in 0..CYCLES {
             let report = looped.cycle().report;
@@ -144,14 +145,14 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
             }
         }
         assert!(
-            mean <= MAX_EXCESS * wanted + least,
-            "{played}: {mean} m of {wanted} m: {:?}: {:?}",
+            mean <= MAX_EXCESS * expected + noise_floor,
+            "{written}: {mean} m of {expected} m: {:?}: {:?}",
             looped.moment().report,
             scene
         );
-        if mean > 0.5 * wanted && wanted > least {
+        if mean > 0.5 * expected && expected > noise_floor {
             moving += 1;
         }
     }
-    assert!(moving > 600, "{moving} of {played}");
+    assert!(moving > 600, "{moving} of {written}");
 }

@@ -1,4 +1,4 @@
-//! Impacts that take time: lock, share in gear and detection in the closed loop.
+//! Impacts with a duration: lock, share in gear and detection in the closed loop.
 
 use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
@@ -7,13 +7,13 @@ use kband::transport::locked;
 use kband_control::{Limits, State};
 use kband_plant::Scene;
 
-use super::fidelity::{Heard, Loop, listen, lot};
+use super::fidelity::{Loop, ShareResult, lot, measure_share};
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;
 
 /// The default scene with three parts.
-fn three() -> Scene {
+fn three_part_scene() -> Scene {
     Scene {
         parts: [0.19, 0.2, 0.21].into_iter().collect(),
         ..Scene::default()
@@ -28,12 +28,12 @@ fn with_contact(mut scene: Scene, contact: f32) -> Scene {
 #[test]
 fn parts_lock_at_the_predicted_phase() {
     for waveform in [false, true] {
-        let mut scene = with_contact(three(), CONTACT);
-        // A contact of a period of the ringing leaves a third of it.
+        let mut scene = with_contact(three_part_scene(), CONTACT);
+        // A contact as long as a period of the ringing leaves a third of the ringing.
         scene.sensor.ringing *= 3.0;
         let contact = ContactTime::from_milliseconds(CONTACT.into(), 50.0).unwrap();
         let mut closed = Loop::build(&scene, waveform);
-        let (mut apart, mut shift, mut count) = ([0.0, 0.0_f64], 0.0, 0);
+        let (mut errors, mut shift, mut count) = ([0.0, 0.0_f64], 0.0, 0);
         let (mut begun, mut ended) = (closed.cycle().0, closed.cycle().0);
         for cycle in 0..2500 {
             let (moment, strikes, _) = closed.cycle();
@@ -49,14 +49,14 @@ fn parts_lock_at_the_predicted_phase() {
                 let k = f64::from(report.k);
                 let lock = |contact| Lock::with_contact(k, restitution, 1, contact).unwrap();
                 let predicted = lock(contact).unwrap().strike_phase();
-                let off = strike.phase - predicted;
-                apart[0] += off;
-                apart[1] = apart[1].max(off.abs());
+                let error = strike.phase - predicted;
+                errors[0] += error;
+                errors[1] = errors[1].max(error.abs());
                 shift += predicted - lock(ContactTime::INSTANT).unwrap().strike_phase();
                 count += 1;
             }
         }
-        let [bias, shift] = [apart[0], shift].map(|sum| sum / f64::from(count));
+        let [bias, shift] = [errors[0], shift].map(|sum| sum / f64::from(count));
         assert!(count > 1400 && shift < -0.01, "{shift}");
         let speed = (ended.displacement - begun.displacement) / (ended.time - begun.time);
         let track = scene.settings.track().unwrap();
@@ -68,11 +68,11 @@ fn parts_lock_at_the_predicted_phase() {
             locked::velocity(&lock.unwrap(), k, &along) * unit
         });
         let predicted = speeds.sum::<f64>() / 3.0;
-        let off = (speed / predicted - 1.0).abs();
-        assert!(off < 0.01, "{speed} {predicted}");
+        let error = (speed / predicted - 1.0).abs();
+        assert!(error < 0.01, "{speed} {predicted}");
         // The amplitude is measured within 0.3 %, which moves the phase by 0.006 rad.
-        let near = bias.abs() < 0.006 && apart[1] < 0.03;
-        assert!(near, "{waveform}: {bias} {apart:?}");
+        let is_close = bias.abs() < 0.006 && errors[1] < 0.03;
+        assert!(is_close, "{waveform}: {bias} {errors:?}");
     }
 }
 
@@ -106,14 +106,15 @@ fn share_in_gear_is_the_predicted_one() {
         let runs: Vec<_> = (0..runs)
             .map(|seed| {
                 let scene = with_contact(lot([0.3; 2], 0.05, 0.48, 12, seed), CONTACT);
-                listen(&scene, waveform)
+                measure_share(&scene, waveform)
             })
             .collect();
-        let mean = |of: fn(&Heard) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
-        let (truth, heard) = (mean(|run| run.truth), mean(|run| run.heard));
-        // Twelve parts of a minute scatter by 0.02 in each run.
-        let near = (truth - predicted).abs() < 0.04 && (heard - truth).abs() < 0.07;
-        assert!(near, "{waveform}: {heard} {truth} {predicted}");
+        let mean =
+            |of: fn(&ShareResult) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
+        let (actual, estimated) = (mean(|run| run.actual), mean(|run| run.estimated));
+        // The share of twelve parts over a minute scatters by 0.02 from run to run.
+        let is_close = (actual - predicted).abs() < 0.04 && (estimated - actual).abs() < 0.07;
+        assert!(is_close, "{waveform}: {estimated} {actual} {predicted}");
     }
 }
 
@@ -121,11 +122,11 @@ fn share_in_gear_is_the_predicted_one() {
 #[test]
 fn impacts_longer_than_a_period_of_the_ringing_are_reported_as_not_measurable() {
     for waveform in [false, true] {
-        for (contact, deaf) in [(0.1, false), (0.3, false), (0.6, true), (0.8, true)] {
-            let mut closed = Loop::build(&with_contact(three(), contact), waveform);
+        for (contact, expected) in [(0.1, false), (0.3, false), (0.6, true), (0.8, true)] {
+            let mut closed = Loop::build(&with_contact(three_part_scene(), contact), waveform);
             let last = (0..1500).map(|_| closed.cycle().0.report.limits).last();
-            let found = last.unwrap().contains(Limits::DEAF);
-            assert_eq!(found, deaf, "{waveform} {contact}");
+            let is_deaf = last.unwrap().contains(Limits::DEAF);
+            assert_eq!(is_deaf, expected, "{waveform} {contact}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Either plant under the controller, and the true and estimated time in gear of its parts.
+//! Both plants under the controller, and the true and estimated time in gear of their parts.
 
 use core::f64::consts::TAU;
 
@@ -53,7 +53,7 @@ pub fn changes<const N: usize>(changes: [(f64, Change); N]) -> Disturbances {
         .collect()
 }
 
-/// Records the strikes of a cycle, a watch for each part.
+/// Records the strikes of a cycle, with one watch for each part.
 pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
     for strike in strikes {
         let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
@@ -66,8 +66,8 @@ pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
     }
 }
 
-/// Parts of a lot, evenly over it, at a fixed k. Their restitutions and their scatter are
-/// configured right.
+/// Parts evenly spaced over a lot, at a fixed k. Their restitutions and their scatter are
+/// configured correctly.
 pub fn lot([low, high]: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
     let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
     let mut scene = Scene {
@@ -83,28 +83,28 @@ pub fn lot([low, high]: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64)
     scene
 }
 
-/// Cycles of a run of a minute, and those after which it counts.
+/// Cycles of a run of a minute, and number of initial cycles that do not count.
 pub const CYCLES: usize = 3000;
 pub const SETTLED: usize = 250;
 
-/// True and estimated share in gear of a minute: means from 5 s on.
+/// True and estimated share in gear over a minute: means from 5 s on.
 #[derive(Debug, Default)]
-pub struct Heard {
-    pub truth: f64,
-    pub heard: f64,
+pub struct ShareResult {
+    pub actual: f64,
+    pub estimated: f64,
     pub error: f64,
     /// Cycles without an estimate.
-    pub deaf: usize,
+    pub deaf_cycles: usize,
     /// Cycles with a detected lock.
     pub locked: usize,
 }
 
 /// Runs a scene whose gear is of order 1 for a minute.
-pub fn listen(scene: &Scene, waveform: bool) -> Heard {
+pub fn measure_share(scene: &Scene, waveform: bool) -> ShareResult {
     let mut closed = Loop::build(scene, waveform);
     let parts = scene.parts.len();
     let mut watches = vec![GearWatch::build(1).unwrap(); parts];
-    let mut all = Heard::default();
+    let mut all = ShareResult::default();
     for cycle in 0..CYCLES {
         if cycle == SETTLED {
             let begin = cycle as f64 * TAU;
@@ -116,19 +116,19 @@ pub fn listen(scene: &Scene, waveform: bool) -> Heard {
             continue;
         }
         if report.in_gear_error.is_finite() {
-            all.heard += f64::from(report.in_gear);
+            all.estimated += f64::from(report.in_gear);
             all.error += f64::from(report.in_gear_error);
         } else {
-            all.deaf += 1;
+            all.deaf_cycles += 1;
         }
         all.locked += usize::from(report.regime.is_some_and(|verdict| {
             matches!(verdict.regime, Regime::Locked { .. }) && verdict.confidence > 0.5
         }));
     }
-    let count = (CYCLES - SETTLED - all.deaf).max(1) as f64;
-    all.heard /= count;
+    let count = (CYCLES - SETTLED - all.deaf_cycles).max(1) as f64;
+    all.estimated /= count;
     all.error /= count;
     let shares = watches.iter().map(|watch| watch.share(CYCLES as f64 * TAU));
-    all.truth = shares.map(|share| share.share()).sum::<f64>() / parts as f64;
+    all.actual = shares.map(|share| share.share()).sum::<f64>() / parts as f64;
     all
 }

@@ -21,13 +21,13 @@ struct Start {
     state: State,
 }
 
-/// A machine at a frequency, detuned by a share of its resonance. Its gain is `wrong` times the
-/// configured one; its hard limit is `limit` times its setpoint.
+/// A machine at a frequency, detuned by a share of its resonance. Its gain is `gain_error` times
+/// the configured one; its hard limit is `limit` times its setpoint.
 fn machine(
     frequency: f32,
     quality: f32,
     detuned: f32,
-    wrong: f32,
+    gain_error: f32,
     limit: f32,
     share: f32,
 ) -> (Scene, f32) {
@@ -41,23 +41,24 @@ fn machine(
     let response = 1.0 / (quality * ((1.0 - x * x).powi(2) + (x / quality).powi(2)).sqrt());
     let square = (std::f32::consts::TAU * frequency).powi(2);
     // 40 m/s^2 if the drive can, limited to a share of the output at the configured gain.
-    let wanted = (1e3 * 40.0 / square).min(40.0 * share * response);
-    settings.gain = (wanted / share / response).clamp(0.001, 100.0);
-    let wanted = share * settings.gain * response;
-    settings.amplitude_limit = (limit * wanted).clamp(0.001, 100.0);
+    let requested = (1e3 * 40.0 / square).min(40.0 * share * response);
+    settings.gain = (requested / share / response).clamp(0.001, 100.0);
+    let requested = share * settings.gain * response;
+    settings.amplitude_limit = (limit * requested).clamp(0.001, 100.0);
     settings.acceleration_limit = 1000.0;
-    settings.safe_amplitude = 0.1 * wanted.min(settings.amplitude_limit);
+    settings.safe_amplitude = 0.1 * requested.min(settings.amplitude_limit);
     scene.drive.resonance = settings.resonance;
     scene.drive.quality = quality;
-    scene.drive.gain = wrong * settings.gain;
+    scene.drive.gain = gain_error * settings.gain;
     // Half of the converter's range.
-    settings.sensitivity = (0.8 * 9.8 / (1e-3 * wanted * wrong * square)).clamp(0.001, 10.0);
+    settings.sensitivity =
+        (0.8 * 9.8 / (1e-3 * requested * gain_error * square)).clamp(0.001, 10.0);
     scene.sensor.noise = 1e-3 / settings.sensitivity;
-    scene.target = Target::Amplitude(wanted);
-    (scene, wanted * 1e-3)
+    scene.target = Target::Amplitude(requested);
+    (scene, requested * 1e-3)
 }
 
-fn start(scene: &Scene, wanted: f32) -> Start {
+fn start(scene: &Scene, requested: f32) -> Start {
     let settings = &scene.settings;
     let cycles = settings.quality / std::f32::consts::PI * settings.frequency / settings.resonance;
     let mut looped = EnvelopeLoop::build(scene).unwrap();
@@ -68,12 +69,12 @@ fn start(scene: &Scene, wanted: f32) -> Start {
     loop {
         let report = looped.cycle().report;
         n += 1;
-        if arrived.is_none() && report.reference >= 0.999 * wanted {
+        if arrived.is_none() && report.reference >= 0.999 * requested {
             arrived = Some(n);
             last = n + (12.0 * cycles) as i32 + 60;
         }
-        peak = peak.max(report.amplitude / wanted);
-        if (report.amplitude / wanted - 1.0).abs() > 0.05 {
+        peak = peak.max(report.amplitude / requested);
+        if (report.amplitude / requested - 1.0).abs() > 0.05 {
             outside = n;
         }
         if arrived.is_some() && n >= last || n > 4000 {
@@ -92,7 +93,7 @@ fn start(scene: &Scene, wanted: f32) -> Start {
     Start {
         peak,
         settles: (outside - arrived - 8) as f32 / cycles,
-        swing: (high - low) / wanted,
+        swing: (high - low) / requested,
         state,
     }
 }
@@ -103,14 +104,16 @@ const DETUNINGS: [f32; 17] = [
     -0.06, -0.1, -0.2,
 ];
 /// True gain over the configured one.
-const WRONG: [f32; 3] = [1.0, 0.5, 2.0];
+const GAIN_ERRORS: [f32; 3] = [1.0, 0.5, 2.0];
 
 /// All combinations of quality, detuning and gain error.
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
     QUALITIES.into_iter().flat_map(|quality| {
-        DETUNINGS
-            .into_iter()
-            .flat_map(move |off| WRONG.into_iter().map(move |wrong| (quality, off, wrong)))
+        DETUNINGS.into_iter().flat_map(move |detuning| {
+            GAIN_ERRORS
+                .into_iter()
+                .map(move |gain_error| (quality, detuning, gain_error))
+        })
     })
 }
 
@@ -123,15 +126,16 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
         (400.0, 0.05, 0.4),
         (400.0, 0.2, 0.05),
     ] {
-        for (quality, detuned, wrong) in drives() {
-            let (mut scene, wanted) = machine(frequency, quality, detuned, wrong, 2.0, share);
+        for (quality, detuned, gain_error) in drives() {
+            let (mut scene, requested) =
+                machine(frequency, quality, detuned, gain_error, 2.0, share);
             scene.settings.soft_start = soft;
-            let came = start(&scene, wanted);
-            let drive = format!("{frequency} Hz, Q {quality}, {detuned}, gain {wrong}");
-            let told = format!("{drive}, {soft} s, {share}: {came:?}");
-            assert_eq!(came.state, State::Holding, "{told}");
-            assert!(came.peak < 1.03 && came.settles < 3.0, "{told}");
-            assert!(came.swing < 0.005, "{told}");
+            let result = start(&scene, requested);
+            let drive = format!("{frequency} Hz, Q {quality}, {detuned}, gain {gain_error}");
+            let case = format!("{drive}, {soft} s, {share}: {result:?}");
+            assert_eq!(result.state, State::Holding, "{case}");
+            assert!(result.peak < 1.03 && result.settles < 3.0, "{case}");
+            assert!(result.swing < 0.005, "{case}");
         }
     }
 }
@@ -140,32 +144,32 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
 #[test]
 fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
     for soft in [0.4, 0.02] {
-        for (quality, detuned, wrong) in drives() {
-            let (mut scene, wanted) = machine(50.0, quality, detuned, wrong, 1.0, 0.4);
+        for (quality, detuned, gain_error) in drives() {
+            let (mut scene, requested) = machine(50.0, quality, detuned, gain_error, 1.0, 0.4);
             scene.settings.soft_start = soft;
-            let came = start(&scene, wanted);
-            let told = format!("Q {quality}, {detuned}, gain {wrong}, {soft} s: {came:?}");
-            assert!(came.peak < 1.02, "{told}");
+            let result = start(&scene, requested);
+            let case = format!("Q {quality}, {detuned}, gain {gain_error}, {soft} s: {result:?}");
+            assert!(result.peak < 1.02, "{case}");
         }
     }
 }
 
-/// Drive at the configured resonance while the true one differs. The amplitude is held where the
-/// response is at least half of the configured one; else the output saturates or a fault occurs.
+/// The drive's frequency is the configured resonance, while the true one differs. The amplitude is
+/// held if the response is at least half the configured one; else the output saturates or faults.
 #[test]
-fn a_resonance_told_wrong_is_held_or_told() {
+fn wrong_resonance_is_held_or_reported() {
     for quality in QUALITIES {
         for widths in [0.5, 1.0, 1.5, 1.7, 2.2, 4.0] {
             for side in [-1.0, 1.0] {
-                let (mut scene, wanted) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
+                let (mut scene, requested) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
                 scene.drive.resonance = 50.0 / (1.0 + side * widths / (2.0 * quality));
-                let came = start(&scene, wanted);
-                let told = format!("Q {quality}, {widths} half widths, {side}: {came:?}");
-                assert!(came.peak < 1.05 && came.swing < 0.005, "{told}");
-                match came.state {
-                    State::Holding => assert!(came.settles < 3.0, "{told}"),
-                    State::Limiting | State::Fault => assert!(widths > 1.7, "{told}"),
-                    _ => panic!("{told}"),
+                let result = start(&scene, requested);
+                let case = format!("Q {quality}, {widths} half widths, {side}: {result:?}");
+                assert!(result.peak < 1.05 && result.swing < 0.005, "{case}");
+                match result.state {
+                    State::Holding => assert!(result.settles < 3.0, "{case}"),
+                    State::Limiting | State::Fault => assert!(widths > 1.7, "{case}"),
+                    _ => panic!("{case}"),
                 }
             }
         }

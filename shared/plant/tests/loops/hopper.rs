@@ -11,7 +11,7 @@ use super::fidelity::changes;
 const OPENED: f64 = 5.0;
 const END: f64 = 8.0;
 
-/// A track of 10 kg with 24 parts in the hopper, of `load` of its mass in all.
+/// A track of 10 kg with 24 parts in the hopper; `load` is their total mass over the track's.
 fn feeder(quality: f32, load: f32) -> Scene {
     let mut scene = Scene {
         target: Target::Gear { order: 1 },
@@ -31,8 +31,8 @@ fn feeder(quality: f32, load: f32) -> Scene {
     scene
 }
 
-/// Largest and RMS relative deviation of the track's amplitude from its reference after the opening.
-/// `cycle` returns a moment and the true amplitude in m.
+/// Largest and RMS relative deviation of the track's amplitude from its reference after the
+/// opening. `cycle` returns a moment and the true amplitude in m.
 fn deviation(mut cycle: impl FnMut() -> (Moment, f64)) -> [f64; 2] {
     let (mut worst, mut squares, mut cycles) = (0.0_f64, 0.0, 0.0);
     loop {
@@ -43,19 +43,19 @@ fn deviation(mut cycle: impl FnMut() -> (Moment, f64)) -> [f64; 2] {
             return [worst, libm::sqrt(squares / cycles)];
         }
         if time > OPENED {
-            let off = amplitude / f64::from(report.reference) - 1.0;
-            worst = worst.max(off.abs());
-            squares += off * off;
+            let error = amplitude / f64::from(report.reference) - 1.0;
+            worst = worst.max(error.abs());
+            squares += error * error;
             cycles += 1.0;
         }
     }
 }
 
 /// Control of the amplitude alone, without the phase, deviates far more. At a load of a fifth of
-/// the track's mass it gives 9 % in the waveform and 36 % in the envelope.
+/// the track's mass the deviation is 9 % in the waveform and 36 % in the envelope.
 #[test]
 fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
-    for (quality, load, held) in [
+    for (quality, load, max) in [
         (10.0, 0.02, [0.016, 0.004]),
         (25.0, 0.05, [0.02, 0.006]),
         (50.0, 0.1, [0.03, 0.008]),
@@ -67,7 +67,7 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
         let fast = deviation(|| (envelope.cycle(), envelope.amplitude()));
         let slow = deviation(|| {
             let (mut sine, mut cosine, mut count) = (0.0, 0.0, 0.0);
-            let moment = waveform.cycle_shown(|sample| {
+            let moment = waveform.trace_cycle(|sample| {
                 let phase = TAU * 50.0 * sample.time;
                 sine += f64::from(sample.displacement) * libm::sin(phase);
                 cosine += f64::from(sample.displacement) * libm::cos(phase);
@@ -76,7 +76,7 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
             (moment, libm::hypot(sine, cosine) * 2.0 / count)
         });
         for [worst, rms] in [fast, slow] {
-            assert!(worst < held[0] && rms < held[1], "{quality}: {worst} {rms}");
+            assert!(worst < max[0] && rms < max[1], "{quality}: {worst} {rms}");
         }
     }
 }

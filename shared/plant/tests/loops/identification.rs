@@ -12,7 +12,7 @@ use super::fidelity::Loop;
 const LONGEST: usize = 4100;
 
 /// Whether a part that the track throws from rest comes to rest before the next lift-off.
-fn rests(k: f64, restitution: f32) -> bool {
+fn comes_to_rest(k: f64, restitution: f32) -> bool {
     let lift_off = k.asin();
     let map = Map::build(k, f64::from(restitution)).unwrap();
     let Some(Release { mut impact, .. }) = Release::build(&map, lift_off, LIFT_OFF_DELAY) else {
@@ -32,16 +32,18 @@ fn rests(k: f64, restitution: f32) -> bool {
 #[test]
 fn final_k_is_just_above_the_end_of_rest() {
     for restitution in [0.3, 0.5, 0.8] {
-        let Identification::Found(found) = heard(&[restitution], 1, SensorModel::default()) else {
+        let Identification::Found(found) =
+            identification(&[restitution], 1, SensorModel::default())
+        else {
             panic!("R {restitution} was not found");
         };
         let k = f64::from(found.k);
-        assert!(rests(0.965 * k, restitution), "{found:?}");
-        assert!(!rests(0.91 * k, restitution), "{found:?}");
+        assert!(comes_to_rest(0.965 * k, restitution), "{found:?}");
+        assert!(!comes_to_rest(0.91 * k, restitution), "{found:?}");
     }
 }
 
-fn heard(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
+fn identification(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
     identified(&scene(parts, seed, sensor), true)
 }
 
@@ -91,11 +93,11 @@ fn restitution_is_found_within_0_005_in_noise() {
             ringing_decay: decay,
             ..SensorModel::default()
         };
-        let Identification::Found(found) = heard(&[restitution], seed, sensor) else {
+        let Identification::Found(found) = identification(&[restitution], seed, sensor) else {
             panic!("R {restitution} was not found");
         };
-        let off = (found.restitution - restitution).abs();
-        assert!(off < 0.005, "{restitution}: {found:?}");
+        let error = (found.restitution - restitution).abs();
+        assert!(error < 0.005, "{restitution}: {found:?}");
         assert!(found.hops >= 50 && found.deviation < 0.005);
     }
 }
@@ -103,18 +105,22 @@ fn restitution_is_found_within_0_005_in_noise() {
 #[test]
 fn other_signals_give_no_restitution() {
     let sensor = SensorModel::default();
-    let (mut mute, mut lined, mut noisy) = (sensor, sensor, sensor);
-    (mute.ringing, lined.ringing, noisy.noise) = (0.0, 0.5, 5.0);
-    for (parts, sensor, why) in [
+    let (mut silent, mut damped, mut noisy) = (sensor, sensor, sensor);
+    (silent.ringing, damped.ringing, noisy.noise) = (0.0, 0.5, 5.0);
+    for (parts, sensor, reason) in [
         (&[0.0][..], sensor, Unidentified::Dead),
         (&[0.15, 0.35], sensor, Unidentified::Scattered),
         (&[], sensor, Unidentified::Quiet),
-        (&[0.4], mute, Unidentified::Quiet),
-        (&[0.2], lined, Unidentified::Quiet),
+        (&[0.4], silent, Unidentified::Quiet),
+        (&[0.2], damped, Unidentified::Quiet),
         (&[0.2], noisy, Unidentified::Unsteady),
     ] {
-        let heard = heard(parts, 1, sensor);
-        assert_eq!(heard, Identification::NotFound(why), "{parts:?} {sensor:?}");
+        let identification = identification(parts, 1, sensor);
+        assert_eq!(
+            identification,
+            Identification::NotFound(reason),
+            "{parts:?} {sensor:?}"
+        );
     }
 }
 
@@ -127,21 +133,21 @@ fn scattering_parts_get_no_false_restitution() {
                 let restitution = 0.1 * f32::from(tenths);
                 let mut scene = scene(&vec![restitution; parts], 21, SensorModel::default());
                 scene.scatter = core::iter::repeat_n(scatter, parts).collect();
-                let heard = identified(&scene, false);
+                let identification = identified(&scene, false);
                 let lot = (restitution, scatter, parts);
-                let easy = scatter == 0.0 || parts == 1 && scatter < 0.08 && restitution < 0.55;
-                if let Identification::Found(found) = heard {
-                    let apart = (found.restitution - restitution).abs();
-                    let covered = apart < 3.0 * found.deviation && apart < 0.045;
+                let is_easy = scatter == 0.0 || parts == 1 && scatter < 0.08 && restitution < 0.55;
+                if let Identification::Found(found) = identification {
+                    let difference = (found.restitution - restitution).abs();
+                    let covered = difference < 3.0 * found.deviation && difference < 0.045;
                     assert!(covered && found.deviation < 0.03, "{lot:?}: {found:?}");
                     let spread = (found.scatter - scatter).abs();
-                    assert!(!easy || spread <= 0.3 * scatter, "{lot:?}: {found:?}");
+                    assert!(!is_easy || spread <= 0.3 * scatter, "{lot:?}: {found:?}");
                 }
-                let answered = matches!(heard, Identification::Found(_));
-                assert!(answered || !easy, "{lot:?}: {heard:?}");
+                let answered = matches!(identification, Identification::Found(_));
+                assert!(answered || !is_easy, "{lot:?}: {identification:?}");
                 // Parts that strike must never be reported as missing.
                 let quiet = Identification::NotFound(Unidentified::Quiet);
-                assert_ne!(heard, quiet, "{lot:?}");
+                assert_ne!(identification, quiet, "{lot:?}");
             }
         }
     }

@@ -1,6 +1,6 @@
 //! READY and the estimated share of random lots, and of lots whose parts change or leave.
 //!
-//! `KBAND_LOTS` and `KBAND_SEED` say how many random lots are run, and which.
+//! `KBAND_LOTS` sets the number of random lots, `KBAND_SEED` their seed.
 
 use core::f64::consts::TAU;
 use std::sync::OnceLock;
@@ -28,8 +28,9 @@ fn log_between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     libm::exp(between(noise, libm::log(low), libm::log(high)))
 }
 
-/// A feeder of 20 to 300 Hz with 1 to 12 parts of R 0.1 to 0.6 and s 0.02 to 0.10, for gear of order
-/// 1 or 2. The sensor's gain is 0.7 to 1.4 of the configured one, in a quarter of the lots equal.
+/// A feeder of 20 to 300 Hz for gear of order 1 or 2. It has 1 to 12 parts of R 0.1 to 0.6 and s
+/// 0.02 to 0.10. The sensor's gain is 0.7 to 1.4 of the configured one, and equal to it in a
+/// quarter of the lots.
 pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let noise = &mut Noise::new(seed.wrapping_mul(1_000_003).wrapping_add(number));
     let order = 1 + (noise.bits() % 2) as u8;
@@ -72,7 +73,7 @@ pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     (scene, order)
 }
 
-/// A window of a run: the true share in gear, the cycles of READY, and the estimate at the end.
+/// A window of a run: true share in gear, cycles of READY, and final estimate.
 struct Window {
     lot: u64,
     fidelity: usize,
@@ -91,7 +92,7 @@ fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
-/// The windows of the first `lots` random lots in both fidelities, every other one with a finer
+/// The windows of the first `lots` random lots in both fidelities; every other lot has a finer
 /// sensor. `wrong` is the error of the configured restitution, up or down.
 fn windows(lots: u64, wrong: f32) -> Vec<Window> {
     let seed = number("KBAND_SEED", 1);
@@ -99,8 +100,8 @@ fn windows(lots: u64, wrong: f32) -> Vec<Window> {
     for lot in 0..lots {
         let (mut scene, order) = random_lot(seed, lot);
         let settings = &mut scene.settings;
-        let up = lot % 4 < 2 || settings.restitution_low < wrong;
-        let wrong = if up { wrong } else { -wrong };
+        let is_up = lot % 4 < 2 || settings.restitution_low < wrong;
+        let wrong = if is_up { wrong } else { -wrong };
         if lot % 2 == 1 {
             settings.sensitivity = 0.06;
         }
@@ -159,16 +160,16 @@ fn ready_is_off_where_no_part_is_in_gear() {
     assert!(none, "lot, fidelity, window, share, cycles: {wrong:?}");
     let lots = lots();
     assert!(out_of_gear > lots, "{out_of_gear} of {lots} lots");
-    // READY is rare where most lots are configured wrongly: few lots may be without it.
+    // READY is rare if most lots are configured wrongly, so few lots may be without it.
     let enough = lots < 40 || ready_in_gear * 20 > lots;
     assert!(enough, "{ready_in_gear} of {lots} lots");
 }
 
-/// Shares of the reported estimates within 1, 2 and 3 of their errors; and the number of lots among
+/// Shares of the reported estimates within 1, 2 and 3 of their errors, and the number of lots among
 /// them.
 ///
-/// The first window is left out: the amplitude settles in it. Windows of a lot depend on each
-/// other, so the lots count as trials.
+/// The first window is left out, because the amplitude settles in it. Windows of a lot depend on
+/// each other, so the lots count as trials.
 fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
     let settled = windows.iter().filter(|window| window.number > 0);
     let reported: Vec<(u64, f64, f64)> = settled
@@ -178,46 +179,51 @@ fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
         })
         .collect();
     let count = reported.len() as f64;
-    let within = [1.0, 2.0, 3.0].map(|errors| {
-        let covers = |(_, apart, error): &&(u64, f64, f64)| apart.abs() <= errors * error;
+    let covered = [1.0, 2.0, 3.0].map(|errors| {
+        let covers = |(_, difference, error): &&(u64, f64, f64)| difference.abs() <= errors * error;
         reported.iter().filter(covers).count() as f64 / count
     });
-    let apart = reported.iter().map(|(_, apart, _)| *apart);
-    let mean = apart.clone().sum::<f64>() / count;
-    let rms = (apart.map(|apart| apart * apart).sum::<f64>() / count).sqrt();
+    let difference = reported.iter().map(|(_, difference, _)| *difference);
+    let mean = difference.clone().sum::<f64>() / count;
+    let rms = (difference
+        .map(|difference| difference * difference)
+        .sum::<f64>()
+        / count)
+        .sqrt();
     let mut lots: Vec<u64> = reported.iter().map(|(lot, ..)| *lot).collect();
     lots.dedup();
     let lots = lots.len();
-    println!("{count} estimates of {lots} lots: within 1, 2, 3 errors {within:.3?}");
+    println!("{count} estimates of {lots} lots: within 1, 2, 3 errors {covered:.3?}");
     println!("bias {mean:.3}, rms {rms:.3}");
-    (within, lots as f64)
+    (covered, lots as f64)
 }
 
 #[test]
 fn reported_errors_cover_the_true_share() {
-    let (within, lots) = coverage(configured());
-    // The share of 0.28 of 1000 lots is reported. Three standard deviations of a binomial count.
+    let (covered, lots) = coverage(configured());
+    // The share of 0.28 of 1000 lots is reported. The bound is three standard deviations of a
+    // binomial count.
     let expected = 0.28 * self::lots() as f64;
-    let least = expected - 3.0 * (0.72 * expected).sqrt();
-    assert!(lots > least, "{lots} lots");
-    for (found, due) in within.into_iter().zip([0.683, 0.954, 0.997]) {
+    let minimum = expected - 3.0 * (0.72 * expected).sqrt();
+    assert!(lots > minimum, "{lots} lots");
+    for (rate, level) in covered.into_iter().zip([0.683, 0.954, 0.997]) {
         // Three standard deviations of a binomial count, and one lot.
-        let most = 3.0 * (due * (1.0 - due) / lots).sqrt() + 1.0 / lots;
-        let off = (found - due).abs();
-        assert!(off <= most, "{found} for {due} of {lots} lots");
+        let tolerance = 3.0 * (level * (1.0 - level) / lots).sqrt() + 1.0 / lots;
+        let deviation = (rate - level).abs();
+        assert!(deviation <= tolerance, "{rate} for {level} of {lots} lots");
     }
 }
 
 #[test]
 fn reported_errors_cover_the_share_of_a_wrong_lot() {
-    let (within, lots) = coverage(&windows(lots() / 2, 0.1));
-    let least = 0.9 - 3.0 * (0.9 * 0.1 / lots).sqrt();
-    let covers = lots == 0.0 || within[2] >= least;
-    assert!(covers, "{} of {lots} lots", within[2]);
+    let (covered, lots) = coverage(&windows(lots() / 2, 0.1));
+    let minimum = 0.9 - 3.0 * (0.9 * 0.1 / lots).sqrt();
+    let covers = lots == 0.0 || covered[2] >= minimum;
+    assert!(covers, "{} of {lots} lots", covered[2]);
 }
 
 /// Lots 541 and 660 of seed 9001: the sensor's gain is 1.24 times the configured one, and all parts
-/// land together and rest. Lot 64 of seed 340203: the gain is 0.76, and half of the parts do.
+/// land together and rest. Lot 64 of seed 340203: the gain is 0.76, and half of the parts do so.
 #[test]
 fn ready_is_off_where_parts_land_together_and_rest() {
     for (seed, lot) in [(9001, 541), (9001, 660), (340_203, 64)] {
@@ -233,7 +239,7 @@ fn ready_is_off_where_parts_land_together_and_rest() {
 /// Time in s at which a lot of R 0.18 to 0.22 without scatter changes.
 const CHANGED_AT: f64 = 8.0;
 
-/// Parts of that lot at a frequency in Hz, of which `changes` make something else.
+/// Parts of that lot at a frequency in Hz; `changes` happen at [`CHANGED_AT`].
 fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scene {
     let mut scene = Scene {
         target: Target::Gear { order: 1 },
@@ -260,7 +266,7 @@ fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scen
     scene
 }
 
-/// The last time in s of READY after the change, of a run of 8 s after it; READY is on before.
+/// The last time of READY within 8 s after the change, in s; READY is on before.
 fn last_ready(closed: &mut Loop) -> f64 {
     let (mut was_ready, mut last) = (false, 0.0);
     loop {
@@ -310,7 +316,7 @@ fn ready_stays_on_while_one_part_is_in_gear() {
             scene.settings.scatter = 0.03;
             scene.scatter = core::iter::once(0.03).collect();
             for (n, mut closed) in Loop::both(&scene).into_iter().enumerate() {
-                // From 10 s to 40 s.
+                // The time from 10 s to 40 s.
                 for cycle in 0..(40.0 * frequency) as u32 {
                     let (_, _, ready) = closed.cycle();
                     if cycle >= (10.0 * frequency) as u32 {
@@ -326,10 +332,10 @@ fn ready_stays_on_while_one_part_is_in_gear() {
     }
 }
 
-/// One part, six, and six of a wide lot leave the track, and come back 4 s later.
+/// One part, six parts, and six parts of a wide lot leave the track and return 4 s later.
 #[test]
 fn parts_are_estimated_again_once_they_come_back() {
-    const AWAY: f64 = 4.0;
+    const AWAY_SECONDS: f64 = 4.0;
     for (parts, lot) in [(1, [0.18, 0.22]), (6, [0.18, 0.22]), (6, [0.1, 0.3])] {
         let mut scene = changing(parts, 50.0, 1, &[Change::Parts(0)]);
         let settings = &mut scene.settings;
@@ -339,13 +345,13 @@ fn parts_are_estimated_again_once_they_come_back() {
         let part = |part: usize| lot[0] + width * (part as f32 + 0.5);
         scene.parts = (0..parts).map(part).collect();
         scene.scatter = core::iter::repeat_n(0.03, parts).collect();
-        let back = Disturbance {
-            at: CHANGED_AT + AWAY,
+        let restored = Disturbance {
+            at: CHANGED_AT + AWAY_SECONDS,
             change: Change::Parts(parts as u8),
         };
-        scene.disturbances.extend([back]);
+        scene.disturbances.extend([restored]);
         for mut closed in Loop::both(&scene) {
-            let (mut before, mut last, mut again) = (false, 0.0, f64::INFINITY);
+            let (mut before, mut last, mut ready_again) = (false, 0.0, f64::INFINITY);
             loop {
                 let (moment, strikes, ready) = closed.cycle();
                 let Moment { report, .. } = moment;
@@ -358,26 +364,26 @@ fn parts_are_estimated_again_once_they_come_back() {
                     || report.load.is_some();
                 if since < 0.0 {
                     before = estimated;
-                } else if since < AWAY {
+                } else if since < AWAY_SECONDS {
                     assert!(since < 0.1 || strikes.is_empty());
                     last = if reported { since } else { last };
                 } else if estimated {
-                    again = again.min(since - AWAY);
+                    ready_again = ready_again.min(since - AWAY_SECONDS);
                 }
-                if since > AWAY + 8.0 {
+                if since > AWAY_SECONDS + 8.0 {
                     break;
                 }
             }
             assert!(before && last < 1.1, "{parts} of {lot:?}: {before} {last}");
             // The fit needs 24 cycles.
-            assert!(again < 3.0, "{parts} of {lot:?}: {again}");
+            assert!(ready_again < 3.0, "{parts} of {lot:?}: {ready_again}");
         }
     }
 }
 
-/// Six parts of R 0.4 at 200 Hz, wanted in a lock of order 2: none is loud enough alone.
+/// Six parts of R 0.4 at 200 Hz with a lock of order 2 as target. No part is loud enough alone.
 #[test]
-fn nothing_is_reported_while_deaf() {
+fn nothing_is_reported_while_impacts_are_missed() {
     let mut scene = Scene {
         target: Target::Locked { order: 2 },
         parts: [0.4; 6].into_iter().collect(),

@@ -5,7 +5,6 @@ mod bounds;
 mod capture;
 mod commissioned;
 mod contact;
-mod drives;
 mod fidelity;
 mod held;
 mod hopper;

@@ -1,4 +1,4 @@
-//! The estimated margin of gear against the plant's own.
+//! The estimated margin of gear compared with the plant's own.
 
 use core::f64::consts::TAU;
 
@@ -18,10 +18,9 @@ struct Lot {
 }
 
 /// True values of the plant from 5 s to 60 s, over flights in gear from the eighth in a row on.
-///
 /// Also the drive cycles in gear, and the losses.
 #[derive(Debug)]
-struct Truth {
+struct Actual {
     trace: f64,
     restitution: f64,
     cycles: f64,
@@ -44,12 +43,12 @@ fn scene(of: &Lot, seed: u64) -> Scene {
 }
 
 /// True values, last estimate, and number of cycles after 10 s with an estimate.
-fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
+fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
     let scene = scene(lot, seed);
     let mut closed = EnvelopeLoop::build(&scene).unwrap();
     let mut watches = std::vec![(GearWatch::build(1).unwrap(), 0, 0.0); lot.parts];
     let [ratio, angle] = lot.tone.map(f64::from);
-    let (mut told, mut last) = (0, GearMargin::default());
+    let (mut reported, mut last) = (0, GearMargin::default());
     let (mut traces, mut restitutions, mut count) = (0.0, 0.0, 0.0);
     for cycle in 0..CYCLES {
         if cycle == SETTLED {
@@ -69,20 +68,20 @@ fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
             let geared = is_in_gear(flight, TAU) && !strike.rested;
             *row = if geared { *row + 1 } else { 0 };
             let restitution = f64::from(scene.parts[usize::from(strike.part)]);
-            // Of the impact that began this flight in gear.
+            // A of the impact that began this flight in gear.
             if *row >= 8 && cycle >= SETTLED {
                 traces += *launched;
                 restitutions += restitution;
                 count += 1.0;
             }
-            let bend = strike.phase.sin() + 4.0 * ratio * (2.0 * strike.phase + angle).sin();
+            let push = strike.phase.sin() + 4.0 * ratio * (2.0 * strike.phase + angle).sin();
             let squeezed = (1.0 + restitution) * (1.0 + restitution);
-            *launched = 1.0 + restitution * restitution - squeezed * bend / f64::from(report.k);
+            *launched = 1.0 + restitution * restitution - squeezed * push / f64::from(report.k);
         }
         if cycle >= 500
             && let Some(margin) = report.margin
         {
-            told += 1;
+            reported += 1;
             last = margin;
         }
     }
@@ -91,7 +90,7 @@ fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
         .map(|(watch, ..)| watch.share(CYCLES as f64 * TAU));
     let all = shares.reduce(|one, other| one.plus(&other)).unwrap();
     let cycles = all.share() * (lot.parts * (CYCLES - SETTLED)) as f64;
-    let truth = Truth {
+    let actual = Actual {
         trace: traces / count,
         restitution: restitutions / count,
         cycles,
@@ -99,7 +98,7 @@ fn listen(lot: &Lot, seed: u64) -> (Truth, GearMargin, usize) {
             .time_to_loss()
             .map_or(0.0, |cycles_each| cycles / cycles_each),
     };
-    (truth, last, told)
+    (actual, last, reported)
 }
 
 #[test]
@@ -124,28 +123,29 @@ fn estimated_margin_matches_the_plant() {
                 k,
                 tone,
             };
-            let (truth, told, cycles) = listen(&lot, 3);
-            let what = format!("{restitution:?} {scatter} {tone:?} {parts}: {truth:?} {told:?}");
-            assert!(cycles > 2400, "{what}: told in {cycles} cycles");
-            let apart = (f64::from(told.restitution) - truth.restitution).abs();
-            assert!(apart < 3.0 * f64::from(told.error), "{what}");
-            assert!(told.error < 0.02, "{what}");
-            assert!((told.scatter / scatter - 1.0).abs() < 0.15, "{what}");
-            let longest = truth.cycles / truth.losses.max(1.0);
-            // In gear for a dozen flights a row, one part has few of them in a minute, unlike
+            let (actual, estimate, cycles) = estimate_margin(&lot, 3);
+            let case =
+                format!("{restitution:?} {scatter} {tone:?} {parts}: {actual:?} {estimate:?}");
+            assert!(cycles > 2400, "{case}: told in {cycles} cycles");
+            let difference = (f64::from(estimate.restitution) - actual.restitution).abs();
+            assert!(difference < 3.0 * f64::from(estimate.error), "{case}");
+            assert!(estimate.error < 0.02, "{case}");
+            assert!((estimate.scatter / scatter - 1.0).abs() < 0.15, "{case}");
+            let longest = actual.cycles / actual.losses.max(1.0);
+            // If gear lasts a dozen flights, one part has few flights in gear in a minute, unlike
             // many parts.
-            let within = if longest > 15.0 { 0.12 } else { 0.35 };
-            let apart = (f64::from(told.trace) - truth.trace).abs();
-            assert!(apart < within, "{what}");
-            let determinant = told.restitution * told.restitution;
-            let flip = 1.0 + determinant + told.trace;
-            assert!((told.flip - flip).abs() < 1e-5, "{what}");
-            // Three standard errors of the counted losses, and a tenth.
-            let to_loss = f64::from(told.to_loss);
-            let most = 1.1 + 3.0 / truth.losses.max(1.0).sqrt();
-            let near = to_loss < longest * most && longest < to_loss * most;
-            let rare = truth.losses < 10.0 && to_loss > 500.0;
-            assert!(rare || near, "{what}");
+            let tolerance = if longest > 15.0 { 0.12 } else { 0.35 };
+            let difference = (f64::from(estimate.trace) - actual.trace).abs();
+            assert!(difference < tolerance, "{case}");
+            let determinant = estimate.restitution * estimate.restitution;
+            let flip = 1.0 + determinant + estimate.trace;
+            assert!((estimate.flip - flip).abs() < 1e-5, "{case}");
+            // Bound: three standard errors of the counted losses, and a tenth.
+            let to_loss = f64::from(estimate.to_loss);
+            let factor = 1.1 + 3.0 / actual.losses.max(1.0).sqrt();
+            let is_near = to_loss < longest * factor && longest < to_loss * factor;
+            let is_rare = actual.losses < 10.0 && to_loss > 500.0;
+            assert!(is_rare || is_near, "{case}");
         }
     }
 }

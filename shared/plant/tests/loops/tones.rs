@@ -5,14 +5,14 @@ use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
 
 use super::fidelity::changes;
 
-const TOLD: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
+const TWO_TONES: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
 
-/// As [`TOLD`], with a third tone.
-const THREE: Shape = Shape::new(TOLD.second, UpperTone::new(0.06, -1.0));
+/// As [`TWO_TONES`], with a third tone.
+const THREE_TONES: Shape = Shape::new(TWO_TONES.second, UpperTone::new(0.06, -1.0));
 
 /// The default feeder with a second tone, whose settings match the true drive.
 fn scene(change: impl Fn(&mut Settings)) -> Scene {
-    scene_of(TOLD, change)
+    scene_of(TWO_TONES, change)
 }
 
 /// As [`scene`], with a given shape.
@@ -36,7 +36,7 @@ fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
 }
 
 /// Largest difference of an upper tone of two shapes, over the first tone's amplitude.
-fn apart(a: Shape, b: Shape) -> f32 {
+fn shape_distance(a: Shape, b: Shape) -> f32 {
     let part = |tone: UpperTone| {
         let (sine, cosine) = libm::sincosf(tone.phase);
         (tone.ratio * cosine, tone.ratio * sine)
@@ -49,10 +49,9 @@ fn apart(a: Shape, b: Shape) -> f32 {
     pairs.map(distance).fold(0.0, f32::max)
 }
 
-/// Name of a drive, and what its settings have that the scene's have not.
+/// Name of a drive, and the changes of its settings against the scene's.
 type Drive = (&'static str, fn(&mut Settings));
 
-/// Drives of all kinds.
 const DRIVES: [Drive; 6] = [
     ("modes at the multiples of the frequency", |_| ()),
     ("modes below them", |s| {
@@ -79,17 +78,19 @@ const DRIVES: [Drive; 6] = [
 
 #[test]
 fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
-    let shapes = [TOLD, THREE].into_iter();
-    for (told, (name, change)) in shapes.flat_map(|told| DRIVES.map(|drive| (told, drive))) {
-        let scene = scene_of(told, change);
+    let shapes = [TWO_TONES, THREE_TONES].into_iter();
+    for (configured, (name, change)) in
+        shapes.flat_map(|configured| DRIVES.map(|drive| (configured, drive)))
+    {
+        let scene = scene_of(configured, change);
         let mut closed = ClosedLoop::build(&scene).unwrap();
         let mut envelope = EnvelopeLoop::build(&scene).unwrap();
-        let mut most = 0.0_f32;
+        let mut max_ratio = 0.0_f32;
         for n in 0..400 {
             let (slow, fast) = (closed.cycle().report, envelope.cycle().report);
-            let (amplitude, made) = closed.plant().tones();
+            let (amplitude, produced) = closed.plant().tones();
             if n > 20 {
-                most = most.max(made.second.ratio);
+                max_ratio = max_ratio.max(produced.second.ratio);
             }
             if n < 300 {
                 continue;
@@ -97,24 +98,33 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
             // reading's noise.
             for shape in [slow.shape, fast.shape] {
-                assert!(apart(shape, told) < 3e-3, "{name} {n}: {shape:?}");
+                assert!(
+                    shape_distance(shape, configured) < 3e-3,
+                    "{name} {n}: {shape:?}"
+                );
             }
             // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
             // drives).
             let (frequency, resonance) = (scene.settings.frequency, scene.settings.resonance);
             let stiff = (resonance / frequency) * (resonance / frequency);
             let sample = core::f32::consts::TAU * frequency / 20e3;
-            let mut off = told;
+            let mut off = configured;
             if stiff > 1.0 {
                 off.second.phase += 0.75 * stiff * sample;
                 off.third.phase += 4.0 / 3.0 * stiff * sample;
             }
-            assert!(apart(made, off) < 3e-3, "{name} {n}: {made:?} {off:?}");
+            assert!(
+                shape_distance(produced, off) < 3e-3,
+                "{name} {n}: {produced:?} {off:?}"
+            );
             assert!((amplitude / slow.amplitude - 1.0).abs() < 0.06, "{name}");
             assert_eq!(slow.state, State::Holding);
             assert_eq!(slow.limits, Limits::default());
         }
-        assert!(most < 1.06 * TOLD.second.ratio, "{name}: {most}");
+        assert!(
+            max_ratio < 1.06 * TWO_TONES.second.ratio,
+            "{name}: {max_ratio}"
+        );
     }
 }
 
@@ -123,9 +133,9 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
 ///
 /// Returns the cycle of the event for it, the largest ratio of that tone over the requested one,
 /// and the last report.
-fn told_wrong(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
-    let told = if third { THREE } else { TOLD };
-    let mut scene = scene_of(told, |_| ());
+fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
+    let configured = if third { THREE_TONES } else { TWO_TONES };
+    let mut scene = scene_of(configured, |_| ());
     let drive = &mut scene.drive;
     let (gain, lag) = if third {
         (&mut drive.third_gain, &mut drive.third_lag)
@@ -137,29 +147,29 @@ fn told_wrong(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Re
     let event = [Event::SecondToneUnlike, Event::ThirdToneUnlike][usize::from(third)];
     let tone = usize::from(third);
     let mut closed = ClosedLoop::build(&scene).unwrap();
-    let (mut noted, mut most) = (None, 0.0_f32);
+    let (mut cycle, mut max_ratio) = (None, 0.0_f32);
     for n in 0..400 {
         let report = closed.cycle().report;
-        if noted.is_none() && report.events.iter().any(|e| e == event) {
-            noted = Some(n);
+        if cycle.is_none() && report.events.iter().any(|e| e == event) {
+            cycle = Some(n);
         }
         if n > 20 {
-            let made = closed.plant().tones().1.tones()[tone];
-            most = most.max(made.ratio / told.tones()[tone].ratio);
+            let produced = closed.plant().tones().1.tones()[tone];
+            max_ratio = max_ratio.max(produced.ratio / configured.tones()[tone].ratio);
         }
     }
-    (noted, most, closed.controller().report())
+    (cycle, max_ratio, closed.controller().report())
 }
 
 #[test]
 fn large_drive_errors_are_reported_small_ones_corrected() {
     for third in [false, true] {
-        told_wrong_is_noticed(third);
+        misconfigured_tone_is_noticed(third);
     }
 }
 
-fn told_wrong_is_noticed(third: bool) {
-    let told = if third { THREE } else { TOLD };
+fn misconfigured_tone_is_noticed(third: bool) {
+    let configured = if third { THREE_TONES } else { TWO_TONES };
     for (factor, degrees, noticed) in [
         (1.0, 0.0, false),
         (1.2, 8.0, false),
@@ -171,29 +181,29 @@ fn told_wrong_is_noticed(third: bool) {
         (2.0, 30.0, true),
         (0.5, -30.0, true),
     ] {
-        let (noted, most, report) = told_wrong(third, factor, degrees);
-        assert_eq!(noted.is_some(), noticed, "{factor} {degrees}: {noted:?}");
-        let (what, shape) = (format!("{factor} {degrees}: {noted:?}"), report.shape);
-        assert!(noted.is_none_or(|n| n < 150), "{what}");
-        assert!(apart(shape, told) < 5e-3, "{what} {shape:?}");
+        let (cycle, max_ratio, report) = run_misconfigured(third, factor, degrees);
+        assert_eq!(cycle.is_some(), noticed, "{factor} {degrees}: {cycle:?}");
+        let (case, shape) = (format!("{factor} {degrees}: {cycle:?}"), report.shape);
+        assert!(cycle.is_none_or(|n| n < 150), "{case}");
+        assert!(shape_distance(shape, configured) < 5e-3, "{case} {shape:?}");
         assert!(report.limits == Limits::default());
         // During adaptation e may be larger; the peak acceleration stays limited.
-        assert!(most < 1.5, "{third} {factor} {degrees}: {most}");
+        assert!(max_ratio < 1.5, "{third} {factor} {degrees}: {max_ratio}");
     }
     // Beyond the loop's stability margins the tone is switched off, which limits the drive.
-    let (noted, _, report) = told_wrong(third, 1.0, -150.0);
-    assert!(noted.is_some() && report.limits.contains(Limits::SECOND_TONE));
+    let (cycle, _, report) = run_misconfigured(third, 1.0, -150.0);
+    assert!(cycle.is_some() && report.limits.contains(Limits::SECOND_TONE));
     let tone = report.shape.tones()[usize::from(third)];
     assert!(tone.ratio < 0.01, "{:?}", report.shape);
 }
 
 #[test]
-fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
+fn second_tone_is_reduced_first_at_a_limit() {
     let last = |scene: &Scene, cycles: usize| {
         let mut closed = ClosedLoop::build(scene).unwrap();
         let (mut outputs, mut pushes) = (0.0_f32, 0.0_f32);
         for n in 0..cycles {
-            closed.cycle_shown(|sample| outputs = outputs.max(sample.output.abs()));
+            closed.trace_cycle(|sample| outputs = outputs.max(sample.output.abs()));
             let (amplitude, tone) = closed.plant().tones();
             if n > 20 {
                 let [_, push] = tone.peaks();
@@ -204,11 +214,11 @@ fn the_second_tone_goes_first_where_a_limit_stands_in_its_way() {
     };
     // Output limit: the first tone has priority, the second gets the rest.
     let mut weak = scene(|s| (s.output_maximum, s.second_gain) = (0.35, 0.5));
-    let (report, most, _) = last(&weak, 300);
+    let (report, max_ratio, _) = last(&weak, 300);
     assert!(report.limits.contains(Limits::SECOND_TONE), "{report:?}");
     assert!(!report.limits.contains(Limits::OUTPUT));
     let second = report.shape.second;
-    assert!(most <= 0.35, "{most}");
+    assert!(max_ratio <= 0.35, "{max_ratio}");
     assert!((report.k - 0.35).abs() < 0.005, "{report:?}");
     assert!((0.05..0.14).contains(&second.ratio), "{second:?}");
     // Acceleration limit: 28 m/s^2 with one tone, 43 with both.

@@ -45,12 +45,12 @@ pub(super) enum Candidate {
 
 /// A candidate from the flight near launch or the fall of the parabola; `None` without a search.
 ///
-/// Up to the end of the next hump a down-crossing is the first impact:
+/// Up to the end of the next hump the first down-crossing is the first impact:
 ///
 /// - In that hump `u` is convex, so it is above 0 from the hump's begin on, and also on the concave
-///   stretch before.
-/// - On the concave stretch from launch the down-crossing ends the stretch above 0.
-/// - From within a hump `u` rises to the concave stretch.
+///   interval before.
+/// - On the concave interval from launch the down-crossing ends the interval above 0.
+/// - From within a hump `u` rises to the concave interval.
 ///
 /// See [`SineTrack::ends`].
 #[inline(always)]
@@ -86,8 +86,8 @@ pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate>
             let steeper = slope + z * (sine * (1.0 / 8.0) + third * (1.0 / 30.0));
             let inverse = 1.0 / steeper;
             let newton = z * near * over * inverse;
-            let bend = (a2 - sine * (1.0 / 8.0) * near) * inverse;
-            near -= newton * (1.0 - newton * bend);
+            let quadratic = (a2 - sine * (1.0 / 8.0) * near) * inverse;
+            near -= newton * (1.0 - newton * quadratic);
         }
     } else if a1 <= 0.0 && a2 < 0.0 {
         near = (a1 - square_root_single(discriminant)) / (a2 + a2);
@@ -113,8 +113,8 @@ pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate>
         base = 0.0;
     }
     let (node, offset) = node_from_near(launch.phase, near);
-    let late = (near - origin) - offset;
-    approach(track, node, late, speed, base)
-        .filter(|approach| approach.preserves_distance(node, late))
+    let dt = (near - origin) - offset;
+    approach(track, node, dt, speed, base)
+        .filter(|approach| approach.preserves_distance(node, dt))
         .map(Candidate::Near)
 }

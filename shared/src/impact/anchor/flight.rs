@@ -39,8 +39,8 @@ pub(super) struct Local {
     pub slope: f32,
     /// `A = -S''`, A' and -A''. A sine has its sine, cosine and sine.
     pub push: f32,
-    pub surge: f32,
-    pub bend: f32,
+    pub jerk: f32,
+    pub snap: f32,
 }
 
 /// Motion of the track at a node.
@@ -50,10 +50,10 @@ pub(in crate::impact) struct Motion {
     pub height: f32,
     /// S'.
     pub speed: f32,
-    /// `A = -S''`, A' and -A''.
+    /// `-S''`, `-S'''` and `S''''`.
     pub push: f32,
-    pub surge: f32,
-    pub bend: f32,
+    pub jerk: f32,
+    pub snap: f32,
 }
 
 /// k, half of it and its inverse.
@@ -112,8 +112,8 @@ impl<T: Track> Ballistic<'_, T> {
             height: (self.height - at.height) + time * (self.rise - 0.5 * fall),
             slope: self.rise - fall - at.speed,
             push: at.push,
-            surge: at.surge,
-            bend: at.bend,
+            jerk: at.jerk,
+            snap: at.snap,
         }
     }
 }

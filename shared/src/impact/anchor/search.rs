@@ -70,7 +70,7 @@ fn find_bracket(
     // Ballistic height over k, and slope over that of the track at a hump's begin.
     let over_k = |x: f32| x * (v - half_k * x) - pull;
     let over_flank = |x: f32| v - k * x - lift_off_cosine;
-    // From the very begin of a hump the next one is a whole turn away.
+    // From the exact start of a hump the next one is a whole turn away.
     let lift_off = match track.lift_off.wrapping_sub(launch.phase) {
         0 => TAU,
         steps => steps as f32 * RADIANS_PER_STEP,
@@ -114,7 +114,7 @@ fn find_bracket(
     // A hump that ends below height 1 holds the root. So at most the humps at either end of the
     // window above height 1 are visited, which bounds the rounds.
     for _ in 0..16 {
-        // Newton's step from the begin of a hump does not overshoot, on the convex and on the
+        // Newton's step from the start of a hump does not overshoot, on the convex and on the
         // concave side.
         let from_begin = || {
             let slope = over_flank(begin);
@@ -160,9 +160,9 @@ fn find_bracket(
                 margin > 0.0 && over_top > 1e-4 && 4.0 * margin * (over_top - 1e-4) > slope * slope;
             let half = 0.5 * hump_length;
             if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (poke, touches) = find_minimum(flight, middle, over_top, slope);
+                let (dip, touches) = find_minimum(flight, middle, over_top, slope);
                 grazes |= touches;
-                if let Some(mut bracket) = poke {
+                if let Some(mut bracket) = dip {
                     bracket.low = begin;
                     bracket.start = smaller(larger(bracket.start, begin), bracket.high);
                     return (bracket, grazes);

@@ -43,12 +43,12 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
         height,
         slope,
         push,
-        surge,
-        bend,
+        jerk,
+        snap,
     } = *local;
     let curvature = push - k;
-    let third = surge * d;
-    let fourth = bend * d * d;
+    let third = jerk * d;
+    let fourth = snap * d * d;
     let b2 = 0.5 * curvature + 0.5 * third;
     (
         height + d * (slope + d * (0.5 * curvature + third * (1.0 / 6.0) - fourth * (1.0 / 24.0))),
@@ -63,13 +63,13 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
 /// or near a graze.
 #[inline(always)]
 pub(super) fn settle<T: Track>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
-    let (settled, left) = settle_once::<T>(k, local, offset);
-    if left < 0.0 {
+    let (settled, remaining) = settle_once::<T>(k, local, offset);
+    if remaining < 0.0 {
         return Some(settled);
     }
     if abs(settled.offset) < MAX_NODE_DISTANCE {
-        let (settled, left) = settle_once::<T>(k, local, settled.offset);
-        return (left < 0.0).then_some(settled);
+        let (settled, remaining) = settle_once::<T>(k, local, settled.offset);
+        return (remaining < 0.0).then_some(settled);
     }
     None
 }
@@ -94,7 +94,7 @@ fn settle_once<T: Track>(k: f32, local: &Local, offset: f32) -> (Settled, f32) {
 fn finished(local: &Local, offset: f32, gain: f32, b2: f32, e: f32) -> Settled {
     Settled {
         offset: offset + e,
-        speed_gain: -(gain + e * (b2 + b2 + 0.5 * local.surge * e)),
+        speed_gain: -(gain + e * (b2 + b2 + 0.5 * local.jerk * e)),
     }
 }
 
@@ -128,7 +128,7 @@ pub(super) fn settle_carefully(k: f32, local: Local, mut offset: f32) -> (Settle
             down_crossing(height, slope, b2)
         };
         if square > 0.0 {
-            let cubic = e * e * e * local.surge * (1.0 / 6.0) / square;
+            let cubic = e * e * e * local.jerk * (1.0 / 6.0) / square;
             if abs(cubic) < MAX_CUBIC_CORRECTION * abs(e) {
                 e += cubic;
             }

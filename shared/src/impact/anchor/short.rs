@@ -51,7 +51,7 @@ pub(super) enum ShortFlight {
     /// Undecided.
     Open,
     /// The first impact is `near` this flight time, to the accuracy of the cubic. `grazes`: the
-    /// flight clears the coming hump but for rounding.
+    /// flight clears the coming hump except for rounding.
     Hop { near: f32, grazes: bool },
     /// The flight clears the coming hump; `grazes`: by rounding alone.
     Clears { grazes: bool },
@@ -96,14 +96,14 @@ fn flat_hop(launch: Launch) -> ShortFlight {
     };
     // Newton's steps do not overshoot from launch down a convex slope to the minimum, or to the
     // inflection. Nor do they from the right of the last root.
-    let least = if valley > 0.0 {
+    let lowest = if valley > 0.0 {
         deflated(&launch, smaller(valley, limit)).0
     } else {
         1.0
     };
     let grazes =
-        abs(least) < SineTrack::PULL_ROUNDING * valley + QUOTIENT_ROUNDING * launch.velocity;
-    let mut x = if least <= 0.0 {
+        abs(lowest) < SineTrack::PULL_ROUNDING * valley + QUOTIENT_ROUNDING * launch.velocity;
+    let mut x = if lowest <= 0.0 {
         0.0
     } else if deflated(&launch, limit).0 <= 0.0 {
         limit
@@ -164,8 +164,8 @@ fn double_hop(launch: Launch, a1: f32, a2: f32) -> ShortFlight {
     }
 }
 
-/// Third-order step on `w = u/d`, from its value, slope and half its second derivative; `None` unless
-/// a simple root is near.
+/// Third-order step on `w = u/d`, from its value, slope and half its second derivative; `None`
+/// unless a simple root is near.
 #[inline(always)]
 pub(super) fn quotient_step(w: f32, w1: f32, b2: f32) -> Option<f32> {
     if !(w1 < 0.0 && abs(w * b2) < MAX_QUOTIENT_CURVATURE_RATIO * w1 * w1) {

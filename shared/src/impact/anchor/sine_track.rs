@@ -78,7 +78,7 @@ impl SineTrack {
     /// At the hump's begin `u` has the height `h` and falls at `p`. From there on `u` is above
     /// `h - p x + f x^3 / 6` with `f = 0.8 lift_off_cosine`. This holds as far as
     /// `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The minimum of that bound, at
-    /// `x^2 = 2 p / f`, is above 0 where `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
+    /// `x^2 = 2 p / f`, is above 0 if `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
     #[inline(never)]
     pub fn clears(&self, phase: u32, v: f32, pull: f32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
@@ -148,8 +148,8 @@ impl Track for SineTrack {
             height: sine,
             speed: cosine,
             push: sine,
-            surge: cosine,
-            bend: sine,
+            jerk: cosine,
+            snap: sine,
         }
     }
 }

@@ -78,12 +78,12 @@ impl SineSingle {
         self.land_low(&{ flight }, &{ launch }, restitution)
     }
 
-    /// Whether a part that rests at `phase` is thrown off there.
+    /// Whether the track throws a part that rests at `phase`.
     pub(super) fn throws(&self, phase: Phase) -> bool {
         self.0.throws(phase.bits())
     }
 
-    /// Phase at which the track throws a resting part; `None` where it never does.
+    /// Phase at which the track throws a resting part; `None` if it never does.
     pub(super) fn lift_off(&self) -> Option<Phase> {
         (self.0.hump > 0).then(|| Phase::from_bits(self.0.lift_off))
     }
@@ -119,8 +119,8 @@ fn land_by_search(
     launch: Launch,
     restitution: f32,
 ) -> Landing<SingleState> {
-    let (found, grazes) = search(&launch, &flight);
-    land_found(&flight, restitution, found, grazes)
+    let (root, grazes) = search(&launch, &flight);
+    land_found(&flight, restitution, root, grazes)
 }
 
 /// The impact that the search found, settled.
@@ -128,11 +128,11 @@ fn land_by_search(
 pub(super) fn land_found<T: Track>(
     flight: &Ballistic<'_, T>,
     restitution: f32,
-    found: Found,
+    root: Found,
     grazes: bool,
 ) -> Landing<SingleState> {
     let (k, phase) = (flight.track.gravity().k, flight.phase);
-    match found {
+    match root {
         Found::Short {
             flight: time,
             arrival,

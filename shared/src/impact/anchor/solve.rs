@@ -84,7 +84,7 @@ pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> F
             height: below,
             speed,
             push,
-            surge,
+            jerk,
             ..
         } = track.at(node);
         let u0 = (height - below) + time * (v - half * time);
@@ -95,7 +95,7 @@ pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> F
         if !(u1 < -MIN_SLOPE && abs(product) < MAX_CURVATURE_RATIO * square) {
             break;
         }
-        let step = householder(u0, u1, square, product, surge);
+        let step = householder(u0, u1, square, product, jerk);
         let next = time + step;
         if !(next >= bracket.low - BRACKET_ROUNDING && next <= bracket.high + BRACKET_ROUNDING) {
             break;
@@ -139,7 +139,7 @@ fn solve_safely<T: Track>(flight: &Ballistic<'_, T>, bracket: Bracket) -> (i32, 
         let b2 = 0.5 * (local.push - k);
         let (mut step, square) = down_crossing(height, slope, b2);
         if square > MIN_CORRECTED_ROOT {
-            let cubic = step * step * step * local.surge * (1.0 / 6.0) / square;
+            let cubic = step * step * step * local.jerk * (1.0 / 6.0) / square;
             if abs(cubic) < MAX_CUBIC_CORRECTION * abs(step) {
                 step += cubic;
             }
@@ -156,21 +156,21 @@ fn solve_safely<T: Track>(flight: &Ballistic<'_, T>, bracket: Bracket) -> (i32, 
         }
         let mut next = time + step;
         let far = abs(height) >= MAX_HEIGHT;
-        let found = !far
+        let has_root = !far
             && square > 0.0
             && next >= low - BRACKET_ROUNDING
             && next <= high + BRACKET_ROUNDING;
-        if !found {
+        if !has_root {
             next = 0.5 * (low + high);
             step = next - time;
         }
         let moved = abs(next - x);
         x = next;
         round += 1;
-        let near = (abs(step) < MAX_CAUCHY_STEP_RATIO * square && abs(step) < MAX_LAST_STEP)
+        let is_near = (abs(step) < MAX_CAUCHY_STEP_RATIO * square && abs(step) < MAX_LAST_STEP)
             || moved < MIN_TIME_CHANGE;
         // After 32 halvings of a few turns bisection alone reaches the rounding of f32.
-        if found && near || high - low < MIN_BRACKET_WIDTH || round >= 32 {
+        if has_root && is_near || high - low < MIN_BRACKET_WIDTH || round >= 32 {
             let (jump, count) = nearest(step * NODES_PER_RADIAN);
             return (node.wrapping_add(jump), step - count * SPACING);
         }

@@ -1,7 +1,7 @@
 //! The orbits of a block as columns, one per quantity (structure of arrays).
 
 use super::lanes::LANES;
-use crate::arithmetic::lane::{Lane, MAX_LANES};
+use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::impact::double::launch::{Launch, Track};
 
 /// One quantity of many orbits, aligned to a cache line, so that no register spans two.
@@ -67,47 +67,47 @@ impl Columns {
 
     /// Phase and velocity of these lanes.
     #[inline(always)]
-    pub fn states<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> [L; 2] {
-        [&self.phase, &self.velocity].map(|column| L::pick(&column.0, lanes))
+    pub fn states<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> [V; 2] {
+        [&self.phase, &self.velocity].map(|column| V::pick(&column.0, lanes))
     }
 
     /// The launches of these lanes.
     #[inline(always)]
-    pub fn launch<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> Launch<L> {
+    pub fn launch<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> Launch<V> {
         Launch {
-            phase: L::pick(&self.phase.0, lanes),
-            velocity: L::pick(&self.velocity.0, lanes),
-            sine: L::pick(&self.sine.0, lanes),
-            cosine: L::pick(&self.cosine.0, lanes),
+            phase: V::pick(&self.phase.0, lanes),
+            velocity: V::pick(&self.velocity.0, lanes),
+            sine: V::pick(&self.sine.0, lanes),
+            cosine: V::pick(&self.cosine.0, lanes),
         }
     }
 
     /// The tracks of these lanes.
     #[inline(always)]
-    pub fn track<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> Track<L> {
-        let k = L::pick(&self.k.0, lanes);
+    pub fn track<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> Track<V> {
+        let k = V::pick(&self.k.0, lanes);
         Track {
             k,
-            per_k: L::pick(&self.per_k.0, lanes),
-            lift_off: L::pick(&self.lift_off.0, lanes),
+            per_k: V::pick(&self.per_k.0, lanes),
+            lift_off: V::pick(&self.lift_off.0, lanes),
             lift_off_cosine: Track::lift_off_cosine(k),
         }
     }
 
     /// The restitutions of these lanes.
     #[inline(always)]
-    pub fn restitution<L: Lane>(&self, lanes: [u8; MAX_LANES]) -> L {
-        L::pick(&self.restitution.0, lanes)
+    pub fn restitution<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> V {
+        V::pick(&self.restitution.0, lanes)
     }
 
     /// Stores the landings of the lanes whose bits are set.
     #[inline(always)]
-    pub fn land<L: Lane>(
+    pub fn land<V: Vector>(
         &mut self,
         lanes: [u8; MAX_LANES],
         bits: u32,
-        flight: L,
-        next: &Launch<L>,
+        flight: V,
+        next: &Launch<V>,
     ) {
         let landings = [
             (flight, &mut self.flight),
@@ -118,7 +118,7 @@ impl Columns {
         ];
         for (values, column) in landings {
             let values = values.to_array();
-            for (m, (lane, value)) in lanes.into_iter().zip(values).enumerate().take(L::WIDTH) {
+            for (m, (lane, value)) in lanes.into_iter().zip(values).enumerate().take(V::WIDTH) {
                 if bits >> m & 1 == 1 {
                     column.0[usize::from(lane)] = value;
                 }

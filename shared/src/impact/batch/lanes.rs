@@ -1,6 +1,6 @@
 //! Sets of lanes.
 
-use crate::arithmetic::lane::COLUMN_LANES;
+use crate::arithmetic::vector::COLUMN_LANES;
 
 /// Number of lanes of a block: its columns fit into the first-level cache.
 pub const LANES: usize = COLUMN_LANES;

@@ -8,9 +8,9 @@ mod columns;
 mod lanes;
 mod plan;
 
-use crate::arithmetic::lane::queue::Queue;
-use crate::arithmetic::lane::simd::Simd;
-use crate::arithmetic::lane::{Lane, MAX_LANES};
+use crate::arithmetic::vector::queue::Queue;
+use crate::arithmetic::vector::simd::Simd;
+use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::feeder::{OutOfRange, accept};
 use crate::impact::double::first::first_impact;
 use crate::impact::double::launch::Launch;
@@ -134,8 +134,8 @@ impl Block {
     /// Whether the orbit in a lane waits: its part rests, or has a closed chatter, see
     /// [`Map::time_to_rest`].
     ///
-    /// It waits until it is cleared or replaced. [`Block::advance`] checks a lane at its begin and
-    /// after each impact.
+    /// It waits until it is cleared or replaced. [`Block::advance`] tests each lane at the start of
+    /// the call and after each impact.
     #[inline]
     pub fn rests(&self, lane: usize) -> bool {
         self.resting.contains(lane)
@@ -157,8 +157,8 @@ impl Block {
 
 /// Advances every orbit that does not rest by this many impacts.
 #[inline(always)]
-fn advance<L: Lane>(block: &mut Block, impacts: u32) {
-    begin::<L>(block);
+fn advance<V: Vector>(block: &mut Block, impacts: u32) {
+    begin::<V>(block);
     let Block {
         columns,
         resting,
@@ -173,8 +173,8 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
         for kind in Kind::ALL {
             let mut open = Queue::EMPTY;
             let queue = &mut now.0[kind as usize];
-            for register in queue.registers(L::WIDTH) {
-                fly::<L>(columns, next, resting, grazing, &mut open, kind, register);
+            for register in queue.registers(V::WIDTH) {
+                fly::<V>(columns, next, resting, grazing, &mut open, kind, register);
             }
             queue.clear();
             if kind == Kind::Low {
@@ -186,16 +186,16 @@ fn advance<L: Lane>(block: &mut Block, impacts: u32) {
 
 /// Plans the first flights of lanes with only a state.
 #[inline(always)]
-fn begin<L: Lane>(block: &mut Block) {
+fn begin<V: Vector>(block: &mut Block) {
     let mut queue = Queue::EMPTY;
     for at in (0..LANES).step_by(MAX_LANES) {
         queue.push_bits(at, block.unplanned.bits(at, MAX_LANES));
     }
-    for (lanes, count) in queue.registers(L::WIDTH) {
+    for (lanes, count) in queue.registers(V::WIDTH) {
         let [phase, velocity] = block.columns.states(lanes);
-        let launch = Launch::<L>::new(phase, velocity);
+        let launch = Launch::<V>::new(phase, velocity);
         let all = (1 << count) - 1;
-        block.columns.land(lanes, all, L::splat(0.0), &launch);
+        block.columns.land(lanes, all, V::splat(0.0), &launch);
         let (track, restitution) = (block.columns.track(lanes), block.columns.restitution(lanes));
         block
             .plan
@@ -206,9 +206,9 @@ fn begin<L: Lane>(block: &mut Block) {
 
 /// One impact of the lanes of a register, of which `count` are valid, and their next plan.
 ///
-/// Lanes of a low flight whose stretch is not certain are added to `open` instead.
+/// Lanes of a low flight whose interval is not certain are added to `open` instead.
 #[inline(always)]
-fn fly<L: Lane>(
+fn fly<V: Vector>(
     columns: &mut Columns,
     next: &mut Plan,
     resting: &mut Set,
@@ -217,41 +217,41 @@ fn fly<L: Lane>(
     kind: Kind,
     (lanes, count): ([u8; MAX_LANES], usize),
 ) {
-    let (track, launch) = (columns.track::<L>(lanes), columns.launch::<L>(lanes));
-    let restitution = columns.restitution::<L>(lanes);
+    let (track, launch) = (columns.track::<V>(lanes), columns.launch::<V>(lanes));
+    let restitution = columns.restitution::<V>(lanes);
     let all = (1 << count) - 1;
-    let (mut landing, certain, uncertain_stretch) = match kind {
+    let (mut landing, certain, uncertain) = match kind {
         Kind::Tall => (tall::landing(&track, &launch), all, 0),
         Kind::Short => {
             let (landing, certain) = short::landing(&track, &launch, short::guess(&track, &launch));
-            (landing, L::bits(certain), 0)
+            (landing, V::bits(certain), 0)
         }
         Kind::Once | Kind::Low => {
-            let stretch = if kind == Kind::Once {
-                low::find_single_stretch(&track, &launch)
+            let interval = if kind == Kind::Once {
+                low::find_single_interval(&track, &launch)
             } else {
-                low::find_stretch(&track, &launch)
+                low::find_interval(&track, &launch)
             };
-            let estimate = low::approach(&track, &launch, &stretch);
-            let (landing, certain) = low::landing(&track, &launch, &stretch, &estimate);
-            let certain_stretch = L::bits(stretch.certain);
-            (landing, L::bits(certain), all & !certain_stretch)
+            let estimate = low::approach(&track, &launch, &interval);
+            let (landing, certain) = low::landing(&track, &launch, &interval, &estimate);
+            let certain_interval = V::bits(interval.certain);
+            (landing, V::bits(certain), all & !certain_interval)
         }
         Kind::NearHump => {
             let (landing, certain) = low::land_near_hump(&track, &launch);
-            (landing, L::bits(certain), 0)
+            (landing, V::bits(certain), 0)
         }
     };
-    let landed = all & !uncertain_stretch;
+    let landed = all & !uncertain;
     if landed & !certain != 0 {
         landing = decide(columns, grazing, &landing, landed & !certain, lanes);
     }
     let after = Launch::new(landing.phase, restitution * landing.arrival);
-    if uncertain_stretch == 0 {
+    if uncertain == 0 {
         // The lanes behind the last valid one repeat it.
         columns.land(lanes, u32::MAX, landing.flight, &after);
     } else {
-        open.push_chosen::<L>(lanes, uncertain_stretch);
+        open.push_chosen::<V>(lanes, uncertain);
         columns.land(lanes, landed, landing.flight, &after);
     }
     next.sort(resting, &track, restitution, &after, lanes, landed);
@@ -259,23 +259,23 @@ fn fly<L: Lane>(
 
 /// The landings of a register, with those of the lanes in `bits` found one by one.
 #[inline(always)]
-fn decide<L: Lane>(
+fn decide<V: Vector>(
     columns: &Columns,
     grazing: &mut Set,
-    landing: &Landing<L>,
+    landing: &Landing<V>,
     bits: u32,
     lanes: [u8; MAX_LANES],
-) -> Landing<L> {
-    let mut landings = [landing.flight, landing.phase, landing.arrival].map(L::to_array);
-    for (m, lane) in lanes.into_iter().enumerate().take(L::WIDTH) {
+) -> Landing<V> {
+    let mut landings = [landing.flight, landing.phase, landing.arrival].map(V::to_array);
+    for (m, lane) in lanes.into_iter().enumerate().take(V::WIDTH) {
         let all = [lane; MAX_LANES];
         if bits >> m & 1 == 1
-            && let Some((found, grazes)) = first_impact(&columns.track(all), &columns.launch(all))
+            && let Some((exact, grazes)) = first_impact(&columns.track(all), &columns.launch(all))
         {
             for (values, value) in
                 landings
                     .iter_mut()
-                    .zip([found.flight, found.phase, found.arrival])
+                    .zip([exact.flight, exact.phase, exact.arrival])
             {
                 // A register that is not full repeats its last lane.
                 for (place, other) in values.iter_mut().zip(lanes) {
@@ -285,7 +285,7 @@ fn decide<L: Lane>(
             grazing.put(lane.into(), grazes);
         }
     }
-    let [flight, phase, arrival] = landings.map(|values| L::load(&values, 0));
+    let [flight, phase, arrival] = landings.map(|values| V::load(&values, 0));
     Landing {
         flight,
         phase,
@@ -297,14 +297,14 @@ fn decide<L: Lane>(
 #[allow(unsafe_code)]
 mod x86 {
     use super::{Block, advance};
-    use crate::arithmetic::lane::avx2::Avx2;
+    use crate::arithmetic::vector::avx2::Avx2;
 
     pub(super) fn advance_avx2(block: &mut Block, impacts: u32) {
         #[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
         fn inner(block: &mut Block, impacts: u32) {
             advance::<Avx2>(block, impacts);
         }
-        // SAFETY: a block of this width exists only where the CPU has AVX2 and counts bits.
+        // SAFETY: a block of this width exists only if the CPU has AVX2 and counts bits.
         unsafe { inner(block, impacts) }
     }
 }

@@ -1,8 +1,8 @@
 //! Plan of the next flights: lanes by kind of flight.
 
 use super::lanes::Set;
-use crate::arithmetic::lane::queue::Queue;
-use crate::arithmetic::lane::{Lane, MAX_LANES};
+use crate::arithmetic::vector::queue::Queue;
+use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::impact::double::launch::{Launch, Track};
 
 /// Kinds of flight.
@@ -43,33 +43,33 @@ impl Plan {
     /// Plans the flights of the lanes of a register whose bits are in `all`; resting lanes are
     /// added to `resting`.
     #[inline(always)]
-    pub fn sort<L: Lane>(
+    pub fn sort<V: Vector>(
         &mut self,
         resting: &mut Set,
-        track: &Track<L>,
-        restitution: L,
-        launch: &Launch<L>,
+        track: &Track<V>,
+        restitution: V,
+        launch: &Launch<V>,
         lanes: [u8; MAX_LANES],
         all: u32,
     ) {
-        let tall = L::bits(launch.is_tall(track)) & all;
-        let left = all & !tall;
-        let mut rests = L::bits(track.may_chatter_out(launch.velocity)) & left;
+        let tall = V::bits(launch.is_tall(track)) & all;
+        let remaining = all & !tall;
+        let mut rests = V::bits(track.may_chatter_out(launch.velocity)) & remaining;
         if rests != 0 {
-            rests &= L::bits(launch.chatters_out(track, restitution));
+            rests &= V::bits(launch.chatters_out(track, restitution));
             for (n, lane) in lanes.into_iter().enumerate() {
                 if rests >> n & 1 == 1 {
                     resting.put(lane.into(), true);
                 }
             }
         }
-        let left = left & !rests;
-        let short = L::bits(launch.is_short(track)) & left;
-        let once = L::bits(launch.meets_once(track)) & left & !short;
+        let remaining = remaining & !rests;
+        let short = V::bits(launch.is_short(track)) & remaining;
+        let one_root = V::bits(launch.has_one_root(track)) & remaining & !short;
         let [talls, shorts, onces, lows, _] = &mut self.0;
-        talls.push_chosen::<L>(lanes, tall);
-        shorts.push_chosen::<L>(lanes, short);
-        onces.push_chosen::<L>(lanes, once);
-        lows.push_chosen::<L>(lanes, left & !(short | once));
+        talls.push_chosen::<V>(lanes, tall);
+        shorts.push_chosen::<V>(lanes, short);
+        onces.push_chosen::<V>(lanes, one_root);
+        lows.push_chosen::<V>(lanes, remaining & !(short | one_root));
     }
 }

@@ -1,4 +1,4 @@
-//! Safeguarded root and minimum search in f64, on a stretch where the gap is convex or has one
+//! Safeguarded root and minimum search in f64, on an interval where the gap is convex or has one
 //! root.
 //!
 //! The root search takes Cauchy's step, the root of the second-order Taylor polynomial (Traub
@@ -35,12 +35,12 @@ pub(crate) trait Path {
     fn hop(&self) -> Option<f64>;
 }
 
-/// The impact before or within the hump `begin..end`, if there is one; the stretch before it begins at
-/// `low`.
+/// The impact before or within the hump `begin..end`, if any. The interval before it starts
+/// at `low`.
 ///
 /// Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is convex, so
-/// the sign of its minimum decides; there is none while the ball `passes` high above. `grazes` keeps
-/// whether a touch is within rounding.
+/// the sign of its minimum decides; there is none while the ball `passes` high above. `grazes`
+/// keeps whether a touch is within rounding.
 pub(crate) fn impact_at_hump<P: Path>(
     path: &P,
     at_begin: Gap,
@@ -76,8 +76,8 @@ fn find_minimum(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
             low = d;
         }
         // The tangent bounds a convex gap from below. Stop once the sign of the minimum is certain.
-        let least = at.value - at.slope.abs() * (high - low);
-        if at.value < -4.0 * at.rounding || least > 4.0 * at.rounding {
+        let lower_bound = at.value - at.slope.abs() * (high - low);
+        if at.value < -4.0 * at.rounding || lower_bound > 4.0 * at.rounding {
             return (d, at);
         }
         let newton = d - at.slope / at.curvature;

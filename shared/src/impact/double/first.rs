@@ -1,27 +1,27 @@
 //! The first impact of a flight, by the kind of the flight.
 //!
 //! With `v = psi + cos t` the ball's height over the middle of the track's stroke is the parabola
-//! `y(d) = sin t + v d - k d^2/2`; the gap to the track is `u(d) = y(d) - sin(t + d)`. The kinds:
+//! `y(d) = sin t + v d - k d^2/2`. The gap to the track is `u(d) = y(d) - sin(t + d)`. The kinds:
 //!
 //! - [`tall`]: the ball leaves height 1 faster than the track's top speed; it meets the track once,
-//!   in a monotone stretch;
+//!   in a monotone interval;
 //! - [`short`]: the flight ends within a fraction of a turn; the root of `u/d`, which keeps every
 //!   digit down to the smallest hops;
-//! - [once](low::find_single_stretch): the flight ends before the next hump, or exceeds the top
+//! - [once](low::find_single_interval): the flight ends before the next hump, or exceeds the top
 //!   speed at height 1; it meets the track once;
 //! - [`low`]: any other flight that closed forms certify;
 //! - [`search`]: a decision is close to rounding.
 //!
-//! All but the search are generic over [`Lane`]: one orbit or several side by side, with the same
-//! bits. The latency of the chain of dependent operations sets the cost of a flight, so the kinds
-//! branch early, each with a short chain of its own.
+//! All except the search are generic over [`Vector`]: one orbit or several side by side, with the
+//! same bits. The latency of the chain of dependent operations sets the cost of a flight. So the
+//! kinds branch early, each with its own short chain.
 
 use super::launch::{Launch, Track};
 use super::step::Landing;
 use super::{low, search, short, tall};
-use crate::arithmetic::lane::Lane;
+use crate::arithmetic::vector::Vector;
 
-/// The first impact after `launch`, and whether it grazes; `None` where the part rests.
+/// The first impact after `launch`, and whether it grazes; `None` if the part rests.
 #[inline(always)]
 pub(crate) fn first_impact(
     track: &Track<f64>,
@@ -36,7 +36,7 @@ pub(crate) fn first_impact(
         sine,
         cosine,
     } = *launch;
-    // By value: in memory the launch would delay the tall flights, too.
+    // Passed by value: in memory the launch would also delay the tall flights.
     land_not_tall(track, phase, velocity, sine, cosine)
 }
 
@@ -66,18 +66,18 @@ fn land_not_tall(
         let landing = short::land_by_iteration(track, &launch);
         return Some(certainly(landing, track, &launch));
     }
-    let once = f64::any(launch.meets_once(track));
-    let stretch = if once {
-        low::find_single_stretch(track, &launch)
+    let one_root = f64::any(launch.has_one_root(track));
+    let interval = if one_root {
+        low::find_single_interval(track, &launch)
     } else {
-        low::find_stretch(track, &launch)
+        low::find_interval(track, &launch)
     };
-    let estimate = low::approach(track, &launch, &stretch);
-    let (landing, certain) = low::landing(track, &launch, &stretch, &estimate);
+    let estimate = low::approach(track, &launch, &interval);
+    let (landing, certain) = low::landing(track, &launch, &interval, &estimate);
     if f64::any(certain) {
         return Some((landing, false));
     }
-    let landing = low::land_by_iteration(track, &launch, stretch);
+    let landing = low::land_by_iteration(track, &launch, interval);
     Some(certainly(landing, track, &launch))
 }
 

@@ -2,19 +2,19 @@
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use crate::arithmetic::lane::{Lane, sine_cosine};
+use crate::arithmetic::vector::{Vector, sine_cosine};
 
 /// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Track<L> {
+pub(crate) struct Track<V> {
     /// k.
-    pub k: L,
+    pub k: V,
     /// `1/k`.
-    pub per_k: L,
-    /// Phase of lift-off, `arcsin k`, in rad; pi/2 where k >= 1. A hump begins here.
-    pub lift_off: L,
+    pub per_k: V,
+    /// Phase of lift-off, `arcsin k`, in rad; pi/2 if k >= 1. A hump begins here.
+    pub lift_off: V,
     /// Cosine of `lift_off`.
-    pub lift_off_cosine: L,
+    pub lift_off_cosine: V,
 }
 
 impl Track<f64> {
@@ -29,24 +29,24 @@ impl Track<f64> {
     }
 }
 
-impl<L: Lane> Track<L> {
+impl<V: Vector> Track<V> {
     /// Cosine of the phase of lift-off.
     #[inline(always)]
-    pub fn lift_off_cosine(k: L) -> L {
-        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    pub fn lift_off_cosine(k: V) -> V {
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
         ((one - k) * (one + k)).max(zero).sqrt()
     }
 
     /// `k/2`.
     #[inline(always)]
-    pub(super) fn half(&self) -> L {
-        self.k * L::splat(0.5)
+    pub(super) fn half(&self) -> V {
+        self.k * V::splat(0.5)
     }
 
     /// Sine of the phase of lift-off: k, at most 1.
     #[inline(always)]
-    pub(super) fn lift_off_sine(&self) -> L {
-        self.k.min(L::splat(1.0))
+    pub(super) fn lift_off_sine(&self) -> V {
+        self.k.min(V::splat(1.0))
     }
 
     /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more.
@@ -55,9 +55,9 @@ impl<L: Lane> Track<L> {
     /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
     /// is at most 7.7e-6 (1 + k)^(5/3).
     #[inline(always)]
-    pub fn may_chatter_out(&self, velocity: L) -> L::Mask {
-        let reach = L::splat(1.0) + self.k;
-        !(L::splat(1e-5) * (reach * reach)).below(velocity)
+    pub fn may_chatter_out(&self, velocity: V) -> V::Mask {
+        let reach = V::splat(1.0) + self.k;
+        !(V::splat(1e-5) * (reach * reach)).below(velocity)
     }
 
     /// Phase in rad at which a hump ends, `pi - arcsin k`: the track's push falls below k.
@@ -65,28 +65,28 @@ impl<L: Lane> Track<L> {
     /// `u` is convex over the hump, from lift-off to here, and concave from here to the next
     /// lift-off.
     #[inline(always)]
-    pub(super) fn hump_end(&self) -> L {
-        L::splat(PI) - self.lift_off
+    pub(super) fn hump_end(&self) -> V {
+        V::splat(PI) - self.lift_off
     }
 }
 
 /// The state just after an impact, with sine and cosine of its phase.
 #[derive(Clone, Copy)]
-pub(crate) struct Launch<L> {
+pub(crate) struct Launch<V> {
     /// Phase t in rad, 0..2 pi.
-    pub phase: L,
+    pub phase: V,
     /// Velocity psi relative to the track.
-    pub velocity: L,
+    pub velocity: V,
     /// `sin t`.
-    pub sine: L,
+    pub sine: V,
     /// `cos t`.
-    pub cosine: L,
+    pub cosine: V,
 }
 
-impl<L: Lane> Launch<L> {
+impl<V: Vector> Launch<V> {
     /// The launch of a state.
     #[inline(always)]
-    pub fn new(phase: L, velocity: L) -> Self {
+    pub fn new(phase: V, velocity: V) -> Self {
         let (sine, cosine) = sine_cosine(phase);
         Self {
             phase,
@@ -98,54 +98,54 @@ impl<L: Lane> Launch<L> {
 
     /// The ball's velocity at launch, `psi + cos t`.
     #[inline(always)]
-    pub(super) fn rise(&self) -> L {
+    pub(super) fn rise(&self) -> V {
         self.velocity + self.cosine
     }
 
     /// Height of the ball over the middle of the stroke, `d` after launch.
     #[inline(always)]
-    pub(super) fn height(&self, track: &Track<L>, d: L) -> L {
+    pub(super) fn height(&self, track: &Track<V>, d: V) -> V {
         self.sine + d * (self.rise() - track.half() * d)
     }
 
-    /// Square of the ball's speed at height 1; negative where the ball does not reach it.
+    /// Square of the ball's speed at height 1; negative if the ball does not reach it.
     #[inline(always)]
-    pub fn speed_squared_at_crest(&self, track: &Track<L>) -> L {
+    pub fn speed_squared_at_crest(&self, track: &Track<V>) -> V {
         let v = self.rise();
-        v * v - (track.k + track.k) * (L::splat(1.0) - self.sine)
+        v * v - (track.k + track.k) * (V::splat(1.0) - self.sine)
     }
 
-    /// Square of the ball's speed at height 0; negative where the ball does not reach it.
+    /// Square of the ball's speed at height 0; negative if the ball does not reach it.
     #[inline(always)]
-    pub(super) fn speed_squared_at_zero(&self, track: &Track<L>) -> L {
+    pub(super) fn speed_squared_at_zero(&self, track: &Track<V>) -> V {
         let v = self.rise();
         v * v + (track.k + track.k) * self.sine
     }
 
-    /// Time in rad until the track next pushes harder than k: the begin of the next hump.
+    /// Time in rad until the track next pushes harder than k: the start of the next hump.
     #[inline(always)]
-    pub(super) fn time_to_next_hump(&self, track: &Track<L>) -> L {
+    pub(super) fn time_to_next_hump(&self, track: &Track<V>) -> V {
         let wait = track.lift_off - self.phase;
-        wait + L::splat(TAU).keep_where(!L::splat(0.0).below(wait))
+        wait + V::splat(TAU).keep_where(!V::splat(0.0).below(wait))
     }
 
     /// Bound of the rounding error of a height: 30 times that at the apex.
     #[inline(always)]
-    pub(super) fn margin(&self, track: &Track<L>) -> L {
+    pub(super) fn margin(&self, track: &Track<V>) -> V {
         let v = self.rise();
-        L::splat(6e-14) * (L::splat(1.0) + v * v * track.per_k)
+        V::splat(6e-14) * (V::splat(1.0) + v * v * track.per_k)
     }
 
     /// Whether the part rests: its velocity is 0 and the track does not throw it.
     ///
     /// Within rounding of lift-off (`sin t = k` going up) the part is thrown.
     #[inline(always)]
-    pub fn rests(&self, track: &Track<L>) -> L::Mask {
-        let zero = L::splat(0.0);
+    pub fn rests(&self, track: &Track<V>) -> V::Mask {
+        let zero = V::splat(0.0);
         let pull = track.k - self.sine;
-        let rounded_pull = L::select(
+        let rounded_pull = V::select(
             zero.below(self.cosine),
-            pull - L::splat(4.0 * f64::EPSILON),
+            pull - V::splat(4.0 * f64::EPSILON),
             pull,
         );
         !zero.below(self.velocity) & !rounded_pull.below(zero)
@@ -157,20 +157,20 @@ impl<L: Lane> Launch<L> {
     /// is at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`. It must be below [`MAX_CHATTER_REMAINDER`], and
     /// the relative change of A below [`MAX_PULL_CHANGE`]. The form has no divisions.
     #[inline(always)]
-    pub fn chatters_out(&self, track: &Track<L>, restitution: L) -> L::Mask {
-        let zero = L::splat(0.0);
+    pub fn chatters_out(&self, track: &Track<V>, restitution: V) -> V::Mask {
+        let zero = V::splat(0.0);
         let (s, c, hop) = (self.sine.abs(), self.cosine.abs(), self.velocity);
         let pull = track.k - self.sine;
-        let lost = L::splat(1.0) - restitution;
-        let reach = pull * lost;
+        let loss = V::splat(1.0) - restitution;
+        let reach = pull * loss;
         let squared = pull * pull;
-        let third = (hop * hop * hop) * (L::splat(2.1) * (c * c) + L::splat(0.9) * (s * pull));
+        let third = (hop * hop * hop) * (V::splat(2.1) * (c * c) + V::splat(0.9) * (s * pull));
         let exact =
-            !(L::splat(MAX_CHATTER_REMAINDER) * (reach * reach * reach) * squared).below(third);
-        let turning = !(L::splat(MAX_PULL_CHANGE) * (reach * pull)).below((hop + hop) * c);
-        let bending =
-            !(L::splat(MAX_PULL_CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
-        let closing = zero.below(pull) & zero.below(lost) & exact & turning & bending;
+            !(V::splat(MAX_CHATTER_REMAINDER) * (reach * reach * reach) * squared).below(third);
+        let turning = !(V::splat(MAX_PULL_CHANGE) * (reach * pull)).below((hop + hop) * c);
+        let curving =
+            !(V::splat(MAX_PULL_CHANGE) * (reach * reach) * pull).below((hop + hop) * hop * s);
+        let closing = zero.below(pull) & zero.below(loss) & exact & turning & curving;
         closing | self.rests(track)
     }
 }

@@ -11,7 +11,7 @@ use crate::impact::kernel::{Impact, Kernel, PartState, accept_phase};
 /// The impact map in f64 for one k and one restitution.
 ///
 /// Each flight is expanded about a node of a sine table, so no impact needs a trigonometric call.
-/// Closed forms or a certified search select the stretch of the track (docs/theory-impacts.md#t3).
+/// Closed forms or a certified search select the interval of the track (docs/theory-impacts.md#t3).
 /// The flight time is the root of `u` to rounding. The shortest hops keep the relative accuracy of
 /// flight and arrival speed.
 ///
@@ -53,7 +53,7 @@ impl Map {
         &self.track
     }
 
-    /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` where it rests for ever
+    /// Phase where a resting part is thrown off (`arcsin k`) in rad; `None` if it rests for ever
     /// (k >= 1).
     pub fn lift_off(&self) -> Option<f64> {
         (self.track.k < 1.0).then_some(self.track.lift_off)

@@ -1,7 +1,7 @@
 //! The certified search, for decisions close to rounding (docs/theory-impacts.md#t3.2).
 //!
-//! It visits the stretches of the track in order. Between humps the gap is concave, so its sign at
-//! the end decides whether the stretch holds the impact. Over a hump the gap is convex, so the sign
+//! It visits the intervals of the track in order. Between humps the gap is concave, so its sign at
+//! the end decides whether the interval has the impact. Over a hump the gap is convex, so the sign
 //! of its minimum decides. No impact can be missed, and every root is bracketed.
 
 use core::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -10,10 +10,9 @@ use super::bracket::{Gap, Path, impact_at_hump};
 use super::launch::{Launch, Track};
 use super::short::{MAX_SHORT_HOP, deflated};
 use super::step::{Landing, Local};
-use crate::arithmetic::lane::{Arc, floor};
 use crate::arithmetic::square_root;
+use crate::arithmetic::vector::{Arc, floor};
 
-/// A flight on a track.
 struct Flight<'a> {
     track: &'a Track<f64>,
     launch: &'a Launch<f64>,
@@ -103,8 +102,8 @@ pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>
         let at_begin = gap_at_lift_off(track, launch, begin);
         let end = begin + width;
         let passes = above_from <= begin && end <= above_to;
-        let stretch = [low, begin, end];
-        if let Some(landing) = impact_at_hump(&path, at_begin, stretch, passes, &mut grazes) {
+        let times = [low, begin, end];
+        if let Some(landing) = impact_at_hump(&path, at_begin, times, passes, &mut grazes) {
             return landing;
         }
         low = end;

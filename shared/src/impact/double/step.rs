@@ -5,19 +5,19 @@
 use core::f64::consts::TAU;
 
 use super::launch::{Launch, Track};
-use crate::arithmetic::lane::{Arc, Lane, Node, ROUNDING_OFFSET};
 use crate::arithmetic::node;
+use crate::arithmetic::vector::{Arc, Node, ROUNDING_OFFSET, Vector};
 use crate::impact::kernel::{Impact, PartState};
 
 /// The end of a flight.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Landing<L> {
+pub(crate) struct Landing<V> {
     /// Duration of the flight.
-    pub flight: L,
+    pub flight: V,
     /// Phase of the impact, in 0..2 pi.
-    pub phase: L,
+    pub phase: V,
     /// Speed of arrival relative to the track, at least 0.
-    pub arrival: L,
+    pub arrival: V,
 }
 
 /// The impact of a part launched in `state`; without a landing the part rests.
@@ -41,32 +41,32 @@ pub(crate) fn build_impact(
     }
 }
 
-impl<L: Lane> Landing<L> {
-    /// `self` where the mask holds, else `other`.
+impl<V: Vector> Landing<V> {
+    /// `self` if the mask holds, else `other`.
     #[inline(always)]
-    pub(crate) fn or(self, mask: L::Mask, other: Self) -> Self {
+    pub(crate) fn or(self, mask: V::Mask, other: Self) -> Self {
         Self {
-            flight: L::select(mask, self.flight, other.flight),
-            phase: L::select(mask, self.phase, other.phase),
-            arrival: L::select(mask, self.arrival, other.arrival),
+            flight: V::select(mask, self.flight, other.flight),
+            phase: V::select(mask, self.phase, other.phase),
+            arrival: V::select(mask, self.arrival, other.arrival),
         }
     }
 }
 
 /// The gap `u0 + u1 x + b2 x^2 + ...` around a node of the table.
 #[derive(Clone, Copy)]
-pub(super) struct Local<L> {
-    pub node: Node<L>,
+pub(super) struct Local<V> {
+    pub node: Node<V>,
     /// `u` at the node.
-    pub value: L,
+    pub value: V,
     /// `u'` at the node.
-    pub slope: L,
+    pub slope: V,
 }
 
-impl<L: Lane> Local<L> {
+impl<V: Vector> Local<V> {
     /// Around the node nearest to `d` after the launch.
     #[inline(always)]
-    pub(super) fn at_nearest_node(track: &Track<L>, launch: &Launch<L>, d: L) -> Self {
+    pub(super) fn at_nearest_node(track: &Track<V>, launch: &Launch<V>, d: V) -> Self {
         let node = Node::near(launch.phase, d);
         let v = launch.rise();
         Self {
@@ -78,7 +78,7 @@ impl<L: Lane> Local<L> {
 
     /// `u''` at the node.
     #[inline(always)]
-    pub(super) fn curvature(&self, track: &Track<L>) -> L {
+    pub(super) fn curvature(&self, track: &Track<V>) -> V {
         self.node.sine - track.k
     }
 }
@@ -88,75 +88,75 @@ impl<L: Lane> Local<L> {
 /// `f` is the value, `g` to `g4` are the derivatives. The sign of the whole function does not
 /// matter.
 #[inline(always)]
-pub(crate) fn householder<L: Lane>(f: L, g: L, g2: L, g3: L, g4: L) -> L {
-    let (gg, ff, bent) = (g * g, f * f, g2 * f);
-    let turned = (g3 * L::splat(1.0 / 6.0)) * ff;
-    let top = g * (gg - bent) + turned;
-    let rest = (bent * bent) * L::splat(0.25) - ((g4 * L::splat(1.0 / 24.0)) * f) * ff;
-    let bottom = gg * (gg - L::splat(1.5) * bent) + (rest + (turned + turned) * g);
+pub(crate) fn householder<V: Vector>(f: V, g: V, g2: V, g3: V, g4: V) -> V {
+    let (gg, ff, curved) = (g * g, f * f, g2 * f);
+    let third_term = (g3 * V::splat(1.0 / 6.0)) * ff;
+    let top = g * (gg - curved) + third_term;
+    let rest = (curved * curved) * V::splat(0.25) - ((g4 * V::splat(1.0 / 24.0)) * f) * ff;
+    let bottom = gg * (gg - V::splat(1.5) * curved) + (rest + (third_term + third_term) * g);
     f * top / bottom
 }
 
 /// Estimated landing: a table node and a distance before it.
 #[derive(Clone, Copy)]
-pub(crate) struct LandingEstimate<L> {
+pub(crate) struct LandingEstimate<V> {
     /// The [`ROUNDING_OFFSET`] sum of the node.
-    pub rounded: L,
+    pub rounded: V,
     /// Distance before the node in rad.
-    pub back: L,
+    pub step: V,
 }
 
-impl<L: Lane> LandingEstimate<L> {
+impl<V: Vector> LandingEstimate<V> {
     /// The estimate `d` rad after the launch.
     #[inline(always)]
-    pub(super) fn after_launch(launch: &Launch<L>, d: L) -> Self {
+    pub(super) fn after_launch(launch: &Launch<V>, d: V) -> Self {
         let node = Node::near(launch.phase, d);
         Self {
             rounded: node.rounded,
-            back: node.distance - d,
+            step: node.distance - d,
         }
     }
 
     /// The [`ROUNDING_OFFSET`] sum of the nearest node.
     #[inline(always)]
-    pub fn next_node_sum(&self) -> L {
-        self.rounded - self.back * L::splat(node::COUNT as f64 / TAU)
+    pub fn next_node_sum(&self) -> V {
+        self.rounded - self.step * V::splat(node::COUNT as f64 / TAU)
     }
 }
 
 /// The gap near an impact, to rounding.
 ///
 /// The ball is expanded about the node of the approach, the track about the node next to the
-/// impact. Every sum follows the readiness of its terms.
+/// impact. Every sum starts with the terms that are computed first.
 #[derive(Clone, Copy)]
-pub(crate) struct GapNearImpact<L> {
+pub(crate) struct GapNearImpact<V> {
     /// The node next to the impact; its distance is that of the approach's node from the launch.
-    pub node: Node<L>,
+    pub node: Node<V>,
     /// Time in rad back from the approach's node.
-    pub back: L,
+    pub step: V,
     /// Time in rad from the node next to the impact.
-    pub x: L,
+    pub x: V,
     /// `u`.
-    pub value: L,
+    pub value: V,
     /// `u'`.
-    pub slope: L,
+    pub slope: V,
     /// The track's sine.
-    pub sine: L,
+    pub sine: V,
     /// Its cosine.
-    pub cosine: L,
+    pub cosine: V,
 }
 
-impl<L: Lane> GapNearImpact<L> {
+impl<V: Vector> GapNearImpact<V> {
     /// At `estimate`.
     #[inline(always)]
-    pub fn new(track: &Track<L>, launch: &Launch<L>, estimate: &LandingEstimate<L>) -> Self {
+    pub fn new(track: &Track<V>, launch: &Launch<V>, estimate: &LandingEstimate<V>) -> Self {
         let rounded = estimate.next_node_sum();
-        let (node_sine, node_cosine) = L::node(rounded);
-        let (half, back) = (track.half(), estimate.back);
-        let x = (estimate.rounded - rounded) * L::splat(node::SPACING) - back;
-        let count = estimate.rounded - L::splat(ROUNDING_OFFSET);
-        let distance = (count * L::splat(node::SPACING_HIGH) - launch.phase)
-            + count * L::splat(node::SPACING_LOW);
+        let (node_sine, node_cosine) = V::node(rounded);
+        let (half, step) = (track.half(), estimate.step);
+        let x = (estimate.rounded - rounded) * V::splat(node::SPACING) - step;
+        let count = estimate.rounded - V::splat(ROUNDING_OFFSET);
+        let distance = (count * V::splat(node::SPACING_HIGH) - launch.phase)
+            + count * V::splat(node::SPACING_LOW);
         let v = launch.rise();
         let height = launch.sine + distance * (v - half * distance);
         let speed = v - track.k * distance;
@@ -171,36 +171,36 @@ impl<L: Lane> GapNearImpact<L> {
                 distance,
                 rounded,
             },
-            back,
+            step,
             x,
-            value: ((height - back * (speed + half * back)) - node_sine) - rise,
-            slope: (speed + track.k * back) - cosine,
+            value: ((height - step * (speed + half * step)) - node_sine) - rise,
+            slope: (speed + track.k * step) - cosine,
             sine: node_sine + rise,
             cosine,
         }
     }
 
-    /// The landing `back` rad earlier; its phase may be a rounding error below zero.
+    /// The landing `step` rad earlier; its phase may be a rounding error below zero.
     #[inline(always)]
-    pub(super) fn landing(&self, back: L, arrival: L) -> Landing<L> {
-        let (high, low) = L::within_turn(self.node.rounded);
+    pub(super) fn landing(&self, step: V, arrival: V) -> Landing<V> {
+        let (high, low) = V::within_turn(self.node.rounded);
         Landing {
-            flight: self.node.distance - (self.back + back),
-            phase: high + ((low + self.x) - back),
+            flight: self.node.distance - (self.step + step),
+            phase: high + ((low + self.x) - step),
             arrival,
         }
     }
 
     /// The last step to the root, by Householder's method of order 4.
     #[inline(always)]
-    pub fn finish(&self, track: &Track<L>) -> Landing<L> {
+    pub fn finish(&self, track: &Track<V>) -> Landing<V> {
         let (f, g, sine, g3) = (self.value, self.slope, self.sine, self.cosine);
         let g2 = sine - track.k;
-        let back = householder(f, g, g2, g3, -sine);
-        let half_third = g3 * L::splat(0.5);
-        let bend = half_third
-            + back * (sine * L::splat(1.0 / 6.0) - back * (half_third * L::splat(1.0 / 12.0)));
-        let mut landing = self.landing(back, back * (g2 - back * bend) - g);
+        let step = householder(f, g, g2, g3, -sine);
+        let half_third = g3 * V::splat(0.5);
+        let quadratic = half_third
+            + step * (sine * V::splat(1.0 / 6.0) - step * (half_third * V::splat(1.0 / 12.0)));
+        let mut landing = self.landing(step, step * (g2 - step * quadratic) - g);
         landing.phase = in_turn(landing.phase);
         landing
     }
@@ -208,11 +208,11 @@ impl<L: Lane> GapNearImpact<L> {
 
 /// A phase in 0..2 pi from one that may be a rounding error below zero.
 #[inline(always)]
-pub(crate) fn in_turn<L: Lane>(phase: L) -> L {
-    let below = phase.below(L::splat(0.0));
-    if L::any(below) {
+pub(crate) fn in_turn<V: Vector>(phase: V) -> V {
+    let below = phase.below(V::splat(0.0));
+    if V::any(below) {
         // A tiny negative phase rounds up to the whole turn.
-        (phase + L::splat(TAU).keep_where(below)).min(L::splat(TAU.next_down()))
+        (phase + V::splat(TAU).keep_where(below)).min(V::splat(TAU.next_down()))
     } else {
         phase
     }

@@ -10,8 +10,8 @@ use core::f64::consts::TAU;
 
 use super::launch::{Launch, Track};
 use super::step::{GapNearImpact, Landing, LandingEstimate, householder};
-use crate::arithmetic::lane::{Lane, ROUNDING_OFFSET};
 use crate::arithmetic::node;
+use crate::arithmetic::vector::{ROUNDING_OFFSET, Vector};
 
 /// Smallest squared speed at height 1 of a tall flight, in `(b w)^2`; the certificate holds from 1.
 ///
@@ -20,29 +20,29 @@ use crate::arithmetic::node;
 /// residual after the second step.
 pub(crate) const MIN_TALL_SPEED_SQUARED: f64 = 3.0;
 
-impl<L: Lane> Launch<L> {
+impl<V: Vector> Launch<V> {
     /// Whether the flight is tall.
     #[inline(always)]
-    pub fn is_tall(&self, track: &Track<L>) -> L::Mask {
-        let least = L::splat(MIN_TALL_SPEED_SQUARED) + (track.k + track.k);
-        least.below(self.speed_squared_at_zero(track)) & L::splat(0.0).below(self.rise())
+    pub fn is_tall(&self, track: &Track<V>) -> V::Mask {
+        let bound = V::splat(MIN_TALL_SPEED_SQUARED) + (track.k + track.k);
+        bound.below(self.speed_squared_at_zero(track)) & V::splat(0.0).below(self.rise())
     }
 }
 
 /// Where the ball falls through height 0, and how fast.
 #[derive(Clone, Copy)]
-struct Crossing<L> {
+struct Crossing<V> {
     /// Phase in node spacings, counted through all turns.
-    nodes: L,
+    nodes: V,
     /// Speed downwards.
-    speed: L,
+    speed: V,
 }
 
 /// The crossing of height 0 of a tall flight, to 2e-8 of the flight (24 bits of a rough square
 /// root).
 #[inline(always)]
-fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
-    let per_node = L::splat(node::COUNT as f64 / TAU);
+fn crossing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Crossing<V> {
+    let per_node = V::splat(node::COUNT as f64 / TAU);
     let v = launch.rise();
     let speed = launch.speed_squared_at_zero(track).rough_sqrt();
     Crossing {
@@ -53,21 +53,22 @@ fn crossing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Crossing<L> {
 
 /// Landing within 1.4e-3 rad, by one step of Householder's method of order 4.
 #[inline(always)]
-fn approach<L: Lane>(track: &Track<L>, crossing: &Crossing<L>) -> LandingEstimate<L> {
-    let rounded = crossing.nodes + L::splat(ROUNDING_OFFSET);
-    let (sine, cosine) = L::node(rounded);
-    let past = ((rounded - L::splat(ROUNDING_OFFSET)) - crossing.nodes) * L::splat(node::SPACING);
+fn approach<V: Vector>(track: &Track<V>, crossing: &Crossing<V>) -> LandingEstimate<V> {
+    let rounded = crossing.nodes + V::splat(ROUNDING_OFFSET);
+    let (sine, cosine) = V::node(rounded);
+    let elapsed =
+        ((rounded - V::splat(ROUNDING_OFFSET)) - crossing.nodes) * V::splat(node::SPACING);
     // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall within
-    // `past`.
-    let below = past * crossing.speed + sine;
-    let speed = (crossing.speed + track.k * past) + cosine;
-    let back = householder(below, speed, track.k - sine, -cosine, sine);
-    LandingEstimate { rounded, back }
+    // `elapsed`.
+    let below = elapsed * crossing.speed + sine;
+    let speed = (crossing.speed + track.k * elapsed) + cosine;
+    let step = householder(below, speed, track.k - sine, -cosine, sine);
+    LandingEstimate { rounded, step }
 }
 
 /// The end of a tall flight.
 #[inline(always)]
-pub(crate) fn landing<L: Lane>(track: &Track<L>, launch: &Launch<L>) -> Landing<L> {
+pub(crate) fn landing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Landing<V> {
     let estimate = approach(track, &crossing(track, launch));
     GapNearImpact::new(track, launch, &estimate).finish(track)
 }

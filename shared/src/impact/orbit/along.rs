@@ -1,4 +1,4 @@
-//! Motion of parts along the track: the contact law that an orbit is watched with.
+//! Motion of parts along the track: the contact law of an observed orbit.
 
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
@@ -47,7 +47,7 @@ pub trait Along: Copy {
         velocity: f64,
     ) -> (f64, f64);
 
-    /// The same where the impact takes time, of a part with this restitution: distance in b and
+    /// The same if the impact takes time, of a part with this restitution: distance in b and
     /// velocity after flight and contact (docs/theory-real-parts.md#t10.6).
     fn move_through_contact(
         &self,
@@ -62,10 +62,10 @@ pub trait Along: Copy {
             ..*impact
         };
         let (distance, arriving) = self.arrive(launch, &touch, velocity);
-        let left = self.rebound(launch, &touch, arriving, restitution)
+        let after = self.rebound(launch, &touch, arriving, restitution)
             + contact.gain_along(restitution) * self.push(impact.next.phase);
-        let carried = 0.5 * (arriving + left) * contact.radians();
-        (distance + carried, left)
+        let carried = 0.5 * (arriving + after) * contact.radians();
+        (distance + carried, after)
     }
 
     /// Distance in b and velocity along the track at the end of a flight, before the impact.

@@ -2,7 +2,6 @@
 
 use core::f64::consts::{PI, TAU};
 
-use crate::arithmetic::lane::Lane;
 use crate::impact::double::Map;
 use crate::impact::double::launch::Launch;
 use crate::impact::kernel::PartState;
@@ -12,7 +11,7 @@ impl Map {
     /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
     /// f64.
     ///
-    /// `None` otherwise: the part goes on hopping.
+    /// `None` otherwise: the part continues to hop.
     ///
     /// Let `A = k - sin t`, `c = cos t` and `z = psi / (A (1 - R))`. The duration is
     /// `2 z + (4/3) (c/A) z^2`. The third order is `(2/9) z^3 (8 (c/A)^2 (1 + 3R/2 + R^2) - 3 (s/A)
@@ -20,16 +19,16 @@ impl Map {
     ///
     /// The closed form is used if that is below 2e-16 rad and the pull A changes by less than
     /// 1e-3 of itself. So the track still pulls the part down when it comes to rest. A velocity
-    /// of 0 rests at once where the track does not throw it. A lane of `batch::Block` waits on the
+    /// of 0 rests at once if the track does not throw it. A lane of `batch::Block` waits on the
     /// same decision.
     #[inline]
     pub fn time_to_rest(&self, state: PartState) -> Option<f64> {
         let PartState { phase, velocity } = state;
-        if !f64::any(self.track().may_chatter_out(velocity)) {
+        if !self.track().may_chatter_out(velocity) {
             return None;
         }
         let launch = Launch::new(phase, velocity);
-        if !f64::any(launch.chatters_out(self.track(), self.restitution())) {
+        if !launch.chatters_out(self.track(), self.restitution()) {
             return None;
         }
         if velocity <= 0.0 {
@@ -41,16 +40,16 @@ impl Map {
         Some(2.0 * z + 4.0 / 3.0 * slope * z * z)
     }
 
-    /// Time in rad from rest at `phase` to lift-off, 0 where the track throws the part at once.
+    /// Time in rad from rest at `phase` to lift-off, 0 if the track throws the part at once.
     ///
-    /// `None` where it rests for ever.
+    /// `None` if it rests for ever.
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off()?;
-        let past = in_turn(phase - lift_off);
+        let elapsed = in_turn(phase - lift_off);
         // Within rounding of a hump's end a resting part stays: the track has already thrown all
         // others.
-        let thrown = past == 0.0 || past < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
-        Some(if thrown { 0.0 } else { TAU - past })
+        let thrown = elapsed == 0.0 || elapsed < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
+        Some(if thrown { 0.0 } else { TAU - elapsed })
     }
 }
 
@@ -91,7 +90,7 @@ mod tests {
             let map = Map::build(k, restitution).unwrap();
             let mut time = phase;
             let mut ended = None;
-            let mut left = None;
+            let mut actual = None;
             for event in Orbit::new(&map, PartState { phase, velocity }).take(3000) {
                 match event {
                     OrbitEvent::Impact(impact) => time += impact.flight,
@@ -100,7 +99,7 @@ mod tests {
                         ended = Some(time);
                     }
                     OrbitEvent::LiftOff { wait, .. } => {
-                        left = Some(time + wait);
+                        actual = Some(time + wait);
                         break;
                     }
                 }
@@ -108,9 +107,9 @@ mod tests {
             // Each of up to 60 hops rounds a phase of up to 6.3 by half an ulp (4e-16). The hops
             // between the chatters amplify that, the second case by about 1e3.
             assert!((ended.unwrap() - rest).abs() < 1e-11, "{k}: {ended:?}");
-            assert_eq!(left.is_some(), lift_off.is_some());
-            if let (Some(left), Some(lift_off)) = (left, lift_off) {
-                assert!((left - lift_off).abs() < 1e-11, "{k}: {left}");
+            assert_eq!(actual.is_some(), lift_off.is_some());
+            if let (Some(actual), Some(lift_off)) = (actual, lift_off) {
+                assert!((actual - lift_off).abs() < 1e-11, "{k}: {actual}");
             }
         }
     }
@@ -197,7 +196,7 @@ mod tests {
                 }
             }
         }
-        let heavy = Map::build(1.0, 0.5).unwrap();
-        assert_eq!(heavy.wait(1.0), None);
+        let resting_map = Map::build(1.0, 0.5).unwrap();
+        assert_eq!(resting_map.wait(1.0), None);
     }
 }

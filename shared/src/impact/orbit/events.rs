@@ -46,14 +46,14 @@ pub(crate) enum StopReason {
     RestsForEver,
 }
 
-/// The orbit of one part on a track of one tone ([`Map`]) or of several ([`WaveMap`]): an iterator
-/// of events that ends only when the part rests for ever.
+/// The orbit of one part on a track of one tone ([`Map`]) or of several ([`WaveMap`]). It is an
+/// iterator of events that ends only if the part rests for ever.
 ///
 /// ```
 /// use core::f64::consts::TAU;
 /// use kband::impact::{OrbitEvent, Kernel, Map, Orbit};
 /// let map = Map::build(0.405, 0.2)?;
-/// // From rest this part comes to fly once in every cycle.
+/// // From rest this part reaches one flight in every cycle.
 /// let Some(OrbitEvent::Impact(impact)) = Orbit::from_rest(&map).nth(200) else {
 ///     panic!("it hops");
 /// };
@@ -65,12 +65,12 @@ pub struct Orbit<'a, M = Map> {
     map: &'a M,
     state: PartState,
     stage: Stage,
-    /// The last release, for which a part is thrown at few phases.
+    /// The last release, kept because a part is thrown at few phases.
     release: Option<Release<PartState>>,
-    /// Mean restitution, and that of each impact; `None` where it is the mean.
+    /// Mean restitution, and that of each impact; `None` if it is the mean.
     restitution: f64,
     scatter: Option<Scatter>,
-    /// The last factor of [`OrbitMap::kept`].
+    /// The last factor of [`OrbitMap::restitution_factor`].
     drawn: f64,
     contact: ContactTime,
 }
@@ -134,8 +134,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
         }
     }
 
-    /// The orbit that begins at rest, phase 0; the first lift-off is where the track's push first
-    /// rises through k (on one tone at `arcsin k`).
+    /// The orbit that begins at rest, phase 0. The first lift-off is at the phase where the track's
+    /// push first rises through k (on one tone at `arcsin k`).
     pub fn from_rest(map: &'a M) -> Self {
         Self {
             stage: Stage::Resting,
@@ -188,8 +188,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
     ///
     /// It ends at the second lift-off. An observer of means that restarts at the first
     /// ([`Observer::lift_off`]) then holds the exact mean of the endless orbit. Returns whether the
-    /// orbit ended so: it then repeats for ever, and velocity and motion along the track restart at
-    /// each lift-off.
+    /// orbit ended there. It then repeats for ever, and velocity and motion along the track restart
+    /// at each lift-off.
     pub fn watch(&mut self, impacts: u64, observer: &mut impl Observer) -> bool {
         self.watch_period(impacts, observer) == StopReason::Repeats
     }
@@ -245,8 +245,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
 
     fn lift_off(&mut self) -> Option<OrbitEvent> {
         let (wait, phase) = self.map.throw(self.state.phase)?;
-        let thrown_there = |release: &Release<PartState>| release.launch.phase == phase;
-        if !self.release.as_ref().is_some_and(thrown_there) {
+        let is_at_phase = |release: &Release<PartState>| release.launch.phase == phase;
+        if !self.release.as_ref().is_some_and(is_at_phase) {
             self.release = Some(self.map.release(phase)?);
         }
         self.state = self.release?.launch;
@@ -276,7 +276,7 @@ impl<M: OrbitMap> Iterator for Orbit<'_, M> {
             return Some(self.begin_rest(0.0));
         }
         let drawn = self.scatter.as_mut().map(Scatter::draw);
-        let [factor, restitution] = self.map.kept(self.restitution, drawn);
+        let [factor, restitution] = self.map.restitution_factor(self.restitution, drawn);
         self.drawn = factor;
         impact.next.velocity *= factor;
         let [k, _] = self.map.parameters();

@@ -4,7 +4,7 @@ use crate::impact::kernel::{Impact, Kernel};
 
 /// A part thrown off from rest: its launch and the flight that follows.
 ///
-/// The launch is at `sin t = k` going up with velocity 0, whatever came before
+/// The launch is at `sin t = k` going up with velocity 0, independent of the earlier motion
 /// (docs/theory-impacts.md#t4.2). So launch and flight depend on k and the restitution alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Release<S> {
@@ -24,7 +24,7 @@ impl<S: Copy> Release<S> {
     /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, which is `arcsin k` in
     /// rad.
     ///
-    /// `None` where the kernel finds no flight there.
+    /// `None` if the kernel finds no flight there.
     pub fn build<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
         let launch = K::state(lift_off + delay, 0.0).ok()?;
         let impact = kernel.impact(launch);

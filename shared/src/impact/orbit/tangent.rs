@@ -1,26 +1,14 @@
-//! The tangent map of an impact (variational equation) and the largest Lyapunov exponent of an orbit
-//! (Benettin et al. 1980).
+//! The tangent map of an impact (variational equation) and the largest Lyapunov exponent of an
+//! orbit (Benettin et al. 1980).
 
 use super::observe::Observer;
 use super::orbit_map::OrbitMap;
-use crate::arithmetic::lane::sine_cosine;
+use crate::arithmetic::vector::sine_cosine;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Tone;
 
 /// Partial derivatives of one impact; `det J = R^2 psi / psi'` (docs/theory-impacts.md#t2.4).
-///
-/// ```
-/// use kband::impact::{Kernel, Map, Tangent};
-///
-/// let map = Map::build(0.34, 0.2)?;
-/// let state = Map::state(0.7, 0.36)?;
-/// let impact = map.impact(state);
-/// let tangent = Tangent::build(&map, state, &impact).unwrap();
-/// let expected = 0.2 * 0.2 * state.velocity / impact.next.velocity;
-/// assert!((tangent.determinant() / expected - 1.0).abs() < 1e-12);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangent {
     /// The Jacobian, rows (phase', velocity'), columns (phase, velocity).

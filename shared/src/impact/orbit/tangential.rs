@@ -86,7 +86,7 @@ impl Tangential {
     pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
-        let shaken: f64 = self
+        let acceleration: f64 = self
             .wave
             .tones()
             .map(|(n, tone)| {
@@ -95,7 +95,7 @@ impl Tangential {
                 n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
             })
             .sum();
-        let push = self.settings.amplitude_ratio * shaken - 0.5 * self.gravity;
+        let push = self.settings.amplitude_ratio * acceleration - 0.5 * self.gravity;
         d * (velocity + d * push)
     }
 
@@ -162,8 +162,8 @@ impl Along for Tangential {
     }
 
     fn push(&self, phase: f64) -> f64 {
-        let shaken = self.wave.motion(phase + self.settings.phase_lead)[2];
-        self.settings.amplitude_ratio * shaken - self.gravity
+        let acceleration = self.wave.motion(phase + self.settings.phase_lead)[2];
+        self.settings.amplitude_ratio * acceleration - self.gravity
     }
 
     /// The velocity decays geometrically over hops that shrink geometrically: the distance is

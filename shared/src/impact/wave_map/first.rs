@@ -1,14 +1,16 @@
 //! The first impact of a flight on a track of several tones: the first root of the gap `u = y - S`.
 //!
-//! Input is a launch: phase in rad, and velocity in `b w`. The outputs are the flight and the phase
-//! in rad, the arrival speed in `b w`, and whether the result is certain. Without certainty
-//! `search` decides.
+//! Lengths are in b, times in rad of the drive, velocities in `b w` and accelerations in `b w^2`: y
+//! is the part's height, S the track's displacement, `A = -S''` its push, and k gravity. Input is a
+//! launch: phase and velocity. The outputs are flight, phase and arrival speed, and whether the
+//! impact grazes the track. `search` decides where the methods of this file find no certain root.
 //!
-//! Convexity isolates the root. The gap is convex on a hump, where the push `A` exceeds k, and
-//! concave elsewhere. At the humps' edges S is precomputed, without trigonometry. The earliest edge
-//! with `u < 0` ends the stretch of the impact: the hump itself, or the concave stretch before it.
+//! Convexity isolates the root. The gap is convex on a hump, where the push A exceeds k, and
+//! concave elsewhere. S at both ends of a hump is precomputed, without trigonometry. The earliest
+//! hump that begins or ends with `u < 0` holds the impact, or the concave interval before it does.
 //! The root there is the first one if the flight clears every earlier hump. The tangents at both
-//! ends of a hump bound the gap from below. Tall flights and very short ones need no edge.
+//! ends of a hump bound the gap from below. A flight above each height of the track on its fall
+//! (tall), and a very short one, need no hump.
 //!
 //! The root is found by Householder's method of order 4 (Householder 1970). The fallback is
 //! Cauchy's step, the root of the second-order Taylor polynomial (Traub 1964).
@@ -19,7 +21,7 @@ use super::launch::Launch;
 use super::search;
 use super::short;
 use super::track::{Hump, Track};
-use crate::arithmetic::lane::{Arc, Lane, Node, floor};
+use crate::arithmetic::vector::{Arc, Node, Vector, floor};
 use crate::arithmetic::{node, square_root};
 use crate::impact::double::low::{
     MAX_CONVERGENCE_RATIO, MAX_FLIGHT_FROM_LAUNCH, MIN_FLIGHT_TIME, ROUNDING_MARGIN,
@@ -31,11 +33,22 @@ use crate::impact::wave::motion;
 /// Arrival speed in `b w` below which the search decides: near a triple root the steps diverge.
 const MIN_ARRIVAL_SPEED: f64 = 0.01;
 
-/// Number of turns whose humps are visited one by one; the search takes longer flights.
+/// Number of turns whose humps are visited one by one, after the turns above the track's reach.
+/// `search` takes longer flights.
 const MAX_TURNS: u32 = 8;
 
-/// The stretch of the track that certainly holds the first impact, the one root of the gap in it.
-struct Stretch {
+/// Largest step, in rad of the highest tone, after which the last step follows.
+const MAX_LAST_APPROACH_STEP: f64 = 0.7;
+
+/// Largest Newton step, in rad of the highest tone, for which the last step leaves an error below
+/// rounding.
+const MAX_LAST_NEWTON_STEP: f64 = 2e-4;
+
+/// Largest number of steps towards an impact.
+const MAX_APPROACHES: u32 = 4;
+
+/// The interval of the track that certainly holds the first impact, the one root of the gap in it.
+struct Interval {
     /// First estimate of the root, in rad after launch.
     start: f64,
     /// Ends, in rad after launch.
@@ -43,7 +56,7 @@ struct Stretch {
     high: f64,
 }
 
-/// The first impact after `launch`, and whether it grazes; `None` where the part rests.
+/// The first impact after `launch`, and whether it grazes; `None` if the part rests.
 #[inline(always)]
 pub(super) fn first_impact<const N: usize>(
     track: &Track,
@@ -54,7 +67,7 @@ pub(super) fn first_impact<const N: usize>(
     {
         return Some((landing, false));
     }
-    // By value: in memory the launch would delay the tall flights, too.
+    // Passed as numbers: they stay in registers, so that tall flights are not delayed.
     let [sine, cosine] = launch.parts[0];
     land_not_tall::<N>(track, launch.phase, launch.velocity, sine, cosine)
 }
@@ -74,12 +87,12 @@ fn land_not_tall<const N: usize>(
     }
     let landing = if launch.is_tall(track) {
         None
-    } else if is_over_within(track, launch, MAX_SHORT_HOP / N as f64) {
+    } else if ends_after_hop(track, launch, MAX_SHORT_HOP / N as f64) {
         short::landing::<N>(track, launch)
     } else {
-        let stretch = before_next_hump::<N>(track, launch);
-        let stretch = stretch.or_else(|| between_edges::<N>(track, launch));
-        stretch.and_then(|stretch| land_in_stretch::<N>(track, launch, &stretch))
+        let interval = before_next_hump::<N>(track, launch);
+        let interval = interval.or_else(|| between_humps::<N>(track, launch));
+        interval.and_then(|interval| land_in_interval::<N>(track, launch, &interval))
     };
     match landing {
         Some(landing) => Some((landing, false)),
@@ -89,13 +102,8 @@ fn land_not_tall<const N: usize>(
 
 /// Whether a flight that is not tall ends within about `longest` rad.
 #[inline(always)]
-fn is_over_within(track: &Track, launch: &Launch, longest: f64) -> bool {
-    ends_within(
-        launch.velocity,
-        launch.pull(track),
-        launch.at.surge,
-        longest,
-    )
+fn ends_after_hop(track: &Track, launch: &Launch, longest: f64) -> bool {
+    ends_within(launch.velocity, launch.pull(track), launch.at.jerk, longest)
 }
 
 /// Landing of a tall flight, the only contact on the ball's fall, if it is certain.
@@ -113,15 +121,15 @@ fn land_tall<const N: usize>(track: &Track, launch: &Launch) -> Option<Landing<f
     finish::<N>(track, launch, d, |d| d)
 }
 
-/// Landing in a stretch, if it is certain.
+/// Landing in an interval, if it is certain.
 #[inline(always)]
-fn land_in_stretch<const N: usize>(
+fn land_in_interval<const N: usize>(
     track: &Track,
     launch: &Launch,
-    stretch: &Stretch,
+    interval: &Interval,
 ) -> Option<Landing<f64>> {
-    let mut d = stretch.start;
-    let (mut below, mut above) = (stretch.low, stretch.high);
+    let mut d = interval.start;
+    let (mut below, mut above) = (interval.low, interval.high);
     for _ in 0..MAX_APPROACHES {
         let (node, next, before) = approach::<N>(track, launch, d);
         if before {
@@ -140,8 +148,8 @@ fn land_in_stretch<const N: usize>(
             break;
         }
     }
-    let landing = finish::<N>(track, launch, d, |d| d.max(stretch.low).min(stretch.high))?;
-    (stretch.low < landing.flight && landing.flight < stretch.high).then_some(landing)
+    let landing = finish::<N>(track, launch, d, |d| d.max(interval.low).min(interval.high))?;
+    (interval.low < landing.flight && landing.flight < interval.high).then_some(landing)
 }
 
 /// The landing near `d`, by up to three last steps, each from a time that `within` limits; `None`
@@ -164,49 +172,47 @@ fn finish<const N: usize>(
     (settled && MIN_ARRIVAL_SPEED < landing.arrival).then_some(landing)
 }
 
-/// The gap at a hump's begin.
 #[derive(Clone, Copy)]
-struct Edge<'a> {
+struct HumpBegin<'a> {
     hump: &'a Hump,
     /// Time in rad after launch.
     time: f64,
-    /// u there.
-    over: f64,
-    /// u' there.
+    /// u and u' there.
+    gap: f64,
     slope: f64,
 }
 
-impl<'a> Edge<'a> {
-    /// The edge at the begin of `hump`, `time` rad after the launch.
+impl<'a> HumpBegin<'a> {
+    /// The start of `hump`, `time` rad after the launch.
     #[inline(always)]
     fn new(track: &Track, launch: &Launch, hump: &'a Hump, time: f64) -> Self {
         Self {
             hump,
             time,
-            over: launch.height(track, time) - hump.begin.height,
+            gap: launch.height(track, time) - hump.begin.height,
             slope: (launch.rise() - track.k * time) - hump.begin.speed,
         }
     }
 
-    /// The stretch `low..high` of the impact; its start is one step of Householder's method from
-    /// this edge.
+    /// The interval `low..high` of the impact. Its first estimate is one step of Householder's
+    /// method from here.
     #[inline(always)]
-    fn find_stretch<const N: usize>(
+    fn find_interval<const N: usize>(
         &self,
         track: &Track,
         launch: &Launch,
         low: f64,
         high: f64,
-    ) -> Stretch {
-        let start = if is_over_within(track, launch, MAX_FLIGHT_FROM_LAUNCH / N as f64) {
-            quadratic_root(launch.velocity, launch.pull(track), launch.at.surge)
+    ) -> Interval {
+        let start = if ends_after_hop(track, launch, MAX_FLIGHT_FROM_LAUNCH / N as f64) {
+            quadratic_root(launch.velocity, launch.pull(track), launch.at.jerk)
         } else {
-            // At the edge u'' is 0.
+            // Here u'' is 0.
             let begin = &self.hump.begin;
-            self.time - householder(self.over, self.slope, 0.0, begin.surge, -begin.bend)
+            self.time - householder(self.gap, self.slope, 0.0, begin.jerk, -begin.snap)
         };
         let low = low.max(MIN_FLIGHT_TIME / N as f64);
-        Stretch {
+        Interval {
             start: start.max(low).min(high),
             low,
             high,
@@ -214,9 +220,9 @@ impl<'a> Edge<'a> {
     }
 }
 
-/// The stretch before the next hump, if the ball is below the track at that hump's begin.
+/// The interval before the next hump, if the ball is below the track at that hump's begin.
 #[inline(always)]
-fn before_next_hump<const N: usize>(track: &Track, launch: &Launch) -> Option<Stretch> {
+fn before_next_hump<const N: usize>(track: &Track, launch: &Launch) -> Option<Interval> {
     let (first, others) = track.humps().split_first()?;
     let mut next = (launch.ahead(first.begin.phase), first);
     for hump in others {
@@ -226,17 +232,17 @@ fn before_next_hump<const N: usize>(track: &Track, launch: &Launch) -> Option<St
         }
     }
     let (time, hump) = next;
-    let edge = Edge::new(track, launch, hump, time);
-    (edge.over < -launch.margin(track))
-        .then(|| edge.find_stretch::<N>(track, launch, time - hump.before, time))
+    let next = HumpBegin::new(track, launch, hump, time);
+    (next.gap < -launch.margin(track))
+        .then(|| next.find_interval::<N>(track, launch, time - hump.before, time))
 }
 
-/// The stretch, from the signs of the gap at the edges of the humps; `None` without certainty.
+/// The interval, from the signs of the gap at both ends of each hump; `None` without certainty.
 #[inline(always)]
-fn between_edges<const N: usize>(track: &Track, launch: &Launch) -> Option<Stretch> {
+fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Interval> {
     if track.humps().is_empty() {
         // Concave throughout, down to the track's lowest reach.
-        return Some(Stretch {
+        return Some(Interval {
             start: launch.falls_to(track, 0.0),
             low: 0.0,
             high: launch.falls_to(track, -track.wave.bottom()) + 1e-9,
@@ -244,37 +250,42 @@ fn between_edges<const N: usize>(track: &Track, launch: &Launch) -> Option<Stret
     }
     let (k, v) = (track.k, launch.rise());
     let margin = launch.margin(track);
-    let (mut met, mut low, mut high) = (None, 0.0, f64::MAX);
-    let mut doubt = f64::MAX;
+    // The hump before whose end the impact certainly is, and the interval of the impact.
+    let (mut hit, mut low, mut high) = (None, 0.0, f64::MAX);
+    let mut first_uncertain = f64::MAX;
     let mut turns = 0.0;
     for round in 0..MAX_TURNS {
         for hump in track.humps() {
             let begin = launch.ahead(hump.begin.phase) + turns;
             let end = begin + hump.width;
-            let edge = Edge::new(track, launch, hump, begin);
-            let over_end = launch.height(track, end) - hump.end.height;
+            let at_begin = HumpBegin::new(track, launch, hump, begin);
+            let gap_end = launch.height(track, end) - hump.end.height;
             let slope_end = (v - k * end) - hump.end.speed;
-            let before = edge.over < -margin;
-            let above = margin < edge.over;
-            let mut within = above && over_end < -margin;
-            let mut stop = if before { begin } else { end };
-            let ends = [[edge.over, edge.slope], [over_end, slope_end]];
+            let lands_before = at_begin.gap < -margin;
+            let above = margin < at_begin.gap;
+            let mut lands_on = above && gap_end < -margin;
+            let mut last = if lands_before { begin } else { end };
+            let ends = [[at_begin.gap, at_begin.slope], [gap_end, slope_end]];
             let mut passed =
-                above && margin < over_end && is_clear(margin, ends[0], ends[1], hump.width);
-            if above && margin < over_end && !passed && begin < high {
+                above && margin < gap_end && is_clear(margin, ends[0], ends[1], hump.width);
+            if above && margin < gap_end && !passed && begin < high {
                 let (lowest, touches, clears) =
-                    over_hump::<N>(track, launch, begin, hump.width, ends, margin);
+                    minimum_on_hump::<N>(track, launch, begin, hump.width, ends, margin);
                 if touches {
-                    stop = lowest;
+                    last = lowest;
                 }
-                (within, passed) = (touches, clears);
+                (lands_on, passed) = (touches, clears);
             }
-            if !(before || within || passed) {
-                doubt = doubt.min(begin);
+            if !(lands_before || lands_on || passed) {
+                first_uncertain = first_uncertain.min(begin);
             }
-            if (before || within) && stop < high {
-                low = if before { begin - hump.before } else { begin };
-                (met, high) = (Some(edge), stop);
+            if (lands_before || lands_on) && last < high {
+                low = if lands_before {
+                    begin - hump.before
+                } else {
+                    begin
+                };
+                (hit, high) = (Some(at_begin), last);
             }
         }
         if high < f64::MAX {
@@ -282,7 +293,8 @@ fn between_edges<const N: usize>(track: &Track, launch: &Launch) -> Option<Stret
         }
         turns += TAU;
         if round == 0 {
-            // While the ball is above the track's reach no hump meets it.
+            // No hump meets the part while it is above the track's highest point. Two turns cover
+            // the rounding and the first hump.
             let square = launch.speed_at(track, track.wave.top()) - ROUNDING_MARGIN;
             let leaving = square_root(square.max(0.0));
             let above_to = ((v + leaving) * track.per_k * (1.0 - 1e-12)).min(1e12);
@@ -293,25 +305,27 @@ fn between_edges<const N: usize>(track: &Track, launch: &Launch) -> Option<Stret
             }
         }
     }
-    met.filter(|_| high < doubt)
-        .map(|edge| edge.find_stretch::<N>(track, launch, low, high))
+    hit.filter(|_| high < first_uncertain)
+        .map(|hump| hump.find_interval::<N>(track, launch, low, high))
 }
 
-/// Whether a convex gap is certainly above `margin`, by value and slope at both ends.
+/// Whether a convex gap is certainly above `margin`, by value and slope at both ends. Both values
+/// are above it.
 ///
-/// The gap lies above its tangents there.
+/// The gap lies above its tangents there, which meet at the height `cross/(dthen - du)`.
 #[inline(always)]
 fn is_clear(margin: f64, [u, du]: [f64; 2], [then, dthen]: [f64; 2], width: f64) -> bool {
     let cross = u * dthen - du * then + du * dthen * width;
     du >= 0.0 || dthen <= 0.0 || margin * (dthen - du) < cross
 }
 
-/// Minimum of the gap over a hump whose ends are above the track: approximate time in rad after
-/// launch; whether the gap there is below 0; whether it is certainly above 0 over the whole hump.
+/// Minimum of the gap over a hump whose ends are above the track. Returns the approximate time in
+/// rad after launch, and whether the gap there is below 0. The last value: whether the gap is
+/// certainly above 0 over the whole hump.
 ///
 /// `ends` holds value and slope of the gap at both ends.
 #[inline(always)]
-fn over_hump<const N: usize>(
+fn minimum_on_hump<const N: usize>(
     track: &Track,
     launch: &Launch,
     begin: f64,
@@ -319,25 +333,25 @@ fn over_hump<const N: usize>(
     ends: [[f64; 2]; 2],
     margin: f64,
 ) -> (f64, bool, bool) {
-    // Nodes nearer to an edge may lie beyond it.
+    // Nodes nearer to an end may lie beyond it.
     let inset = node::SPACING;
     let end = begin + width;
     let [[_, slope], [_, slope_end]] = ends;
     let mut d = begin - slope * width / (slope_end - slope);
-    let (mut lowest, mut here) = (begin, ends[0]);
+    let (mut lowest, mut at_lowest) = (begin, ends[0]);
     for _ in 0..2 {
         let node = Node::near(launch.phase, d.max(begin + inset).min(end - inset));
         let motion = motion::<N>(&track.wave.parts::<N>(node.sine, node.cosine));
         let speed = (launch.rise() - track.k * node.distance) - motion.speed;
         lowest = node.distance;
-        here = [launch.height(track, node.distance) - motion.height, speed];
+        at_lowest = [launch.height(track, node.distance) - motion.height, speed];
         d = node.distance - speed / (motion.push - track.k);
     }
     let inside = begin < lowest && lowest < end;
-    let clears = margin < here[0]
-        && is_clear(margin, ends[0], here, lowest - begin)
-        && is_clear(margin, here, ends[1], end - lowest);
-    (lowest, inside && here[0] < -margin, inside && clears)
+    let clears = margin < at_lowest[0]
+        && is_clear(margin, ends[0], at_lowest, lowest - begin)
+        && is_clear(margin, at_lowest, ends[1], end - lowest);
+    (lowest, inside && at_lowest[0] < -margin, inside && clears)
 }
 
 /// Time of the node next to `d`, a time closer to the impact, and whether the gap at the node is
@@ -349,27 +363,22 @@ fn over_hump<const N: usize>(
 fn approach<const N: usize>(track: &Track, launch: &Launch, d: f64) -> (f64, f64, bool) {
     let node = Node::near(launch.phase, d);
     let at = motion::<N>(&track.wave.parts::<N>(node.sine, node.cosine));
-    let f = launch.height(track, node.distance) - at.height;
-    let g = (launch.rise() - track.k * node.distance) - at.speed;
-    let g2 = at.push - track.k;
-    let step = if g < 0.0 && (f * g2).abs() < MAX_CONVERGENCE_RATIO * (g * g) {
-        -householder(f, g, g2, at.surge, -at.bend)
+    let gap = launch.height(track, node.distance) - at.height;
+    let slope = (launch.rise() - track.k * node.distance) - at.speed;
+    let curvature = at.push - track.k;
+    let product = gap * curvature;
+    let step = if slope < 0.0 && product.abs() < MAX_CONVERGENCE_RATIO * (slope * slope) {
+        -householder(gap, slope, curvature, at.jerk, -at.snap)
     } else {
-        let root = square_root((g * g - 2.0 * (f * g2)).max(0.0));
-        if g > 0.0 {
-            -(g + root) / g2
+        let root = square_root((slope * slope - 2.0 * product).max(0.0));
+        if slope > 0.0 {
+            -(slope + root) / curvature
         } else {
-            (f + f) / (root - g)
+            (gap + gap) / (root - slope)
         }
     };
-    (node.distance, node.distance + step, 0.0 < f)
+    (node.distance, node.distance + step, 0.0 < gap)
 }
-
-/// Largest step, in rad of the highest tone, after which the last step follows.
-const MAX_LAST_APPROACH_STEP: f64 = 0.7;
-
-/// Largest number of steps towards an impact.
-const MAX_APPROACHES: u32 = 4;
 
 /// The last step, by Householder's method of order 4 (convergence of order 5).
 ///
@@ -392,22 +401,19 @@ fn take_householder_step<const N: usize>(
     let value = (height - at.height) + x * (speed - 0.5 * track.k * x);
     let slope = (speed - track.k * x) - at.speed;
     let curvature = at.push - track.k;
-    let back = householder(value, slope, curvature, at.surge, -at.bend);
-    let third = (at.surge + back * (at.bend * (1.0 / 3.0))) * 0.5;
-    let arrival = back * (curvature - back * third) - slope;
+    let step = householder(value, slope, curvature, at.jerk, -at.snap);
+    let third = (at.jerk + step * (at.snap * (1.0 / 3.0))) * 0.5;
+    let arrival = step * (curvature - step * third) - slope;
     let square = slope * slope;
     let near = MAX_LAST_NEWTON_STEP / N as f64;
+    // A Newton step below `near`, and a ratio `|u u''|/u'^2` below twice that.
     let settled =
         value * value < near * near * square && (value * curvature).abs() < 2.0 * near * square;
     let (phase_high, phase_low) = f64::within_turn(node.rounded);
     let landing = Landing {
-        flight: node.distance + (x - back),
-        phase: phase_high + (phase_low + (x - back)),
+        flight: node.distance + (x - step),
+        phase: phase_high + (phase_low + (x - step)),
         arrival,
     };
     (landing, settled)
 }
-
-/// Largest Newton step, in rad of the highest tone, for which the last step leaves an error below
-/// rounding.
-const MAX_LAST_NEWTON_STEP: f64 = 2e-4;

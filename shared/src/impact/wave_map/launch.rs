@@ -3,8 +3,8 @@
 use core::f64::consts::TAU;
 
 use super::track::Track;
-use crate::arithmetic::lane::sine_cosine;
 use crate::arithmetic::square_root;
+use crate::arithmetic::vector::sine_cosine;
 use crate::impact::double::launch::{MAX_CHATTER_REMAINDER, MAX_PULL_CHANGE};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::wave::{Motion, Parts, motion};
@@ -66,7 +66,7 @@ impl Launch {
         self.at.height + d * (self.rise() - 0.5 * track.k * d)
     }
 
-    /// Square of the ball's speed at a height; negative where it does not reach it.
+    /// Square of the ball's speed at a height; negative if it does not reach it.
     #[inline(always)]
     pub fn speed_at(&self, track: &Track, height: f64) -> f64 {
         let v = self.rise();
@@ -89,7 +89,7 @@ impl Launch {
 
     /// Whether the ball leaves the track's reach faster than the track's top speed.
     ///
-    /// It returns equally fast, so it meets the track once, in one monotone stretch.
+    /// It returns equally fast, so it meets the track once, in one monotone interval.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track) -> bool {
         let leaving = self.speed_at(track, track.wave.top());
@@ -108,7 +108,7 @@ impl Launch {
     /// Within rounding of lift-off (A rising through k) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track) -> bool {
-        let rounding = if self.at.surge > 0.0 {
+        let rounding = if self.at.jerk > 0.0 {
             16.0 * f64::EPSILON
         } else {
             0.0
@@ -119,11 +119,12 @@ impl Launch {
     /// Duration in rad of the infinitely many hops that end at rest, if its closed form holds
     /// within `limits` (docs/theory-impacts.md#t4.1).
     ///
-    /// `None` otherwise: the part goes on hopping. It is the form of
-    /// [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A for the sine and A' for the cosine. Let
+    /// `None` otherwise: the part continues to hop. It is the form of
+    /// [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A for the sine and A'
+    /// for the cosine. Let
     /// `P = k - A` be the pull and `z = psi / (P (1 - R))`. The duration is
     /// `2 z + (4/3) (A'/P) z^2`. The third order is at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A
-    /// velocity of 0 rests at once where the track does not throw the part.
+    /// velocity of 0 rests at once if the track does not throw the part.
     #[inline(always)]
     pub fn time_to_rest(
         &self,
@@ -134,24 +135,24 @@ impl Launch {
         let (hop, at) = (self.velocity, &self.at);
         let pull = self.pull(track);
         if hop <= 0.0 {
-            let least = if at.surge > 0.0 {
+            let lower_bound = if at.jerk > 0.0 {
                 -16.0 * f64::EPSILON
             } else {
                 0.0
             };
-            return (pull >= least).then_some(0.0);
+            return (pull >= lower_bound).then_some(0.0);
         }
-        let lost = 1.0 - restitution;
-        if pull <= 0.0 || lost <= 0.0 {
+        let loss = 1.0 - restitution;
+        if pull <= 0.0 || loss <= 0.0 {
             return None;
         }
-        let (c, s) = (at.surge.abs(), at.bend.abs());
-        let z = hop / (pull * lost);
+        let (c, s) = (at.jerk.abs(), at.snap.abs());
+        let z = hop / (pull * loss);
         let third = z * z * z * (2.1 * (c / pull) * (c / pull) + 0.9 * s / pull);
         let change = limits.pull_change * pull;
         let steady = 2.0 * z * c <= change && 2.0 * z * z * s <= change;
         (third <= limits.remainder && steady)
-            .then(|| 2.0 * z + 4.0 / 3.0 * (at.surge / pull) * z * z)
+            .then(|| 2.0 * z + 4.0 / 3.0 * (at.jerk / pull) * z * z)
     }
 }
 

@@ -14,9 +14,9 @@ use crate::impact::wave::{Tone, Wave};
 /// With the sine alone it is the map of [`Map`], to rounding.
 ///
 /// Nodes of a sine table give the fundamental, addition theorems its harmonics: no impact needs a
-/// trigonometric call. The edges where the push passes k decide which stretch of the track a flight
+/// trigonometric call. The edges where the push passes k decide which interval a flight
 /// meets; no step does. The certificate covers |S| <= 1 + e + e3 and up to three humps in a turn.
-/// It misses an impact only where an earlier touch is within rounding, and then flags it.
+/// It misses an impact only if an earlier touch is within rounding, and then flags it.
 ///
 /// ```
 /// use kband::impact::{Kernel, Tone, Wave, WaveMap};
@@ -118,10 +118,10 @@ impl WaveMap {
         }
     }
 
-    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` where the track
+    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` if the track
     /// throws at once.
     ///
-    /// `None` where the part rests for ever.
+    /// `None` if the part rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)
     }

@@ -1,8 +1,8 @@
 //! The certified search on a track of several tones, for decisions close to rounding
 //! (docs/theory-impacts.md#t3.2).
 //!
-//! It visits the stretches between the edges in order. Where the push is below k the gap is
-//! concave, so its sign at the end decides whether the stretch holds the impact. Over a hump the
+//! It visits the intervals between the edges in order. Where the push is below k the gap is
+//! concave, so its sign at the end decides whether the interval holds the impact. Over a hump the
 //! gap is convex, so the sign of its minimum decides. No impact can be missed, and every root is
 //! bracketed.
 
@@ -11,15 +11,14 @@ use core::f64::consts::TAU;
 use super::launch::Launch;
 use super::short::deflated;
 use super::track::{Hump, Track, ahead};
-use crate::arithmetic::lane::{Arc, Node, floor};
 use crate::arithmetic::square_root;
+use crate::arithmetic::vector::{Arc, Node, floor};
 use crate::impact::double::bracket::{Gap, Path, impact_at_hump, root};
 use crate::impact::double::low::ROUNDING_MARGIN;
 use crate::impact::double::short::MAX_SHORT_HOP;
 use crate::impact::double::step::Landing;
 use crate::impact::wave::motion;
 
-/// A flight on a track.
 struct Flight<'a, const N: usize> {
     track: &'a Track,
     launch: &'a Launch,
@@ -33,24 +32,24 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landin
     let Some(first) = humps.first() else {
         // Concave throughout: below the track's reach there is no impact.
         let v = launch.rise();
-        let deepest = launch.speed_at(track, -track.wave.bottom()).max(0.0);
-        let high = (v + square_root(deepest)) * track.per_k;
+        let max_speed = launch.speed_at(track, -track.wave.bottom()).max(0.0);
+        let high = (v + square_root(max_speed)) * track.per_k;
         return root(&flight, 0.0, high + 1e-9 * (1.0 + high), false);
     };
     // The hump that holds the launch. At rest up to lift-off, or one rounding before it, a hump has
     // begun.
-    let lifting = launch.velocity == 0.0 && launch.at.surge > 0.0;
+    let lifting = launch.velocity == 0.0 && launch.at.jerk > 0.0;
     let within = |hump: &&Hump| {
-        let past = ahead(hump.begin.phase, launch.phase);
-        past < hump.width || (lifting && TAU - past < 1e-6)
+        let elapsed = ahead(hump.begin.phase, launch.phase);
+        elapsed < hump.width || (lifting && TAU - elapsed < 1e-6)
     };
     let begun = humps.iter().find(within);
     let mut low = begun.map_or(0.0, |hump| ahead(launch.phase, hump.end.phase));
     // The humps from the next one on.
     let wait = |hump: &Hump| {
         let wait = ahead(launch.phase, hump.begin.phase);
-        let here = begun.is_some_and(|begun| begun.begin.phase == hump.begin.phase);
-        if wait == 0.0 || (here && wait < 1.0) {
+        let same_hump = begun.is_some_and(|begun| begun.begin.phase == hump.begin.phase);
+        if wait == 0.0 || (same_hump && wait < 1.0) {
             wait + TAU
         } else {
             wait
@@ -73,8 +72,8 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landin
             let at_begin = flight.at(begin);
             let end = begin + hump.width;
             let passes = above_from <= begin && end <= above_to;
-            let stretch = [low, begin, end];
-            if let Some(landing) = impact_at_hump(&flight, at_begin, stretch, passes, &mut grazes) {
+            let times = [low, begin, end];
+            if let Some(landing) = impact_at_hump(&flight, at_begin, times, passes, &mut grazes) {
                 return landing;
             }
             low = end;
@@ -127,7 +126,7 @@ impl<const N: usize> Path for Flight<'_, N> {
                 ((launch.phase - TAU) + d).max(0.0)
             };
             let forces = pull.abs() + track.k + track.wave.peak_acceleration();
-            let turning = d * launch.at.surge.abs();
+            let turning = d * launch.at.jerk.abs();
             return Gap {
                 value: d * w.value,
                 slope: w.slope,

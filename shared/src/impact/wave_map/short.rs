@@ -41,7 +41,7 @@ pub(super) fn deflated<const N: usize>(track: &Track, launch: &Launch, d: f64) -
 /// A last step that is too long is repeated up to twice.
 #[inline(always)]
 pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> Option<Landing<f64>> {
-    let near = quadratic_root(launch.velocity, launch.pull(track), launch.at.surge);
+    let near = quadratic_root(launch.velocity, launch.pull(track), launch.at.jerk);
     let d = take_householder_step(track, launch, near);
     let (mut landing, mut settled) = take_chebyshev_step::<N>(track, launch, d);
     for _ in 0..2 {
@@ -68,7 +68,7 @@ fn is_first_impact<const N: usize>(track: &Track, launch: &Launch, landing: &Lan
 /// One step of Householder's method of order 4 on the first terms of `u/d`.
 #[inline(always)]
 fn take_householder_step(track: &Track, launch: &Launch, d: f64) -> f64 {
-    let (c, s) = (launch.at.surge, launch.at.bend);
+    let (c, s) = (launch.at.jerk, launch.at.snap);
     let first = launch.pull(track) * 0.5;
     let second = c * (1.0 / 6.0);
     let third = s * (1.0 / 24.0);
@@ -88,7 +88,7 @@ fn take_chebyshev_step<const N: usize>(
     d: f64,
 ) -> (Landing<f64>, bool) {
     let at = deflated::<N>(track, launch, d);
-    let third = launch.at.surge - d * launch.at.bend;
+    let third = launch.at.jerk - d * launch.at.snap;
     finish_hop(launch.phase, d, &at, third, MAX_LAST_NEWTON_STEP)
 }
 

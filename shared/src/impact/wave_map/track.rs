@@ -14,21 +14,21 @@ pub(in crate::impact) struct HumpEnd {
     /// S' there.
     pub speed: f64,
     /// A' there.
-    pub surge: f64,
+    pub jerk: f64,
     /// -A'' there.
-    pub bend: f64,
+    pub snap: f64,
 }
 
-/// A stretch on which the push exceeds k: there the gap is convex, elsewhere concave.
+/// An interval on which the push exceeds k: there the gap is convex, elsewhere concave.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::impact) struct Hump {
-    /// Begin of the hump: a resting part is thrown off here.
+    /// Start of the hump: a resting part is thrown off here.
     pub begin: HumpEnd,
     /// End of the hump.
     pub end: HumpEnd,
     /// Length in rad.
     pub width: f64,
-    /// Length in rad of the concave stretch before it, from the end of the previous hump.
+    /// Length in rad of the concave interval before it, from the end of the previous hump.
     pub before: f64,
 }
 
@@ -60,8 +60,8 @@ impl Track {
         // A is monotone between neighbouring extrema.
         let mut extrema = [[0.0; 2]; MAX_ZEROS];
         let mut count = 0;
-        for (place, extremum) in extrema.iter_mut().zip(wave.extrema()) {
-            *place = extremum;
+        for (slot, extremum) in extrema.iter_mut().zip(wave.extrema()) {
+            *slot = extremum;
             count += 1;
         }
         let (mut begins, mut ends) = (
@@ -79,7 +79,7 @@ impl Track {
             let phase = crossing(
                 &|phase| {
                     let at = wave.at(if phase < TAU { phase } else { phase - TAU });
-                    [at.push - k, at.surge]
+                    [at.push - k, at.jerk]
                 },
                 low,
                 high,
@@ -88,16 +88,16 @@ impl Track {
             let Motion {
                 height,
                 speed,
-                surge,
-                bend,
+                jerk,
+                snap,
                 ..
             } = wave.at(phase);
             let hump_end = HumpEnd {
                 phase,
                 height,
                 speed,
-                surge,
-                bend,
+                jerk,
+                snap,
             };
             if push < k {
                 begins[rising] = hump_end;
@@ -107,7 +107,7 @@ impl Track {
                 falling += 1;
             }
         }
-        // Both are in the order of their phases, but for those that passed the turn.
+        // Both are in the order of their phases, except those that passed the turn.
         begins[..rising].sort_unstable_by(|a, b| a.phase.total_cmp(&b.phase));
         for (n, begin) in begins.iter().enumerate().take(rising) {
             let nearest = ends[..falling]
@@ -129,22 +129,22 @@ impl Track {
         track
     }
 
-    /// The humps in the order of their begins.
+    /// The humps in the order of their starts.
     #[inline(always)]
     pub fn humps(&self) -> &[Hump] {
         &self.humps[..self.count.min(MAX_HUMPS)]
     }
 
-    /// Time in rad from rest at a phase to the next throw, and its phase; `None` where the part
+    /// Time in rad from rest at a phase to the next throw, and its phase; `None` if the part
     /// rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.humps()
             .iter()
             .map(|hump| {
-                let past = ahead(hump.begin.phase, phase);
+                let elapsed = ahead(hump.begin.phase, phase);
                 // Within rounding of a hump's end a resting part stays: the track has already
                 // thrown all others.
-                if past < hump.width * (1.0 - 1e-9) {
+                if elapsed < hump.width * (1.0 - 1e-9) {
                     (0.0, phase)
                 } else {
                     (ahead(phase, hump.begin.phase), hump.begin.phase)

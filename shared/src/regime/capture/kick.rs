@@ -88,8 +88,8 @@ impl Kick {
         if cycle < u32::from(hold) {
             factor
         } else if cycle < self.length() {
-            let left = (self.length() - cycle) as f32 / f32::from(descent);
-            release + (factor - release) * left
+            let remaining = (self.length() - cycle) as f32 / f32::from(descent);
+            release + (factor - release) * remaining
         } else {
             1.0
         }
@@ -130,14 +130,14 @@ mod tests {
 
     #[test]
     fn refusals_name_the_parameter() {
-        let good = KickSettings {
+        let valid = KickSettings {
             factor: 1.5,
             hold: 1,
             descent: 1,
             release: 1.0,
         };
         let refused = |change: fn(&mut KickSettings)| {
-            let mut settings = good;
+            let mut settings = valid;
             change(&mut settings);
             Kick::build(settings).unwrap_err().parameter
         };

@@ -208,5 +208,6 @@ mod tests {
         assert_eq!(refused(|s| s.time_constant = -1.0), "time_constant");
         assert_eq!(refused(|s| s.start = 1.1), "start");
         assert_eq!(refused(|s| s.limit = f64::NAN), "limit");
+        assert_eq!(refused(|s| s.limit = 10.1), "limit");
     }
 }

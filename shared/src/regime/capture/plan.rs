@@ -102,12 +102,12 @@ impl ScoredKick {
 }
 
 /// Number of kicks kept for later attempts.
-const KEPT_KICKS: usize = 4;
+const MAX_KICKS: usize = 4;
 
 /// Result of a search: the kept kicks, best first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    ranked: Vec<ScoredKick, KEPT_KICKS>,
+    ranked: Vec<ScoredKick, MAX_KICKS>,
     /// Number of impacts computed, waits of resting parts included.
     pub impacts: u32,
     /// Number of set-ups of the map for another amplitude or part.
@@ -154,7 +154,7 @@ impl Plan {
 
     /// Probability that attempt number `attempt` misses a part of the lot, 0..1; 1 without a kick.
     pub fn miss_probability(&self, attempt: u32) -> f64 {
-        1.0 - self.scored(attempt).map_or(0.0, |kept| kept.expected())
+        1.0 - self.scored(attempt).map_or(0.0, |entry| entry.expected())
     }
 
     fn scored(&self, attempt: u32) -> Option<&ScoredKick> {
@@ -167,34 +167,8 @@ impl Plan {
 ///
 /// Candidates are rectangular kicks and slow descents, the more suitable and shorter ones first. A
 /// kick that cannot reach the kept ones is dropped. The search ends at the first kick that captures
-/// 48 of 48 parts. Otherwise two fifths of the work recount the kept kicks, whose first counts are
-/// biased upwards by selection. Memory is fixed.
-///
-/// ```
-/// use kband::feeder::Restitution;
-/// use kband::impact::ContactTime;
-/// use core::task::Poll;
-/// use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, PlanSettings, Planner};
-/// let mut planner = Planner::new(PlanSettings {
-///     lot: Lot {
-///         k: 0.43,
-///         restitution: Restitution::interval(0.18, 0.22)?,
-///         order: 1,
-///         amplitude_error: 0.02,
-///         contact: ContactTime::INSTANT,
-///     },
-///     drive: DriveLag::build(DriveLagSettings::DEFAULT)?,
-///     time_constant: 5.0,
-///     effort: PlanSettings::DEFAULT_EFFORT,
-/// })?;
-/// let plan = loop {
-///     if let Poll::Ready(plan) = planner.advance(1000) {
-///         break plan;
-///     }
-/// };
-/// assert!(plan.best().is_some_and(|kick| kick.share() > 0.9));
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
+/// 48 of 48 parts. Otherwise two fifths of the work recount the kept kicks, because selection
+/// biases their first counts upwards. Memory is fixed.
 #[derive(Clone, Debug)]
 pub struct Planner {
     settings: PlanSettings,
@@ -359,24 +333,24 @@ impl Planner {
     /// [`RECOUNTED_PARTS`] trials.
     fn step_recount(&mut self, rank: usize) -> bool {
         let open = |rank: usize| {
-            let kept = self.plan.ranked.get(rank).copied();
-            kept.filter(|scored| scored.tried < RECOUNTED_PARTS)
+            let entry = self.plan.ranked.get(rank).copied();
+            entry.filter(|scored| scored.tried < RECOUNTED_PARTS)
         };
         let Some(scored) = open(rank) else {
-            let next = (1..=KEPT_KICKS)
-                .map(|ahead| (rank + ahead) % KEPT_KICKS)
+            let next = (1..=MAX_KICKS)
+                .map(|ahead| (rank + ahead) % MAX_KICKS)
                 .find(|rank| open(*rank).is_some());
             self.recounted = next.or(self.recounted);
             return next.is_some();
         };
-        match self.try_part(scored) {
+        match self.simulate_part(scored) {
             TrialProgress::Flying => true,
             TrialProgress::Refused => false,
             TrialProgress::StopReason(scored) => {
-                if let Some(kept) = self.plan.ranked.get_mut(rank) {
-                    *kept = scored;
+                if let Some(entry) = self.plan.ranked.get_mut(rank) {
+                    *entry = scored;
                 }
-                self.recounted = Some((rank + 1) % KEPT_KICKS);
+                self.recounted = Some((rank + 1) % MAX_KICKS);
                 true
             }
         }
@@ -403,7 +377,7 @@ impl Planner {
             }
             return true;
         };
-        let scored = match self.try_part(scored) {
+        let scored = match self.simulate_part(scored) {
             TrialProgress::Flying => return true,
             TrialProgress::Refused => return false,
             TrialProgress::StopReason(scored) => scored,
@@ -414,8 +388,8 @@ impl Planner {
         } else {
             CONFIRMED_PARTS
         };
-        // Bound: even with no further miss in the screen this kick would not be kept.
-        let hopeless = match self.plan.ranked.get(KEPT_KICKS - 1) {
+        // Even with no further miss in the screen this kick would not be kept.
+        let is_rejected = match self.plan.ranked.get(MAX_KICKS - 1) {
             None => missed > MAX_SCREEN_MISSES,
             Some(last) => {
                 let best = ScoredKick {
@@ -426,7 +400,7 @@ impl Planner {
                 scored.tried <= SCREENED_PARTS && best.expected() <= last.expected()
             }
         };
-        if scored.tried < enough && !hopeless {
+        if scored.tried < enough && !is_rejected {
             self.running = Some((scored, None));
             return true;
         }
@@ -435,7 +409,7 @@ impl Planner {
     }
 
     /// Computes one impact of the next part of `scored`.
-    fn try_part(&mut self, mut scored: ScoredKick) -> TrialProgress {
+    fn simulate_part(&mut self, mut scored: ScoredKick) -> TrialProgress {
         let lot = &self.settings.lot;
         let drive = self.settings.drive;
         let (_, trial_run) = self.running.get_or_insert((scored, None));
@@ -472,9 +446,9 @@ impl Planner {
             return;
         }
         let mut next = scored;
-        for kept in &mut self.plan.ranked {
-            if next.expected() > kept.expected() {
-                core::mem::swap(kept, &mut next);
+        for entry in &mut self.plan.ranked {
+            if next.expected() > entry.expected() {
+                core::mem::swap(entry, &mut next);
             }
         }
         // The lowest-ranked kick is dropped when the list is full.
@@ -566,12 +540,12 @@ mod tests {
             let captured = rate(settings, &plan, 100, 6);
             assert!(captured >= min_rate, "{low}..{high}: {captured}");
             if low > 0.26 {
-                let alone = (0..100)
+                let by_band = (0..100)
                     .filter(|&run| {
                         self::captured(settings.lot.part(run), settings.drive, Kick::NONE)
                     })
                     .count();
-                assert!(alone <= 2, "{low}..{high}: {alone} % by the band alone");
+                assert!(by_band <= 2, "{low}..{high}: {by_band} % by the band alone");
             }
         }
     }

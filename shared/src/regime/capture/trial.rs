@@ -10,7 +10,7 @@ use crate::feeder::OutOfRange;
 use crate::impact::{
     ContactTime, Kernel, LIFT_OFF_DELAY, Landing, PartState, Single, SingleState, speed_gain,
 };
-use crate::regime::{Lock, MAX_SERIES_CHATTER_VELOCITY};
+use crate::regime::{Lock, MAX_SERIES_CHATTER_VELOCITY, chatter_duration};
 
 /// One part on one drive, for which a kick is tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,8 +44,8 @@ const MAX_COUNTED_REST_AMPLITUDE: f32 = 1.02;
 /// that start within it converge to the lock.
 const LOCK_CAPTURE_DISTANCE: f32 = 0.03;
 
-/// Resolution of the amplitude over target, in steps per unit; a new step sets the map up anew. It
-/// is small against any drive's error.
+/// Resolution of the amplitude over target, in steps per unit; each new step sets the map up again.
+/// It is small compared with any drive's error.
 const AMPLITUDE_STEPS: f32 = 128.0;
 
 /// Largest k of the map, at which a part rests for ever; the kernels accept none above.
@@ -173,16 +173,16 @@ impl TrialRun {
         (self.rests > 1).then_some(Outcome::Missed)
     }
 
-    /// The launch after the contact of a part that struck the track in this state; velocity 0 where
+    /// The launch after the contact of a part that struck the track in this state; velocity 0 if
     /// it rests.
     #[inline(never)]
-    fn hold(&self, struck: SingleState) -> SingleState {
-        let phase = struck.phase + self.contact_phase;
+    fn hold(&self, impact_state: SingleState) -> SingleState {
+        let phase = impact_state.phase + self.contact_phase;
         let pull = self.k_at(self.amplitude) - sine_cosine_single(phase).0;
         let gain = speed_gain(self.restitution) * self.contact;
         SingleState {
             phase,
-            velocity: (struck.velocity - gain * pull).max(0.0),
+            velocity: (impact_state.velocity - gain * pull).max(0.0),
         }
     }
 
@@ -214,17 +214,15 @@ impl TrialRun {
         self.k / amplitude
     }
 
-    /// Sums a decaying chatter as a series if the pull outlasts it (docs/theory-impacts.md#t4.1).
-    /// The part is at rest afterwards.
+    /// Sums a decaying chatter if the pull outlasts it; the part is at rest afterwards.
     fn sum_chatter(&mut self, SingleState { phase, velocity }: SingleState) {
         if velocity > 0.0 {
             let (sine, cosine) = sine_cosine_single(phase);
             let pull = self.k_at(self.amplitude) - sine;
-            let x = 2.0 * velocity / (pull * (1.0 - self.restitution));
-            if pull <= 0.0 || x * libm::fabsf(cosine) > 0.1 * pull {
+            let Some(chatter) = chatter_duration(velocity, [pull, cosine], self.restitution) else {
                 return;
-            }
-            self.time += x * (1.0 + x * cosine / (3.0 * pull)) / TAU;
+            };
+            self.time += chatter / TAU;
         }
         self.state = None;
         if self.envelope.is_over() && self.amplitude < MAX_COUNTED_REST_AMPLITUDE {
@@ -293,7 +291,7 @@ mod tests {
             };
             let mut run = TrialRun::new(trial, drive, Kick::NONE).unwrap();
             let outcome = (0..10_000).find_map(|_| run.simulate_impact());
-            let found = outcome == Some(Outcome::Locked);
+            let is_locked = outcome == Some(Outcome::Locked);
             let lock = Lock::with_contact(k, 0.2, 1, contact).unwrap().unwrap();
             let map = WaveMap::build(k, 0.2).unwrap();
             let mut orbit = Orbit::from_rest(&map).with_contact(contact);
@@ -304,7 +302,7 @@ mod tests {
             });
             let expected = last.last().is_some_and(|state| lock.distance(state) < 1e-3);
             locked += u32::from(expected);
-            other += u32::from(found != expected);
+            other += u32::from(is_locked != expected);
         }
         // f32 decides otherwise at the edges of a basin.
         assert!((10..70).contains(&locked) && other <= 2, "{locked} {other}");

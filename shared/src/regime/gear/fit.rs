@@ -1,9 +1,8 @@
 //! Response surface of the share of time in gear, fitted to short simulated runs by ridge
 //! regression.
 //!
-//! Sources: local regression (W. S. Cleveland, J. Am. Stat. Assoc. 74 (1979) 829) with equal
-//! weights, and ridge regression (Hoerl and Kennard, Technometrics 12 (1970) 55). Averaging over
-//! runs makes the error of the fit smaller than that of a run.
+//! Sources: response surfaces (Box and Wilson, J. R. Stat. Soc. B 13 (1951) 1) and ridge regression
+//! (Hoerl and Kennard, Technometrics 12 (1970) 55). The planner begins a new fit for each region.
 
 /// Number of coefficients: a quadratic in three coordinates, the cube of the first, and a quadratic
 /// of the part's restitution within the lot.
@@ -21,54 +20,54 @@ fn rows(triangle: &[f32]) -> impl Iterator<Item = &[f32]> {
 }
 
 /// Solves `L x = b` by forward substitution, in place.
-fn forward_substitute(triangle: &[f32], right: &mut [f32]) {
+fn forward_substitute(triangle: &[f32], rhs: &mut [f32]) {
     for (n, row) in rows(triangle).enumerate() {
         let (Some((before, [value, ..])), Some((diagonal, row))) =
-            (right.split_at_mut_checked(n), row.split_last())
+            (rhs.split_at_mut_checked(n), row.split_last())
         else {
             return;
         };
-        for (factor, known) in row.iter().zip(&*before) {
-            *value -= factor * known;
+        for (factor, previous) in row.iter().zip(&*before) {
+            *value -= factor * previous;
         }
         *value /= diagonal;
     }
 }
 
 /// Solves `L^T x = b` by back substitution, in place.
-fn back_substitute(triangle: &[f32], right: &mut [f32; TERMS]) {
+fn back_substitute(triangle: &[f32], rhs: &mut [f32; TERMS]) {
     for n in (0..TERMS).rev() {
         // Row n is the first with column n, on the diagonal.
         let mut column = rows(triangle).filter_map(|row| row.get(n));
         let (Some((_, [value, after @ ..])), Some(diagonal)) =
-            (right.split_at_mut_checked(n), column.next())
+            (rhs.split_at_mut_checked(n), column.next())
         else {
             return;
         };
-        for (factor, known) in column.zip(&*after) {
-            *value -= factor * known;
+        for (factor, previous) in column.zip(&*after) {
+            *value -= factor * previous;
         }
         *value /= diagonal;
     }
 }
 
-/// Normal equations of the fit over k, e and th about a centre, in coordinates of -1..1 within the
-/// region.
+/// Normal equations of the fit over k and one tone's amplitude and angle about a centre. The
+/// coordinates are normalized to half-widths of the region; an amplitude error may exceed them.
 ///
 /// The restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
-/// effect of the restitutions that happened to be drawn.
+/// effect of the random restitutions.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     /// Packed lower triangle of the normal equations, and their right side.
     normal: [f32; TRIANGLE_ENTRIES],
-    right: [f32; TERMS],
+    rhs: [f32; TERMS],
 }
 
 impl Fit {
     /// No run yet.
     pub const EMPTY: Self = Self {
         normal: [0.0; TRIANGLE_ENTRIES],
-        right: [0.0; TERMS],
+        rhs: [0.0; TERMS],
     };
 
     /// Adds a run: its point, its part's normalized restitution in the lot (-1..1, `None` for a
@@ -76,12 +75,12 @@ impl Fit {
     pub fn add_run(&mut self, point: [f32; 3], lot: Option<f32>, share: f32) {
         let terms = terms(point, lot);
         let mut sums = self.normal.iter_mut();
-        for (n, (term, right)) in terms.iter().zip(&mut self.right).enumerate() {
+        for (n, (term, rhs)) in terms.iter().zip(&mut self.rhs).enumerate() {
             // The terms come first in the zip, so that its end consumes no sum of the next row.
             for (other, sum) in terms.iter().take(n + 1).zip(&mut sums) {
                 *sum += term * other;
             }
-            *right += term * share;
+            *rhs += term * share;
         }
     }
 
@@ -108,7 +107,7 @@ impl Fit {
             *diagonal = libm::sqrtf(diagonal.max(1e-6));
             begin += n + 1;
         }
-        let mut coefficients = self.right;
+        let mut coefficients = self.rhs;
         forward_substitute(&factor, &mut coefficients);
         back_substitute(&factor, &mut coefficients);
         FittedShare(coefficients)
@@ -173,13 +172,13 @@ mod tests {
             let point = [part(0xD1B5_4A33), part(0xABC9_8388), part(0x8CB9_2BA7)];
             let lot = lots.then(|| part(0x9E37_79B9));
             let of_lot = lot.map_or(0.0, |lot| 0.3 * lot - 0.2 * (lot * lot - 1.0 / 3.0));
-            let share = truth(point) + of_lot;
+            let share = exact_value(point) + of_lot;
             fit.add_run(point, lot, share + noise * part(0x6A09_E667));
         }
         fit.solve()
     }
 
-    fn truth([x, y, z]: [f32; 3]) -> f32 {
+    fn exact_value([x, y, z]: [f32; 3]) -> f32 {
         0.9 - 0.1 * (x - 0.3) * (x - 0.3) - 0.05 * (y + 0.2 * x) * (y + 0.2 * x) - 0.02 * z * z
             + 0.03 * x * x * x
     }
@@ -189,14 +188,14 @@ mod tests {
         for lots in [false, true] {
             let coefficients = fitted(400, 0.0, lots);
             for point in [[0.0; 3], [0.3, -0.1, 0.0], [-0.8, 0.7, 0.9]] {
-                let error = coefficients.mean_share(point, 0.0) - truth(point);
+                let error = coefficients.mean_share(point, 0.0) - exact_value(point);
                 assert!(error.abs() < 3e-3, "{lots} {point:?} {error}");
             }
         }
         // Noise of 0.17 RMS in 400 runs leaves a standard error of 0.17 sqrt(13/400) = 0.03. The
         // bound is four of them.
         let error =
-            fitted(400, 0.3, true).mean_share([0.3, 0.0, 0.0], 0.0) - truth([0.3, 0.0, 0.0]);
+            fitted(400, 0.3, true).mean_share([0.3, 0.0, 0.0], 0.0) - exact_value([0.3, 0.0, 0.0]);
         assert!(error.abs() < 0.12, "{error}");
     }
 }

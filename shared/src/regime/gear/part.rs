@@ -8,7 +8,7 @@ use super::draw::Draw;
 use crate::arithmetic::{Phase, sine_cosine_single};
 use crate::feeder::OutOfRange;
 use crate::impact::{LIFT_OFF_DELAY, Landing, Single, SingleState, Tone, WaveKernel, speed_gain};
-use crate::regime::MAX_SERIES_CHATTER_VELOCITY;
+use crate::regime::{MAX_SERIES_CHATTER_VELOCITY, chatter_duration};
 
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
 pub type Tones = [[f32; 2]; 2];
@@ -85,14 +85,14 @@ impl TrackMap {
             return (self.k - sine, cosine);
         }
         let (push, slope) = self.upper.second(phase);
-        let mut pushed = sine + 4.0 * second * push;
-        let mut surge = cosine + 8.0 * second * slope;
+        let mut acceleration = sine + 4.0 * second * push;
+        let mut jerk = cosine + 8.0 * second * slope;
         if third > 0.0 {
             let (push, slope) = self.upper.third(phase);
-            pushed += 9.0 * third * push;
-            surge += 27.0 * third * slope;
+            acceleration += 9.0 * third * push;
+            jerk += 27.0 * third * slope;
         }
-        (self.k - pushed, surge)
+        (self.k - acceleration, jerk)
     }
 
     /// Delay in steps of 2^-32 turns until lift-off of a part at rest; `None` without lift-off.
@@ -299,16 +299,13 @@ impl SimulatedPart {
         self.gear.add_rest();
     }
 
-    /// Sums a decaying chatter as a series if the pull outlasts it (docs/theory-impacts.md#t4.1),
-    /// as [`TrialRun`](crate::regime::capture::TrialRun) does. The part is at rest afterwards.
+    /// Sums a decaying chatter if the pull outlasts it; the part is at rest afterwards.
     fn sum_chatter(&mut self, map: &TrackMap) {
         let (pull, slope) = map.pull(self.phase);
-        let x = 2.0 * self.velocity / (pull * (1.0 - self.draw.mean()));
-        if pull <= 0.0 || x * slope.abs() > 0.1 * pull {
+        let Some(chatter) = chatter_duration(self.velocity, [pull, slope], self.draw.mean()) else {
             return;
-        }
-        let duration = x * (1.0 + x * slope / (3.0 * pull));
-        self.advance_time((duration * Phase::STEPS_PER_RADIAN as f32) as i64);
+        };
+        self.advance_time((chatter * Phase::STEPS_PER_RADIAN as f32) as i64);
         self.begin_rest();
     }
 }

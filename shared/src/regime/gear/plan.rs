@@ -117,7 +117,7 @@ const GRID_STEPS_ONE_TONE: usize = 20;
 const GRID_STEPS_UPPER_TONES: usize = 12;
 
 /// Upper tones of the rows of the first round: e over the largest tried, th in rad. For order 1 the
-/// best of 32 angles lay between these for each lot tried (docs/theory-real-parts.md#t10.2). From
+/// best of 32 angles was between these for each lot tried (docs/theory-real-parts.md#t10.2). From
 /// order 3 on [`FULL_CIRCLE_ROWS`] spans the circle.
 const ORDER_1_ROWS: [Tones; 3] = [
     [[1.0, 2.4], NO_TONE],
@@ -147,9 +147,9 @@ const THREE_TONE_ROWS: [Tones; 3] = [
 ];
 const THIRD_TONE_ANGLE: f32 = 5.3;
 
-/// Largest second tone tried over the first: TRIED_SECOND_TONE_AT_R_0 plus
-/// TRIED_SECOND_TONE_SLOPE times the mean restitution R. The
-/// best for order 1 lay between 0.13 at R = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15.
+/// Largest second tone tried, over the first tone: TRIED_SECOND_TONE_AT_R_0 plus
+/// TRIED_SECOND_TONE_SLOPE times the mean restitution R. The best for order 1 was between 0.13 at R
+/// = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15.
 ///
 /// With a third tone the slope is [`THREE_TONE_TRIED_SLOPE`]. The third tone is at most
 /// [`MAX_THIRD_TONE`], the bound of the random search.
@@ -177,7 +177,6 @@ const MAX_IMPACTS: [u32; 3] = [170_000, 101_000, 115_000];
 const PEAK_SEARCH_COST: u32 = 8;
 const RUN_SET_UP_COST: u32 = 30;
 
-/// Stage of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
     /// Runs on the grid over the whole range of k.
@@ -208,7 +207,6 @@ struct Region {
 }
 
 impl Region {
-    /// The three coordinates that vary.
     fn varied_coordinates(&self, point: SearchPoint) -> [f32; 3] {
         let [second, third] = point.tones;
         let [ratio, angle] = if self.varies_third { third } else { second };
@@ -285,8 +283,8 @@ pub struct GearPlanner {
     best: Option<(f32, SearchPoint)>,
     /// Factor on the lot's scatter in the simulated runs.
     scatter_factor: f32,
-    /// Sum of the shares of the runs that estimate the result, and their weight; while a region is
-    /// searched, its number of runs.
+    /// Sum of the shares of the runs that estimate the result, and their weight. During the search
+    /// of a region the weight is its number of runs.
     estimate: [f32; 2],
     plan: Option<GearPlan>,
     impacts: u32,
@@ -304,39 +302,18 @@ impl GearPlanner {
     /// Begins a search; an error names the parameter out of range.
     pub fn new(settings: GearPlanSettings) -> Result<Self, OutOfRange> {
         let [low, high] = settings.k;
-        let check = |parameter, value: f32, accepts, accepted| {
-            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
-        };
-        check(
-            "scatter",
-            settings.scatter,
-            (0.0..=0.3).contains(&settings.scatter),
-            "0..0.3",
-        )?;
-        check(
-            "amplitude_error",
-            settings.amplitude_error,
-            (0.0..=0.2).contains(&settings.amplitude_error),
-            "0..0.2",
-        )?;
-        check(
-            "k",
-            low,
-            0.005 <= low && low <= high && high <= 4.0,
-            "0.005..4, the lowest first",
-        )?;
-        for (name, most) in ["second tone", "third tone"]
-            .into_iter()
-            .zip(settings.max_tones)
-        {
-            check(
-                name,
-                most,
-                (0.0..=0.5).contains(&most),
-                "0..0.5 of the first",
-            )?;
-        }
         let [second, third] = settings.max_tones;
+        for (parameter, value, maximum, accepted) in [
+            ("scatter", settings.scatter, 0.3, "0..0.3"),
+            ("amplitude_error", settings.amplitude_error, 0.2, "0..0.2"),
+            ("second tone", second, 0.5, "0..0.5 of the first"),
+            ("third tone", third, 0.5, "0..0.5 of the first"),
+        ] {
+            let accepts = (0.0..=maximum).contains(&value);
+            accept(parameter, value.into(), accepts, accepted)?;
+        }
+        let accepts = 0.005 <= low && low <= high && high <= 4.0;
+        accept("k", low.into(), accepts, "0.005..4, the lowest first")?;
         let upper = match (second >= MIN_TONE_AMPLITUDE, third >= MIN_TONE_AMPLITUDE) {
             (false, _) => 0,
             (true, false) => 1,
@@ -349,23 +326,23 @@ impl GearPlanner {
             TRIED_SECOND_TONE_SLOPE
         };
         let mut max_second = TRIED_SECOND_TONE_AT_R_0 + slope * middle;
-        let (steps, [low, high]) = if upper > 0 && settings.order <= 2 {
+        let mut range = settings.k;
+        if upper > 0 && settings.order <= 2 {
             let mut best = 0.28 + (0.15 + 0.95 * middle) * middle;
             if settings.order == 2 {
                 best *= 0.5;
                 max_second *= ORDER_2_AMPLITUDE_FACTOR;
             }
-            let within = [low.max(0.75 * best), high.min(1.3 * best)];
-            let range = if within[0] < within[1] {
-                within
-            } else {
-                settings.k
-            };
-            (GRID_STEPS_UPPER_TONES, range)
-        } else if upper > 0 {
-            (GRID_STEPS_UPPER_TONES, settings.k)
+            let near = [low.max(0.75 * best), high.min(1.3 * best)];
+            if near[0] < near[1] {
+                range = near;
+            }
+        }
+        let [low, high] = range;
+        let steps = if upper > 0 {
+            GRID_STEPS_UPPER_TONES
         } else {
-            (GRID_STEPS_ONE_TONE, settings.k)
+            GRID_STEPS_ONE_TONE
         };
         let step = (high - low) / (steps - 1) as f32;
         let max_tones = match upper {
@@ -491,7 +468,6 @@ impl GearPlanner {
         }
     }
 
-    /// Begins the next run or stage.
     fn advance_once(&mut self) {
         self.impacts += 1;
         let ends = self.by_tone_count(STAGE_END_EFFORT);
@@ -624,14 +600,14 @@ impl GearPlanner {
                 tones: [NO_TONE; 2],
             };
         }
-        let ([second, third], most) = (tones, self.settings.max_tones);
+        let ([second, third], maximum) = (tones, self.settings.max_tones);
         let tone = |[ratio, angle]: [f32; 2], max_amplitude: f32| {
             [ratio.max(0.0).min(max_amplitude), angle]
         };
         // A third tone below 0 is one turned by half a turn.
         let tones = [
-            tone(second, most[0]),
-            tone(with_positive_amplitude(third), most[1]),
+            tone(second, maximum[0]),
+            tone(with_positive_amplitude(third), maximum[1]),
         ];
         let afforded = self.allowed_amplitude_factor(SearchPoint { k, tones });
         SearchPoint {
@@ -731,7 +707,6 @@ impl GearPlanner {
         }
     }
 
-    /// Begins a region.
     fn begin_region(&mut self, centre: SearchPoint, half_widths: [f32; 3], varies_third: bool) {
         let half_widths = if self.upper_tones > 0 {
             half_widths
@@ -761,11 +736,11 @@ impl GearPlanner {
             }
         };
         let middle = 0.5 * (self.settings.k[0] + self.settings.k[1]);
-        let nowhere = SearchPoint {
+        let empty = SearchPoint {
             k: middle,
             tones: [NO_TONE; 2],
         };
-        let mut best = (0.0, nowhere);
+        let mut best = (0.0, empty);
         let candidates = match &self.results {
             RunResults::Candidates(candidates) => candidates.as_slice(),
             _ => &[],
@@ -773,8 +748,8 @@ impl GearPlanner {
         for (first, row) in candidates.chunks(self.steps()).enumerate() {
             for (n, here) in row.iter().enumerate() {
                 let before = n.checked_sub(1).and_then(|n| row.get(n));
-                let beside = before.map_or(0.0, share) + row.get(n + 1).map_or(0.0, share);
-                let mean = 0.25 * beside + 0.5 * share(here);
+                let neighbours = before.map_or(0.0, share) + row.get(n + 1).map_or(0.0, share);
+                let mean = 0.25 * neighbours + 0.5 * share(here);
                 if mean > best.0 {
                     best = (
                         mean,
@@ -835,7 +810,7 @@ impl GearPlanner {
             min_k = min_k.max(self.settings.limits.min_k(tones));
         }
         let [of_second, of_third] = self.settings.max_tones;
-        let most = if self.region.varies_third {
+        let maximum = if self.region.varies_third {
             of_third
         } else {
             of_second
@@ -851,7 +826,7 @@ impl GearPlanner {
             if inside.iter().map(|x| x * x).sum::<f32>() <= 1.0
                 && k >= min_k
                 && k <= self.settings.k[1]
-                && ratio.abs() <= most
+                && ratio.abs() <= maximum
                 && self.best.is_none_or(|(best, _)| weighed > best)
             {
                 self.best = Some((weighed, SearchPoint { k, tones }));
@@ -868,16 +843,16 @@ impl GearPlanner {
                 plan.band = band;
             }
         }
-        // If no point meets the drive's limits, the former plan remains.
+        // If no point is within the drive's limits, the former plan remains.
         let Some(plan) = self.plan else {
             return;
         };
-        let left = self
+        let remaining = self
             .by_tone_count(STAGE_END_EFFORT)
             .len()
             .saturating_sub(self.regions);
-        if left > 2 {
-            let of_third = self.upper_tones > 1 && left == 3;
+        if remaining > 2 {
+            let of_third = self.upper_tones > 1 && remaining == 3;
             let half = if of_third {
                 let [k, _, _] = self.region.half_widths;
                 [
@@ -924,12 +899,12 @@ impl GearPlanner {
         let step = side * self.region.half_widths[0] / f32::from(K_GRID_POINTS);
         let [min_k, max_k] = self.settings.k;
         let min_k = min_k.max(self.settings.limits.min_k(point.tones));
-        let least = self.fitted_share(point).min(1.0) - GEAR_BAND_LOSS;
+        let threshold = self.fitted_share(point).min(1.0) - GEAR_BAND_LOSS;
         let is_inside = |k: f32| {
             let [x, ..] = self.region.normalize(SearchPoint { k, ..point });
             (min_k..=max_k).contains(&k)
                 && x.abs() <= 1.0
-                && self.fitted_share(SearchPoint { k, ..point }) >= least
+                && self.fitted_share(SearchPoint { k, ..point }) >= threshold
         };
         let ks = (1..=2 * K_GRID_POINTS).map(|n| point.k + step * f32::from(n));
         ks.take_while(|k| is_inside(*k)).last().unwrap_or(point.k)
@@ -1058,15 +1033,15 @@ mod tests {
     fn check(settings: GearPlanSettings, best: f64) {
         let planner = plan(settings);
         let plan = planner.plan().unwrap();
-        let truth = reference_share(settings.order, plan, settings.restitution, settings.scatter);
+        let exact = reference_share(settings.order, plan, settings.restitution, settings.scatter);
         assert!(
-            plan.settled && truth > best - 0.03,
-            "{truth} of {best}: {plan:?}"
+            plan.settled && exact > best - 0.03,
+            "{exact} of {best}: {plan:?}"
         );
-        let off = (f64::from(plan.share) - truth).abs();
+        let error = (f64::from(plan.share) - exact).abs();
         assert!(
-            off < 0.04 + 0.01 * f64::from(settings.order - 1),
-            "{truth} {plan:?}"
+            error < 0.04 + 0.01 * f64::from(settings.order - 1),
+            "{exact} {plan:?}"
         );
         let [_, pushed] = super::super::limits::peaks(plan.tones);
         assert!(
@@ -1200,21 +1175,21 @@ mod tests {
     #[test]
     fn slices_change_no_bit_and_effort_is_bounded() {
         let lot = Restitution::single(0.7).unwrap();
-        let whole = plan(settings(1, lot, 0.05, [0.0; 2]));
-        let mut sliced = GearPlanner::new(whole.settings).unwrap();
+        let unsliced = plan(settings(1, lot, 0.05, [0.0; 2]));
+        let mut sliced = GearPlanner::new(unsliced.settings).unwrap();
         while sliced.advance(7) {}
         assert_eq!(
             (sliced.plan(), sliced.impacts()),
-            (whole.plan(), whole.impacts())
+            (unsliced.plan(), unsliced.impacts())
         );
-        assert!(whole.impacts() <= MAX_IMPACTS[0]);
+        assert!(unsliced.impacts() <= MAX_IMPACTS[0]);
     }
 
     #[test]
     fn plan_settings_out_of_range_are_refused() {
-        let good = settings(1, Restitution::single(0.2).unwrap(), 0.05, [0.0; 2]);
+        let valid = settings(1, Restitution::single(0.2).unwrap(), 0.05, [0.0; 2]);
         let refused = |change: fn(&mut GearPlanSettings)| {
-            let mut settings = good;
+            let mut settings = valid;
             change(&mut settings);
             GearPlanner::new(settings).unwrap_err().parameter
         };

@@ -82,8 +82,9 @@ impl StrikeProfile {
 
     /// Share of the followed time in gear, 0..=1.
     pub fn share(&self) -> f32 {
-        let [within, without] = self.periods.map(|periods| periods.iter().sum::<f32>());
-        within / (within + without).max(1.0)
+        let [in_gear_periods, out_of_gear_periods] =
+            self.periods.map(|periods| periods.iter().sum::<f32>());
+        in_gear_periods / (in_gear_periods + out_of_gear_periods).max(1.0)
     }
 
     /// Mean drive periods in gear until it is lost; without a loss, all of them: a lower bound.
@@ -98,16 +99,16 @@ impl StrikeProfile {
     /// the variance `2 p (1 - p) t/T`. The correlation time is `t = p d`, with the mean duration
     /// `d` out of gear. The bound is 0 while a part may still wait for its first capture (one in a
     /// thousand).
-    pub fn least_share(&self, periods: f32) -> f32 {
-        (0..GROUPS).fold(1.0, |least, group| {
-            let [within, without] = self.periods.map(|periods| periods[group]);
-            let mean = within / (within + without).max(1.0);
-            let out = without / (self.losses[group] + PARTS_FROM_REST_PER_GROUP);
+    pub fn min_credible_share(&self, periods: f32) -> f32 {
+        (0..GROUPS).fold(1.0, |minimum, group| {
+            let [in_gear_periods, out_of_gear_periods] = self.periods.map(|periods| periods[group]);
+            let mean = in_gear_periods / (in_gear_periods + out_of_gear_periods).max(1.0);
+            let out = out_of_gear_periods / (self.losses[group] + PARTS_FROM_REST_PER_GROUP);
             if periods < 7.0 * out {
                 return 0.0;
             }
             let variance = 2.0 * mean * mean * (1.0 - mean) * out / periods.max(1.0);
-            least
+            minimum
                 .min(mean - 3.0 * square_root_single(variance))
                 .max(0.0)
         })
@@ -233,12 +234,12 @@ impl StrikeProfiler {
     /// Simulates at most this number of impacts and returns whether the count continues.
     pub fn advance(&mut self, impacts: u32) -> bool {
         if let Some(last) = self.stored_steps {
-            let left = last.saturating_sub(self.steps);
-            self.steps += left.min(impacts);
+            let remaining = last.saturating_sub(self.steps);
+            self.steps += remaining.min(impacts);
             if self.steps == last {
                 self.part = SIMULATED_PARTS + 1;
             }
-            return impacts <= left;
+            return impacts <= remaining;
         }
         for _ in 0..impacts {
             if self.part > SIMULATED_PARTS {
@@ -310,7 +311,6 @@ impl StrikeProfiler {
         }
     }
 
-    /// Group of the current part.
     fn group(&self) -> usize {
         (self.part as usize).saturating_sub(1) * GROUPS / SIMULATED_PARTS as usize % GROUPS
     }
@@ -378,24 +378,24 @@ impl StrikeProfiler {
     fn normalize(&mut self) {
         self.part = SIMULATED_PARTS + 1;
         let profile = &mut self.profile;
-        let within = profile.periods[0].map(|periods| 1.0 / periods.max(1.0));
-        for (sums, within) in profile.in_gear.iter_mut().zip(within) {
-            sums.iter_mut().for_each(|sum| *sum *= within);
+        let in_gear_periods = profile.periods[0].map(|periods| 1.0 / periods.max(1.0));
+        for (sums, in_gear_periods) in profile.in_gear.iter_mut().zip(in_gear_periods) {
+            sums.iter_mut().for_each(|sum| *sum *= in_gear_periods);
         }
-        for (bend, count) in profile
+        for (acceleration, count) in profile
             .launch_accelerations
             .iter_mut()
             .zip(self.launch_counts)
         {
-            *bend /= count.max(1.0);
+            *acceleration /= count.max(1.0);
         }
-        let without = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
+        let out_of_gear_periods = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
         profile
             .out_of_gear
             .iter_mut()
-            .for_each(|sum| *sum *= without);
-        profile.landing_energy *= without;
-        profile.landing_rate *= without;
+            .for_each(|sum| *sum *= out_of_gear_periods);
+        profile.landing_energy *= out_of_gear_periods;
+        profile.landing_rate *= out_of_gear_periods;
     }
 
     /// Phase and launch velocity of the lock (docs/theory-real-parts.md#t10.3); `None` without one.
@@ -403,10 +403,10 @@ impl StrikeProfiler {
     fn find_lock(&self, restitution: f32) -> Option<(Phase, f32)> {
         let StrikeSettings { order, k, .. } = self.settings;
         let turns = TAU * order as f32 * k / (1.0 + restitution);
-        let wanted = 0.5 * turns * (1.0 - restitution);
+        let lock_velocity = 0.5 * turns * (1.0 - restitution);
         let upper = &self.map.upper;
         let [ratio, third] = upper.ratios;
-        let rises = |phase: Phase| {
+        let track_velocity = |phase: Phase| {
             let (_, mut speed) = sine_cosine_single(phase);
             if ratio != 0.0 {
                 speed += 2.0 * ratio * upper.second(phase).1;
@@ -419,23 +419,23 @@ impl StrikeProfiler {
         let step = Phase::from_bits(1 << 26);
         let (mut fastest, mut max_velocity, mut phase) = (Phase::ZERO, -1.0, Phase::ZERO);
         for _ in 0..64 {
-            let velocity = rises(phase);
+            let velocity = track_velocity(phase);
             if velocity > max_velocity {
                 (fastest, max_velocity) = (phase, velocity);
             }
             phase += step;
         }
-        if max_velocity <= wanted {
+        if max_velocity <= lock_velocity {
             return None;
         }
         // The stable root lies where the velocity falls.
         let mut phase = fastest;
-        while rises(phase + step) > wanted {
+        while track_velocity(phase + step) > lock_velocity {
             phase += step;
         }
         let mut half = Phase::from_bits(1 << 25);
         for _ in 0..16 {
-            if rises(phase + half) > wanted {
+            if track_velocity(phase + half) > lock_velocity {
                 phase += half;
             }
             half = Phase::from_bits(half.bits() >> 1);
@@ -450,8 +450,8 @@ impl StrikeProfiler {
         let shift = contact / (1.0 + restitution);
         let velocity = restitution * turns - shift * (restitution + gain) * (k - push);
         let slower = k * (1.0 - restitution - gain) + (restitution + gain) * push;
-        let later = (shift * slower / push.max(0.1)).min(contact + contact);
-        let steps = (later * Phase::STEPS_PER_RADIAN as f32) as i32;
+        let phase_shift = (shift * slower / push.max(0.1)).min(contact + contact);
+        let steps = (phase_shift * Phase::STEPS_PER_RADIAN as f32) as i32;
         Some((phase + Phase::from_bits(steps as u32), velocity.max(0.0)))
     }
 }
@@ -477,24 +477,24 @@ mod tests {
             .find(|n| count.steps.is_multiple_of(*n))
             .unwrap_or(1);
         for (slice, after) in [(64, 0), (64, 3), (factor, 1), (count.steps - 1, 0)] {
-            let mut own = StrikeProfiler::new(settings).unwrap();
-            let mut stored = own;
+            let mut computed = StrikeProfiler::new(settings).unwrap();
+            let mut stored = computed;
             for round in 0_u32.. {
                 if round == after {
                     assert_eq!(stored.pending_settings(), Some(&settings));
                     stored.set_stored_result(&count);
                     assert_eq!(stored.pending_settings(), None);
                 }
-                let more = own.advance(slice);
+                let more = computed.advance(slice);
                 assert_eq!(stored.advance(slice), more, "{slice} {round}");
-                assert_eq!(own.profile().is_some(), stored.profile().is_some());
+                assert_eq!(computed.profile().is_some(), stored.profile().is_some());
                 if !more {
                     break;
                 }
             }
-            let [own, stored] =
-                [own, stored].map(|profiler| std::format!("{:?}", profiler.profile().unwrap()));
-            assert_eq!(own, stored);
+            let [computed, stored] = [computed, stored]
+                .map(|profiler| std::format!("{:?}", profiler.profile().unwrap()));
+            assert_eq!(computed, stored);
         }
         // A result at another k is rejected.
         let mut other = StrikeProfiler::new(StrikeSettings {

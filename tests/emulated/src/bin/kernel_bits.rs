@@ -1,12 +1,12 @@
 //! Hashes over the bits of long orbits, one line per kernel: `hash KERNEL HASH`.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-use kband_emulated::{kernels, say};
+use kband_emulated::{emit, kernels};
 
 kband_emulated::image!(run);
 
 fn run() {
     for (name, hash) in kernels::hashes() {
-        say!("hash {name} {hash:08x}");
+        emit!("hash {name} {hash:08x}");
     }
 }

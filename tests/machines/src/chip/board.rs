@@ -14,7 +14,7 @@ use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
-use super::world::{CURRENT, STEP, Seen, World};
+use super::world::{CURRENT_CHANNEL, Event, STEP, World};
 use super::{set_word, word};
 
 /// First address of the RAM.
@@ -51,9 +51,9 @@ pub struct Board {
     /// Time since the start, ticks.
     pub now: u64,
     /// Number of core cycles since the start.
-    pub cycles: u64,
+    pub(super) cycles: u64,
     /// Tick of the next event.
-    pub next: u64,
+    pub(super) next: u64,
     /// Duration of a core cycle, ticks; 0 without a clock.
     pub cycle: u64,
     /// Core cycles spent waiting for memory, beyond an instruction's own.
@@ -79,8 +79,7 @@ pub struct Board {
     pub cut_at: Option<u64>,
     /// Clocks.
     pub clocks: Clocks,
-    /// Supply.
-    pub power: Power,
+    power: Power,
     /// Flash.
     pub flash: Flash,
     /// RAM.
@@ -90,22 +89,18 @@ pub struct Board {
     pub ports: Vec<Port>,
     /// TIM1.
     pub bridge: Bridge,
-    /// ADC1.
-    pub converter: Converter,
+    converter: Converter,
     /// DAC.
     pub voltage: Voltage,
-    /// CRC.
-    pub check: Check,
+    check: Check,
     /// Memory below the RAM; this chip has none.
     pub memory_below_ram: Vec<u8>,
     /// USART1 to USART3, UART4.
     pub serials: [Serial; 4],
     /// IWDG.
     pub watchdog: Independent,
-    /// WWDG.
-    pub window: Window,
-    /// The core's own peripherals.
-    pub system: System,
+    window: Window,
+    pub(super) system: System,
     /// EXTI registers: masks, edges, pending.
     lines: [u32; 6],
     monitor: bool,
@@ -159,7 +154,7 @@ impl Board {
 
     /// Resets the registers; the RAM and the debugger's settings stay.
     pub fn reset(&mut self, cause: Cause) {
-        self.world.record(self.now, Seen::Reset(cause));
+        self.world.record(self.now, Event::Reset(cause));
         self.clocks.reset();
         self.clocks.note(cause);
         self.power.reset();
@@ -218,8 +213,8 @@ impl Board {
             self.cycle = cycle;
         }
         if core > self.power.fastest() {
-            let [core, most] = [core, self.power.fastest()].map(|clock| clock / 1_000_000);
-            let what = format!("the core at {core} MHz, above its limit of {most} MHz");
+            let [core, limit] = [core, self.power.fastest()].map(|clock| clock / 1_000_000);
+            let what = format!("the core at {core} MHz, above its limit of {limit} MHz");
             self.world.violate(self.now, what);
         }
         let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
@@ -227,7 +222,7 @@ impl Board {
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
         for (serial, upper) in self.serials.iter_mut().zip([true, false, false, false]) {
-            serial.set_cycle(cycle * u64::from(self.clocks.divider(upper)));
+            serial.cycle = cycle * u64::from(self.clocks.divider(upper));
         }
     }
 
@@ -275,7 +270,7 @@ impl Board {
         let driven = self.drive(self.now);
         let [drive_on, ready, fault, bus_driver] = outputs.map(|on| on && self.supplied);
         let levels = [driven, drive_on, ready, fault, bus_driver];
-        self.world.look(self.now, levels);
+        self.world.record_changes(self.now, levels);
     }
 
     fn schedule(&mut self) {
@@ -286,7 +281,7 @@ impl Board {
         let lower = self.lower();
         let mut next = self.world.due.min(self.watchdog.due());
         if !self.halted {
-            next = next.min(self.system.tick_due());
+            next = next.min(self.system.tick_due);
         }
         next = next
             .min(self.bridge.due())
@@ -299,9 +294,16 @@ impl Board {
         self.next = next;
     }
 
-    /// Executes all events up to `now` in order of time. An instruction may end after an event:
-    /// track, bridge and converter use the event's own time.
-    pub fn run_events(&mut self) {
+    /// Executes the events that are due.
+    pub(super) fn run_due(&mut self) {
+        if self.next <= self.now {
+            self.run_events();
+        }
+    }
+
+    /// Executes all events up to `now` in order of time. An instruction may end after an event.
+    /// Track, bridge and converter use the event's own time.
+    fn run_events(&mut self) {
         let now = self.now;
         loop {
             let track = self.world.due;
@@ -329,12 +331,12 @@ impl Board {
             self.schedule();
             return;
         }
-        while !self.halted && self.cycle > 0 && self.system.tick_due() <= now {
+        while !self.halted && self.cycle > 0 && self.system.tick_due <= now {
             self.system.tick(self.cycle);
         }
         for serial in &mut self.serials {
             while serial.due() <= now {
-                serial.happen(now);
+                serial.run_events(now);
             }
         }
         self.watch();
@@ -348,7 +350,7 @@ impl Board {
         let [accelerometer, current, referenced] = self.kind.facts().channels;
         self.converter.end(at, |channel| match channel {
             channel if channel == accelerometer => reading,
-            channel if channel == current => others[CURRENT],
+            channel if channel == current => others[CURRENT_CHANNEL],
             16 => (0.76 / 3.3 * 4096.0) as u16,
             channel if channel == referenced => reference.min(4095),
             channel => others.get(channel as usize).copied().unwrap_or(0),
@@ -361,14 +363,14 @@ impl Board {
             self.reset = Some(Cause::Watchdog);
         }
         if self.window.warns(lower) <= self.now {
-            self.window.warn();
+            self.window.early = true;
         }
         if self.window.due(lower) <= self.now {
             self.reset = Some(Cause::Window);
         }
     }
 
-    /// Triggers the converter at tick `at`, where the bridge does.
+    /// Triggers the converter at tick `at` if the bridge does.
     fn trigger(&mut self, triggers: bool, at: u64) {
         if triggers && self.converts {
             let upper = self.upper();
@@ -399,28 +401,28 @@ impl Board {
         // A pin without the timer's function does not reach the timer.
         let ours = self.ports[1].mode(12) == Mode::Function(self.kind.facts().timer_function);
         let high = ours && self.ports[1].level(12);
-        let by_chip = by_chip || self.breaks(BREAK_BY_MONITOR) && self.power.is_below();
+        let by_chip = by_chip || self.is_break(BREAK_BY_MONITOR) && self.power.below;
         if self.bridge.break_input(high, by_chip) {
             self.update_trace();
         }
     }
 
     /// Whether this cause is connected to the break of TIM1.
-    fn breaks(&self, cause: u32) -> bool {
+    fn is_break(&self, cause: u32) -> bool {
         self.kind == Kind::Stm32g474 && self.configuration[BREAKS] & cause != 0
     }
 
     /// Records a lock-up of the core, which may be connected to the break of TIM1.
     pub fn locks_up(&mut self) {
-        self.world.record(self.now, Seen::LockedUp);
-        self.break_input(self.breaks(BREAK_BY_LOCKUP));
+        self.world.record(self.now, Event::LockedUp);
+        self.break_input(self.is_break(BREAK_BY_LOCKUP));
     }
 
     /// Stops the crystal.
     pub fn crystal_stops(&mut self) {
-        let seen = self.clocks.crystal_stops(self.now);
+        let detected = self.clocks.crystal_stops(self.now);
         self.clock_tree();
-        if seen {
+        if detected {
             self.break_input(true);
         }
         self.refresh();
@@ -428,7 +430,7 @@ impl Board {
 
     /// Follows the supply monitor's output with its EXTI line and the break.
     fn follow_monitor(&mut self) {
-        let below = self.power.is_below();
+        let below = self.power.below;
         if below != self.monitor {
             self.monitor = below;
             let edges = self.lines[if below { 2 } else { 3 }];
@@ -440,7 +442,7 @@ impl Board {
     /// Sets the supply, V.
     pub fn set_volts(&mut self, volts: f64) {
         self.power.volts = volts;
-        self.power.look();
+        self.power.update();
         if self.power.too_low_for_flash() {
             self.flash.weaken(self.now);
         }
@@ -465,9 +467,7 @@ impl Board {
     pub fn pass(&mut self, until: u64) {
         while self.now < until && self.reset.is_none() {
             self.now = self.next.clamp(self.now, until);
-            if self.next <= self.now {
-                self.run_events();
-            }
+            self.run_due();
         }
     }
 
@@ -476,12 +476,12 @@ impl Board {
         let from = self.now;
         self.pass(until);
         let ticks = self.now - from;
-        self.system.stands(ticks);
+        self.system.pause(ticks);
         if self.stops[1] >> 12 & 1 == 1 {
             self.watchdog.suspend(ticks);
         }
         if self.stops[1] >> 11 & 1 == 1 {
-            self.window.stands(ticks);
+            self.window.pause(ticks);
         }
         self.schedule();
     }
@@ -498,7 +498,7 @@ impl Board {
     /// watchdog's count.
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
-        self.next.min(self.flash.busy()).min(counts)
+        self.next.min(self.flash.busy).min(counts)
     }
 
     /// Reports a read of a flash word with two wrong bits (RM0440, 3.3.7).
@@ -506,7 +506,7 @@ impl Board {
         if self.flash.reads_torn(offset) {
             self.system.pend(NMI);
             self.attention = true;
-            self.break_input(self.breaks(BREAK_BY_FLASH));
+            self.break_input(self.is_break(BREAK_BY_FLASH));
         }
     }
 
@@ -514,17 +514,14 @@ impl Board {
     fn wait_for_flash(&mut self, address: u32) {
         let offset = (address & 0x000f_ffff) as usize;
         if self.flash.is_busy(offset, self.now) && self.cycle > 0 {
-            let until = self.flash.busy();
-            self.pass(until);
+            self.pass(self.flash.busy);
         }
     }
 
-    /// Block and offset of a register that the program reads or writes, after the events that are
-    /// due; `None` where there is no model, or no clock.
+    /// Block and offset of a register that the program accesses, after the events that are due;
+    /// `None` without a model or without a clock.
     fn reach(&mut self, at: u32, what: &str) -> Option<(Block, u32)> {
-        if self.now >= self.next {
-            self.run_events();
-        }
+        self.run_due();
         let place = self.kind.place(at);
         let why = match place {
             Some((block, _)) if self.clocks.enabled(block) => return place,
@@ -542,7 +539,7 @@ impl Board {
         };
         let (now, lower) = (self.now, self.lower());
         match block {
-            Block::Flash if offset == self.flash.status_offset() && self.flash.busy() > now => {
+            Block::Flash if offset == self.flash.status_offset() && self.flash.busy > now => {
                 self.flash_status_reads = self.flash_status_reads.saturating_add(1);
                 self.attention = true;
             }
@@ -615,7 +612,7 @@ impl Board {
         self.refresh();
     }
 
-    /// Detects a new flash operation beyond the `before` earlier ones; the supply may fail with it.
+    /// Counts new flash operations beyond the `before` earlier ones; the supply may fail with one.
     fn operated(&mut self, before: u64) {
         if self.flash.operations == before {
             return;
@@ -625,11 +622,11 @@ impl Board {
             self.world.violate(self.now, what);
         }
         if std::mem::take(&mut self.flash.programmed_weak) {
-            let what = "programs a sector whose erasure did not end".to_owned();
+            let what = "programs a sector whose erasure did not end";
             self.world.violate(self.now, what);
         }
         if std::mem::take(&mut self.flash.programmed_cached) {
-            let what = "programs the flash with its data cache on".to_owned();
+            let what = "programs the flash with its data cache on";
             self.world.violate(self.now, what);
         }
         if (self.cut_at).is_some_and(|count| self.flash.operations >= count) {
@@ -656,10 +653,10 @@ impl Board {
             address if address == self.kind.facts().timer_stop.0 => self.stops[2] = value,
             address => {
                 let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
-                let asks = self.system.write(address, size, value, now, cycle, cycles);
+                let effect = self.system.write(address, size, value, now, cycle, cycles);
                 self.attention = true;
                 self.schedule();
-                return asks;
+                return effect;
             }
         }
         WriteEffect::Nothing
@@ -679,7 +676,7 @@ impl Board {
                 let (stall, old) = self.flash.read(flash::START + at as u32);
                 self.stall += stall;
                 if old {
-                    let what = "reads data that its cache kept over an erasure".to_owned();
+                    let what = "reads data that its cache kept over an erasure";
                     self.world.violate(self.now, what);
                 }
                 self.check_word(at);
@@ -729,8 +726,7 @@ impl Board {
                 let value = if size == 4 {
                     value
                 } else {
-                    // A partial write of a register keeps the rest, except where writing 0 has no
-                    // effect.
+                    // A partial write of a register keeps the rest, unless writing 0 has no effect.
                     let shift = 8 * (address & 3);
                     let mask = (1_u32 << (8 * size)).wrapping_sub(1) << shift;
                     self.register(word) & !mask | value << shift & mask

@@ -18,11 +18,11 @@ const AUTOMATIC: u32 = 1 << 14;
 /// Main output enable (17.4.18).
 const MAIN_OUTPUT: u32 = 1 << 15;
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Bridge {
     kind: Kind,
-    words: [u32; 20],
-    /// Active values of prescaler, reload and comparison, taken over at the last update.
+    registers: [u32; 20],
+    /// Active values of prescaler, reload and comparison, loaded at the last update.
     prescaler: u32,
     reload: u32,
     compare: u32,
@@ -37,19 +37,14 @@ pub struct Bridge {
 
 impl Bridge {
     pub fn new(kind: Kind) -> Self {
-        let mut words = [0; 20];
-        words[0x2c / 4] = 0xffff;
+        let mut registers = [0; 20];
+        registers[0x2c / 4] = 0xffff;
         Self {
             kind,
-            words,
-            prescaler: 0,
+            registers,
             reload: 0xffff,
-            compare: 0,
-            repetition: 0,
-            count: 0,
-            down: false,
-            since: 0,
             cycle: START_CYCLE,
+            ..Self::default()
         }
     }
 
@@ -61,14 +56,14 @@ impl Bridge {
     }
 
     fn word(&self, offset: usize) -> u32 {
-        self.words[offset / 4]
+        self.registers[offset / 4]
     }
 
     pub fn runs(&self) -> bool {
         self.word(0) & ENABLE != 0 && self.cycle > 0
     }
 
-    fn centred(&self) -> bool {
+    fn is_centred(&self) -> bool {
         self.word(0) >> 5 & 3 != 0
     }
 
@@ -95,7 +90,7 @@ impl Bridge {
         }
     }
 
-    /// Advances the count to tick `now`. The fraction of a count is kept, so that a register write
+    /// Advances the count to tick `now`. The fraction of a count is kept, so a register write
     /// shifts no edge.
     fn catch_up(&mut self, now: u64) {
         self.count = self.place(now);
@@ -113,16 +108,16 @@ impl Bridge {
         let steps = if self.down {
             self.count
         } else {
-            self.reload.saturating_sub(self.count) + u32::from(!self.centred())
+            self.reload.saturating_sub(self.count) + u32::from(!self.is_centred())
         };
         self.since + u64::from(steps) * self.count_ticks()
     }
 
-    /// Turns the counter at its end; returns whether an update comes on the trigger output (CR2.MMS =
-    /// 2).
+    /// Reverses the counter at its end; returns whether an update appears on the trigger output
+    /// (CR2.MMS = 2).
     pub fn turn(&mut self) -> bool {
         self.since = self.due();
-        if self.centred() {
+        if self.is_centred() {
             self.count = if self.down { 0 } else { self.reload };
             self.down = !self.down;
         } else {
@@ -136,14 +131,14 @@ impl Bridge {
             return false;
         }
         self.update();
-        self.words[0x10 / 4] |= UPDATE;
+        self.registers[0x10 / 4] |= UPDATE;
         if self.word(0x44) & AUTOMATIC != 0 && self.word(0x10) & BREAK == 0 {
-            self.words[0x44 / 4] |= MAIN_OUTPUT;
+            self.registers[0x44 / 4] |= MAIN_OUTPUT;
         }
         self.word(4) >> 4 & 7 == 2
     }
 
-    /// Takes over the preloaded values at an update (17.3.1).
+    /// Loads the preloaded values at an update (17.3.1).
     fn update(&mut self) {
         self.prescaler = self.word(0x28) & 0xffff;
         self.reload = self.word(0x2c) & 0xffff;
@@ -156,14 +151,14 @@ impl Bridge {
         match offset {
             0x14 => 0,
             0x24 => self.place(now),
-            0x00 => self.word(0) & !0x10 | u32::from(self.down && self.centred()) << 4,
-            offset => word(&self.words, offset),
+            0x00 => self.word(0) & !0x10 | u32::from(self.down && self.is_centred()) << 4,
+            offset => word(&self.registers, offset),
         }
     }
 
-    /// Writes a register; returns whether a software event comes on the trigger output.
+    /// Writes a register; returns whether a software event appears on the trigger output.
     pub fn write(&mut self, offset: u32, value: u32, now: u64) -> bool {
-        let Some(&old) = self.words.get(offset as usize / 4) else {
+        let Some(&old) = self.registers.get(offset as usize / 4) else {
             return false;
         };
         self.catch_up(now);
@@ -174,7 +169,7 @@ impl Bridge {
                 if value & 1 != 0 {
                     self.update();
                     (self.count, self.down, self.since) = (0, false, now);
-                    self.words[0x10 / 4] |= UPDATE;
+                    self.registers[0x10 / 4] |= UPDATE;
                 }
                 if value & 0x80 != 0 {
                     self.fail(BREAK);
@@ -187,21 +182,21 @@ impl Bridge {
             }
             0x44 => {
                 // Bits that a lock level protects (17.4.18); the level itself is written once.
-                let kept = match lock {
+                let preserved = match lock {
                     0 => 0,
                     1 => 0x73ff,
                     _ => 0x7fff,
                 };
                 let off = self.word(0x10) & SYSTEM_BREAK != 0;
-                (old & kept | value & !kept) & !(u32::from(off) * MAIN_OUTPUT)
+                (old & preserved | value & !preserved) & !(u32::from(off) * MAIN_OUTPUT)
             }
-            // Polarity at level 2.
+            // Polarity is protected from level 2 on.
             0x20 if lock >= 2 => old & 0xaaaa | value & !0xaaaa,
-            // Idle levels from level 1 on.
+            // Idle levels are protected from level 1 on.
             0x04 if lock >= 1 => old & 0x7f00 | value & !0x7f00,
             _ => value,
         };
-        self.words[offset as usize / 4] = value;
+        self.registers[offset as usize / 4] = value;
         match offset {
             0x00 if old & ENABLE == 0 => self.since = now,
             0x2c if self.word(0) & PRELOAD == 0 => self.reload = value & 0xffff,
@@ -213,17 +208,17 @@ impl Bridge {
 
     /// A break: disables the outputs without any clock (17.3.12).
     fn fail(&mut self, flag: u32) {
-        self.words[0x44 / 4] &= !MAIN_OUTPUT;
-        self.words[0x10 / 4] |= flag;
+        self.registers[0x44 / 4] &= !MAIN_OUTPUT;
+        self.registers[0x10 / 4] |= flag;
     }
 
-    /// Applies the level of the break input and the break by the chip itself, such as the clock
-    /// security's; returns whether they opened the bridge.
+    /// Applies the level of the break input, and a break by the chip such as the clock security
+    /// system's. Returns whether they opened the bridge.
     pub fn break_input(&mut self, high: bool, by_chip: bool) -> bool {
         let word = self.word(0x44);
         let active = word & BREAK_ON != 0 && high == (word & BREAK_HIGH != 0);
         let driven = word & MAIN_OUTPUT != 0;
-        // The chip breaks where the break is enabled (17.3.12).
+        // A break by the chip requires the break enable (17.3.12).
         let by_chip = by_chip && word & BREAK_ON != 0;
         if active {
             self.fail(BREAK);
@@ -241,16 +236,16 @@ impl Bridge {
         self.word(0x44) & MAIN_OUTPUT != 0
     }
 
-    /// Whether the outputs and both their channels are enabled: one of the gates is always high.
+    /// Whether the outputs and both channels are enabled, so that one of the gates is always high.
     pub fn driven(&self) -> bool {
         self.enabled() && self.word(0x20) & 5 != 0
     }
 
     pub fn switch_on(&mut self) {
-        self.words[0x44 / 4] |= MAIN_OUTPUT;
+        self.registers[0x44 / 4] |= MAIN_OUTPUT;
     }
 
-    /// Mean bridge voltage over its supply, -1..1; a stopped counter leaves one switch on.
+    /// Mean bridge voltage over its supply, -1..1. A stopped counter leaves one switch closed.
     pub fn output(&self, now: u64) -> f32 {
         if !self.driven() {
             return 0.0;
@@ -263,8 +258,8 @@ impl Bridge {
             as f32
     }
 
-    /// Number of counts between the nearest edge, dead time included, and the first `sampled`
-    /// counts after the bottom. The compare value is that of the periods around it.
+    /// Number of counts between the nearest edge, including dead time, and the first `sampled`
+    /// counts after the bottom. The compare value is that of the neighbouring periods.
     pub fn clear(&self, sampled: u32) -> u32 {
         let (_, compare, dead) = self.period();
         let compare = compare.min(self.reload);
@@ -279,7 +274,7 @@ impl Bridge {
 
     /// Period in timer counts, its high part, and the dead time in counts.
     pub fn period(&self) -> (u32, u32, u32) {
-        let turns = if self.centred() { 2 } else { 1 };
+        let turns = if self.is_centred() { 2 } else { 1 };
         let dead = match self.word(0x44) & 0xff {
             code @ 0..0x80 => code,
             code @ 0x80..0xc0 => 2 * (64 + (code & 0x3f)),

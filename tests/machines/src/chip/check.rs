@@ -1,4 +1,5 @@
-//! Model of the CRC unit (RM0090, chapter 4): CRC-32 of words, highest bit first, four cycles each.
+//! Model of the CRC unit (RM0090, chapter 4): CRC-32 of words, highest bit first, four cycles a
+//! word.
 
 const POLYNOMIAL: u32 = 0x04c1_1db7;
 

@@ -3,7 +3,8 @@
 use super::kind::{Block, Kind};
 use super::{set_word, word};
 
-/// Ticks of emulated time per second: every clock of the board has a whole number of them.
+/// Ticks of emulated time per second: the period of every clock of the board is an integer number
+/// of them.
 pub const TICKS: u64 = 85_680_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL: u32 = 16_000_000;
@@ -27,7 +28,7 @@ const CSSC: u32 = 1 << 23;
 const LSION: u32 = 1;
 const LSIRDY: u32 = 1 << 1;
 
-/// What differs between the registers of the chips.
+/// Register differences between the chips.
 #[derive(Debug)]
 struct Layout {
     /// Offsets of PLLCFGR and CSR.
@@ -79,11 +80,11 @@ const STM32G474: Layout = Layout {
 pub enum Cause {
     /// Power-on, which sets the flags of brown-out and pin too.
     Power,
-    /// The supply fell below the brown-out level that the option bytes set.
+    /// The supply fell below the brown-out level of the option bytes.
     BrownOut,
     /// The reset pin, or a debugger.
     Pin,
-    /// The firmware, or a debugger, by the core's register.
+    /// The firmware or a debugger, through the core's register.
     Software,
     /// The independent watchdog.
     Watchdog,
@@ -242,8 +243,8 @@ impl Clocks {
         if self.uses_crystal() {
             self.pll_ready = u64::MAX;
         }
-        let seen = ran && self.control & CSSON != 0;
-        if seen {
+        let detected = ran && self.control & CSSON != 0;
+        if detected {
             self.interrupts |= CSSF;
             self.control &= !(HSEON | CSSON);
             if self.uses_crystal() {
@@ -252,7 +253,7 @@ impl Clocks {
             self.configuration = self.configuration & !3 | self.layout.internal_code;
             self.control |= self.layout.internal[0];
         }
-        seen
+        detected
     }
 
     /// Whether the security system's interrupt is pending.
@@ -277,7 +278,6 @@ impl Clocks {
         system >> divided
     }
 
-    /// Whether the PLL's source is the crystal.
     fn uses_crystal(&self) -> bool {
         let (mask, value) = self.layout.from_crystal;
         self.pll & mask == value

@@ -1,5 +1,5 @@
-//! Model of a converter: one triggered group of injected conversions, regular ones by software
-//! (RM0090, chapter 13; RM0440, chapter 21).
+//! Model of a converter: one triggered group of injected conversions, and regular conversions
+//! started by software (RM0090, chapter 13; RM0440, chapter 21).
 
 use super::kind::Kind;
 use super::{set_word, word};
@@ -22,7 +22,7 @@ const TRIGGER_DELAY: u32 = 6;
 const TRIGGER_DELAY_G474: u32 = 7;
 
 /// Bits of the STM32G474 (RM0440, 21.7). ISR: ready, end of regular conversions, end of injected
-/// ones. CR: on, starts, and stops, which clear them. CFGR: none are modelled but the resolution.
+/// ones. CR: on, starts, and stops, which clear the starts. CFGR: only the resolution is modelled.
 const READY_G474: u32 = 1;
 const REGULAR_END_G474: u32 = 3 << 2;
 const INJECTED_END_G474: u32 = 3 << 5;
@@ -36,11 +36,11 @@ const RESULTS_G474: usize = 0x80;
 /// Dividers of the converter's clock by code (RM0440, 21.8.2).
 const DIVIDERS_G474: [u32; 12] = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256];
 
-/// Registers of ADC1 and those that the converters share.
+/// Registers of ADC1 and the common registers of the converters.
 #[derive(Clone, Debug)]
 pub struct Converter {
     kind: Kind,
-    words: [u32; 64],
+    registers: [u32; 64],
     prescaler: u32,
     /// End ticks of the running injected group and of the regular conversion.
     injected: u64,
@@ -51,28 +51,28 @@ impl Converter {
     pub fn new(kind: Kind) -> Self {
         Self {
             kind,
-            words: [0; 64],
+            registers: [0; 64],
             prescaler: 0,
             injected: u64::MAX,
             regular: u64::MAX,
         }
     }
 
-    /// Reads a register; from `offset` 0x300 on those that the converters share.
+    /// Reads a register; from `offset` 0x300 on a common one.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x308 => self.prescaler,
             0x40 if self.kind == Kind::Stm32g474 => {
-                self.words[0] &= !(1 << 2);
-                self.words[0x40 / 4]
+                self.registers[0] &= !(1 << 2);
+                self.registers[0x40 / 4]
             }
-            offset if self.kind == Kind::Stm32g474 => word(&self.words, offset),
+            offset if self.kind == Kind::Stm32g474 => word(&self.registers, offset),
             0x304 => self.prescaler,
             0x4c => {
-                self.words[0] &= !REGULAR_END;
-                self.words[0x4c / 4]
+                self.registers[0] &= !REGULAR_END;
+                self.registers[0x4c / 4]
             }
-            offset => word(&self.words, offset),
+            offset => word(&self.registers, offset),
         }
     }
 
@@ -82,13 +82,13 @@ impl Converter {
             return self.write_g474(offset, value, now, cycle);
         }
         match offset {
-            0x00 => self.words[0] &= value,
+            0x00 => self.registers[0] &= value,
             0x304 => self.prescaler = value,
             0x08 => {
-                self.words[2] = value & !(START | START_INJECTED);
+                self.registers[2] = value & !(START | START_INJECTED);
                 if value & ON != 0 && value & START != 0 {
-                    self.words[0] |= REGULAR_START;
-                    let channel = self.words[0x34 / 4] & 0x1f;
+                    self.registers[0] |= REGULAR_START;
+                    let channel = self.registers[0x34 / 4] & 0x1f;
                     self.regular = now + self.time(channel, cycle);
                 }
                 if value & ON != 0 && value & START_INJECTED != 0 {
@@ -96,34 +96,37 @@ impl Converter {
                 }
             }
             0x3c..=0x4c => {}
-            offset => set_word(&mut self.words, offset, value),
+            offset => set_word(&mut self.registers, offset, value),
         }
     }
 
-    /// Writes a register of the STM32G474. Its regulator and its calibration take no time here.
+    /// Writes a register of the STM32G474. Its regulator and its calibration take no time in the
+    /// model.
     fn write_g474(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
         match offset {
-            0x00 => self.words[0] &= !value,
+            0x00 => self.registers[0] &= !value,
             0x308 => self.prescaler = value,
             0x08 => {
                 // A start stays set until it is stopped; a calibration ends at once.
                 let stopped = (value & STOPS_G474) >> 2;
-                let started = value & !self.words[2] & !stopped;
-                let kept = self.words[2] & (START_G474 | START_INJECTED_G474);
-                self.words[2] = (value | kept) & !(stopped | STOPS_G474 | 1 << 31);
+                let started = value & !self.registers[2] & !stopped;
+                let preserved = self.registers[2] & (START_G474 | START_INJECTED_G474);
+                self.registers[2] = (value | preserved) & !(stopped | STOPS_G474 | 1 << 31);
                 if value & ON_G474 != 0 {
-                    self.words[0] |= READY_G474;
+                    self.registers[0] |= READY_G474;
                 }
                 if started & START_G474 != 0 {
-                    let channel = self.words[0x30 / 4] >> 6 & 0x1f;
+                    let channel = self.registers[0x30 / 4] >> 6 & 0x1f;
                     self.regular = now + self.time(channel, cycle);
                 }
-                if started & START_INJECTED_G474 != 0 && self.words[GROUP_G474 / 4] >> 7 & 3 == 0 {
+                if started & START_INJECTED_G474 != 0
+                    && self.registers[GROUP_G474 / 4] >> 7 & 3 == 0
+                {
                     self.begin(now, cycle);
                 }
             }
             0x40 | 0x80..=0x8c => {}
-            offset => set_word(&mut self.words, offset, value),
+            offset => set_word(&mut self.registers, offset, value),
         }
     }
 
@@ -139,12 +142,13 @@ impl Converter {
         let code = |registers: [u32; 2]| (registers[number] >> shift & 7) as usize;
         match self.kind {
             Kind::Stm32f405 => {
-                let bits = 12 - 2 * (self.words[1] >> 24 & 3);
-                (SAMPLING[code([self.words[4], self.words[3]])], 2 * bits)
+                let bits = 12 - 2 * (self.registers[1] >> 24 & 3);
+                let sampling = SAMPLING[code([self.registers[4], self.registers[3]])];
+                (sampling, 2 * bits)
             }
             Kind::Stm32g474 => {
-                let bits = 12 - 2 * (self.words[3] >> 3 & 3);
-                let sampling = SAMPLING_G474[code([self.words[5], self.words[6]])];
+                let bits = 12 - 2 * (self.registers[3] >> 3 & 3);
+                let sampling = SAMPLING_G474[code([self.registers[5], self.registers[6]])];
                 (sampling, 2 * bits + 1)
             }
         }
@@ -175,39 +179,37 @@ impl Converter {
     /// Channels of the injected group in order (13.13.12; RM0440, 21.7.16).
     fn group(&self) -> Vec<u32> {
         if self.kind == Kind::Stm32g474 {
-            let word = self.words[GROUP_G474 / 4];
-            return (0..=word & 3)
-                .map(|rank| word >> (9 + 6 * rank) & 0x1f)
-                .collect();
+            let word = self.registers[GROUP_G474 / 4];
+            let channels = (0..=word & 3).map(|rank| word >> (9 + 6 * rank) & 0x1f);
+            return channels.collect();
         }
-        let word = self.words[0x38 / 4];
+        let word = self.registers[0x38 / 4];
         let last = word >> 20 & 3;
-        (0..=last)
-            .map(|rank| word >> (5 * (3 - last + rank)) & 0x1f)
-            .collect()
+        let channels = (0..=last).map(|rank| word >> (5 * (3 - last + rank)) & 0x1f);
+        channels.collect()
     }
 
     fn begin(&mut self, now: u64, cycle: u64) {
         if self.kind == Kind::Stm32f405 {
-            self.words[0] |= INJECTED_START;
+            self.registers[0] |= INJECTED_START;
         }
         let group = self.group().into_iter();
         let times = group.map(|channel| self.time(channel, cycle));
         self.injected = now + times.sum::<u64>();
     }
 
-    /// Handles TIM1's trigger: starts the group where it is enabled and none is running.
+    /// Handles the trigger of TIM1: starts the group if it is enabled and none is running.
     pub fn trigger(&mut self, now: u64, cycle: u64) {
-        let control = self.words[2];
-        let group = self.words[GROUP_G474 / 4];
-        let asked = match self.kind {
+        let control = self.registers[2];
+        let group = self.registers[GROUP_G474 / 4];
+        let is_triggered = match self.kind {
             Kind::Stm32f405 => control >> 16 & 0xf == 1 && control >> 20 & 1 == 1,
             // A rising edge of its trigger 0.
             Kind::Stm32g474 => {
                 control & START_INJECTED_G474 != 0 && group >> 7 & 1 == 1 && group >> 2 & 0x1f == 0
             }
         };
-        if control & ON != 0 && asked && self.injected == u64::MAX {
+        if control & ON != 0 && is_triggered && self.injected == u64::MAX {
             self.begin(now, cycle);
         }
     }
@@ -221,19 +223,19 @@ impl Converter {
     pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) {
         let g474 = self.kind == Kind::Stm32g474;
         let (register, at) = if g474 { (3, 3) } else { (1, 24) };
-        let cut = 2 * (self.words[register] >> at & 3);
-        let to_left = !g474 && self.words[2] & RIGHT_TO_LEFT != 0;
+        let cut = 2 * (self.registers[register] >> at & 3);
+        let to_left = !g474 && self.registers[2] & RIGHT_TO_LEFT != 0;
         let left = if to_left { 4 } else { 0 };
         let mut convert = |channel: u32| u32::from(level(channel)) >> cut << left;
         if now >= self.regular {
             self.regular = u64::MAX;
             if g474 {
-                self.words[0x40 / 4] = convert(self.words[0x30 / 4] >> 6 & 0x1f);
-                self.words[0] |= REGULAR_END_G474;
-                self.words[2] &= !START_G474;
+                self.registers[0x40 / 4] = convert(self.registers[0x30 / 4] >> 6 & 0x1f);
+                self.registers[0] |= REGULAR_END_G474;
+                self.registers[2] &= !START_G474;
             } else {
-                self.words[0x4c / 4] = convert(self.words[0x34 / 4] & 0x1f);
-                self.words[0] |= REGULAR_END;
+                self.registers[0x4c / 4] = convert(self.registers[0x34 / 4] & 0x1f);
+                self.registers[0] |= REGULAR_END;
             }
         }
         if now < self.injected {
@@ -243,21 +245,22 @@ impl Converter {
         for (rank, channel) in self.group().into_iter().enumerate() {
             let value = convert(channel);
             if g474 {
-                self.words[RESULTS_G474 / 4 + rank] = value;
+                self.registers[RESULTS_G474 / 4 + rank] = value;
             } else {
-                let zero = self.words[0x14 / 4 + rank] & 0xfff;
-                self.words[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
+                let zero = self.registers[0x14 / 4 + rank] & 0xfff;
+                self.registers[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
             }
         }
-        self.words[0] |= [INJECTED_END, INJECTED_END_G474][usize::from(g474)];
+        self.registers[0] |= [INJECTED_END, INJECTED_END_G474][usize::from(g474)];
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
     pub fn interrupts(&self) -> bool {
         if self.kind == Kind::Stm32g474 {
-            return self.words[0] & self.words[1] & (REGULAR_END_G474 | INJECTED_END_G474) != 0;
+            return self.registers[0] & self.registers[1] & (REGULAR_END_G474 | INJECTED_END_G474)
+                != 0;
         }
-        let (status, control) = (self.words[0], self.words[1]);
+        let (status, control) = (self.registers[0], self.registers[1]);
         status & REGULAR_END != 0 && control >> 5 & 1 == 1
             || status & INJECTED_END != 0 && control >> 7 & 1 == 1
     }

@@ -58,7 +58,7 @@ const ERASE_TIMES: [[u64; 4]; 3] = [
 /// Size of the longest word that a chip programs at once, bytes; a sector is larger.
 const LONGEST_WORD: usize = 8;
 
-/// Takes the next key; returns whether it was the last of the right ones.
+/// Compares the next key of a sequence; returns whether it completed the right sequence.
 fn turn(count: &mut usize, keys: [u32; 2], key: u32) -> bool {
     let right = keys.get(*count) == Some(&key);
     *count = if right { *count + 1 } else { keys.len() + 1 };
@@ -79,25 +79,25 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 #[derive(Clone, Debug)]
 struct Lines {
     count: usize,
-    kept: VecDeque<u32>,
+    lines: VecDeque<u32>,
 }
 
 impl Lines {
     fn new(count: usize) -> Self {
         Self {
             count,
-            kept: VecDeque::new(),
+            lines: VecDeque::new(),
         }
     }
 
-    /// Whether a line is cached; afterwards it is.
+    /// Whether a line is cached; it is cached from now on.
     fn has(&mut self, line: u32) -> bool {
-        let known = self.kept.contains(&line);
-        if !known {
-            self.kept.truncate(self.count - 1);
-            self.kept.push_front(line);
+        let is_cached = self.lines.contains(&line);
+        if !is_cached {
+            self.lines.truncate(self.count - 1);
+            self.lines.push_front(line);
         }
-        known
+        is_cached
     }
 }
 
@@ -107,6 +107,8 @@ pub struct Flash {
     /// Content.
     pub bytes: Vec<u8>,
     kind: Kind,
+    /// Address and mask of bits that stay 1 when programmed, on the STM32F405.
+    pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
     /// Number of erasures of each sector.
@@ -115,19 +117,19 @@ pub struct Flash {
     pub slow: bool,
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
-    /// Sectors whose last erasure was not completed. They may read as erased and not stay so.
+    /// Sectors with an incomplete last erasure. They may read as erased, but not reliably.
     pub weak: [bool; SECTORS],
     /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
     /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
-    /// bank may then spoil the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
+    /// bank may then corrupt the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
     pub programmed_cached: bool,
     /// A sector that was erased while the data cache held parts of it: reads may return old data.
     stale: Option<Range<usize>>,
     /// Offset and previous content of the last operation.
     under_way: Option<(usize, Vec<u8>)>,
     /// Duration of the last erasure, ticks.
-    takes: u64,
+    duration: u64,
     keys: usize,
     option_keys: usize,
     access: u32,
@@ -135,7 +137,8 @@ pub struct Flash {
     status: u32,
     option_control: u32,
     options: u32,
-    busy: u64,
+    /// Tick until which the controller is busy.
+    pub busy: u64,
     /// First half of a word of the STM32G474, with its offset.
     half: Option<(usize, u32)>,
     /// Offsets of words with two wrong bits, and the register that reports their reads.
@@ -153,6 +156,7 @@ impl Flash {
         let mut flash = Self {
             bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
             kind,
+            worn: None,
             operations: 0,
             erasures: [0; SECTORS],
             slow: false,
@@ -162,7 +166,7 @@ impl Flash {
             programmed_cached: false,
             stale: None,
             under_way: None,
-            takes: 0,
+            duration: 0,
             keys: 0,
             option_keys: 0,
             access: 0,
@@ -194,12 +198,12 @@ impl Flash {
         if self.kind == Kind::Stm32g474 {
             self.access = INSTRUCTION_CACHE | DATA_CACHE;
         }
-        self.instructions.kept.clear();
-        self.data.kept.clear();
+        self.instructions.lines.clear();
+        self.data.lines.clear();
         self.current = [u32::MAX; 2];
     }
 
-    /// Brown-out reset in the coding of the option bytes.
+    /// Brown-out level in the coding of the option bytes.
     pub fn brown_out(&self) -> u32 {
         match self.kind {
             Kind::Stm32f405 => self.options >> 2 & 3,
@@ -230,7 +234,6 @@ impl Flash {
         now < self.busy && (self.kind == Kind::Stm32f405 || self.shares_bank(offset))
     }
 
-    /// The sector of an offset.
     fn sector_at(&self, offset: usize) -> Option<usize> {
         if self.kind == Kind::Stm32g474 {
             return Some(offset / pages::SIZE);
@@ -253,11 +256,6 @@ impl Flash {
         self.options
     }
 
-    /// Tick until which it is busy.
-    pub fn busy(&self) -> u64 {
-        self.busy
-    }
-
     /// Number of wait states.
     pub fn latency(&self) -> u32 {
         self.access & 7
@@ -268,7 +266,7 @@ impl Flash {
         [PREFETCH, INSTRUCTION_CACHE, DATA_CACHE].map(|bit| self.access & bit != 0)
     }
 
-    /// Number of core cycles that fetching a line of instructions waits.
+    /// Number of wait cycles of the core for a line of instructions.
     pub fn fetch(&mut self, address: u32) -> u32 {
         let line = address >> 4;
         let last = std::mem::replace(&mut self.current[0], line);
@@ -293,7 +291,7 @@ impl Flash {
         }
     }
 
-    /// Number of core cycles that a data read waits, and whether the data may be old.
+    /// Number of wait cycles of the core for a data read, and whether the data may be outdated.
     pub fn read(&mut self, address: u32) -> (u32, bool) {
         let line = address >> 4;
         let at = (address - START) as usize;
@@ -329,10 +327,10 @@ impl Flash {
             0x00 => {
                 self.access = value & 0x707;
                 if value & RESET_INSTRUCTIONS != 0 {
-                    self.instructions.kept.clear();
+                    self.instructions.lines.clear();
                 }
                 if value & RESET_DATA != 0 {
-                    self.data.kept.clear();
+                    self.data.lines.clear();
                     self.stale = None;
                 }
             }
@@ -347,9 +345,7 @@ impl Flash {
                 self.control = value & !START_ERASING;
                 if value & LOCKED != 0 {
                     self.keys = 0;
-                    return;
-                }
-                if value & START_ERASING != 0 {
+                } else if value & START_ERASING != 0 {
                     self.erase(now);
                 }
             }
@@ -359,8 +355,8 @@ impl Flash {
                     self.option_keys = 0;
                 }
                 if value & OPTIONS_START != 0 {
-                    // Silicon loads them at the next reset; the model at once, as the board's reset
-                    // follows.
+                    // Silicon loads them at the next reset; the model loads them at once, because a
+                    // reset follows.
                     self.options = value & OPTION_BYTES;
                     self.busy = now + self.erasure(0);
                 }
@@ -369,7 +365,7 @@ impl Flash {
         }
     }
 
-    /// Takes a key; the second of two right ones unlocks the controller.
+    /// Compares a key; the second of two right ones unlocks the controller.
     fn unlock(&mut self, key: u32) {
         let opens = turn(&mut self.keys, KEYS, key);
         self.control &= !(u32::from(opens) * LOCKED);
@@ -402,29 +398,25 @@ impl Flash {
         }
     }
 
-    fn erase_sector(&mut self, number: usize, range: Range<usize>, takes: u64, now: u64) {
+    fn erase_sector(&mut self, number: usize, range: Range<usize>, duration: u64, now: u64) {
         self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
         self.bytes[range.clone()].fill(0xff);
         self.erasures[number] += 1;
         self.weak[number] = false;
-        self.begin_erasure(range, takes, now);
+        self.begin_erasure(range, duration, now);
     }
 
-    fn begin_erasure(&mut self, range: Range<usize>, takes: u64, now: u64) {
+    fn begin_erasure(&mut self, range: Range<usize>, duration: u64, now: u64) {
         self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
-        (self.takes, self.busy) = (takes, now + takes);
+        (self.duration, self.busy) = (duration, now + duration);
     }
 
-    /// Marks an erasure in progress at tick `now` as incomplete: the supply is too low.
+    /// Marks the erasure in progress at tick `now` as incomplete, because the supply is too low.
     pub fn weaken(&mut self, now: u64) {
-        if now >= self.busy {
-            return;
-        }
-        let Some((at, before)) = &self.under_way else {
-            return;
-        };
-        if before.len() > LONGEST_WORD
+        if now < self.busy
+            && let Some((at, before)) = &self.under_way
+            && before.len() > LONGEST_WORD
             && let Some(number) = self.sector_at(*at)
         {
             self.weak[number] = true;
@@ -440,7 +432,7 @@ impl Flash {
         };
         let left = self.busy - now;
         self.busy = 0;
-        if before.len() > LONGEST_WORD && 4 * left < self.takes {
+        if before.len() > LONGEST_WORD && 4 * left < self.duration {
             return;
         }
         if self.kind == Kind::Stm32g474 {
@@ -469,6 +461,9 @@ impl Flash {
         }
         let sector = self.sector_at(offset);
         self.programmed_weak |= sector.is_some_and(|number| self.weak[number]);
+        let at = START + offset as u32;
+        let worn = self.worn.filter(|(address, _)| *address == at);
+        let value = value | worn.map_or(0, |(_, bits)| bits);
         let places = &mut self.bytes[offset..offset + size as usize];
         self.under_way = Some((offset, places.to_vec()));
         for (place, byte) in places.iter_mut().zip(value.to_le_bytes()) {
@@ -509,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_short_is_torn_and_what_ended_is_not() {
+    fn an_interrupted_write_is_torn_and_a_finished_one_is_not() {
         let mut flash = open();
         flash.set_register(0x10, PROGRAM | 2 << 8, 0);
         flash.program(8, 4, 0, 0);
@@ -524,7 +519,7 @@ mod tests {
     }
 
     #[test]
-    fn data_kept_over_an_erasure_is_old() {
+    fn cached_data_is_stale_after_an_erasure() {
         let mut flash = open();
         flash.set_register(0x00, 5 | DATA_CACHE, 0);
         flash.set_register(0x10, ERASE_SECTOR | 11 << 3 | START_ERASING, 0);

@@ -31,10 +31,10 @@ pub enum Mode {
 /// Registers of a port.
 #[derive(Clone, Debug)]
 pub struct Port {
-    /// External level of each pin.
+    /// External level at each pin.
     pub wires: [Wire; 16],
-    words: [u32; 10],
-    /// Mode and pull after a reset; ports A and B have the debugger's pins.
+    registers: [u32; 10],
+    /// Mode and pull after a reset; ports A and B have the pins of the debugger.
     first: [u32; 2],
 }
 
@@ -44,7 +44,7 @@ impl Port {
         let first = kind.facts().ports[number.min(2)];
         let mut port = Self {
             wires: [Wire::Open; 16],
-            words: [0; 10],
+            registers: [0; 10],
             first,
         };
         port.reset();
@@ -53,9 +53,9 @@ impl Port {
 
     /// Resets the registers.
     pub fn reset(&mut self) {
-        self.words = [0; 10];
-        self.words[0] = self.first[0];
-        self.words[3] = self.first[1];
+        self.registers = [0; 10];
+        self.registers[0] = self.first[0];
+        self.registers[3] = self.first[1];
     }
 
     /// Reads a register.
@@ -63,7 +63,7 @@ impl Port {
         match offset {
             0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
             0x18 => 0,
-            offset => word(&self.words, offset),
+            offset => word(&self.registers, offset),
         }
     }
 
@@ -71,34 +71,34 @@ impl Port {
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x10 => {}
-            // Set wins over reset (8.4.7).
-            0x18 => self.words[5] = self.words[5] & !(value >> 16) | value & 0xffff,
-            offset => set_word(&mut self.words, offset, value),
+            // Setting has priority over clearing (8.4.7).
+            0x18 => self.registers[5] = self.registers[5] & !(value >> 16) | value & 0xffff,
+            offset => set_word(&mut self.registers, offset, value),
         }
     }
 
     /// Configuration of a pin.
     pub fn mode(&self, pin: usize) -> Mode {
-        match self.words[0] >> (2 * pin) & 3 {
+        match self.registers[0] >> (2 * pin) & 3 {
             0 => Mode::Input,
             1 => Mode::Output,
-            2 => Mode::Function((self.words[8 + pin / 8] >> (4 * (pin % 8)) & 0xf) as u8),
+            2 => Mode::Function((self.registers[8 + pin / 8] >> (4 * (pin % 8)) & 0xf) as u8),
             _ => Mode::Analogue,
         }
     }
 
-    /// The level at a pin as its input register shows it; one that floats reads low.
+    /// Level of a pin in the input register; a floating pin reads low.
     pub fn level(&self, pin: usize) -> bool {
         match (self.mode(pin), self.wires[pin]) {
             (Mode::Analogue, _) => false,
-            (Mode::Output, _) => self.words[5] >> pin & 1 == 1,
+            (Mode::Output, _) => self.registers[5] >> pin & 1 == 1,
             (_, Wire::Low) => false,
             (_, Wire::High) => true,
-            (_, Wire::Open) => self.words[3] >> (2 * pin) & 3 == 1,
+            (_, Wire::Open) => self.registers[3] >> (2 * pin) & 3 == 1,
         }
     }
 
-    /// Level of an output; `None` where the pin is no output.
+    /// Level of an output; `None` if the pin is not an output.
     pub fn output(&self, pin: usize) -> Option<bool> {
         (self.mode(pin) == Mode::Output).then(|| self.level(pin))
     }

@@ -1,7 +1,7 @@
-//! The chips that the firmware is built for, and the differences between them.
+//! Chips of the firmware, and their differences.
 //!
-//! Both have the same core, timers, ports, CRC unit and watchdogs. Each peripheral's own registers
-//! are in its file; this table has the rest.
+//! Both have the same core, timers, ports, CRC unit and watchdogs. The registers of each peripheral
+//! are in its file; the other differences are here.
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ pub enum Kind {
     Stm32g474,
 }
 
-/// Numbers that differ between the chips.
+/// Numeric differences between the chips.
 #[derive(Debug)]
 pub struct Facts {
     /// Feature of the firmware's package that replaces the default ones.
@@ -49,7 +49,7 @@ pub struct Facts {
     /// Spread of the independent watchdog's oscillator, Hz.
     pub watchdog_clock: [f64; 2],
     /// Offsets of the sectors of settings and faults in the flash.
-    pub kept: Range<usize>,
+    pub stored: Range<usize>,
     /// Offset of the settings in the flash.
     pub settings: usize,
     /// Size of a sector of the settings, bytes; there are two.
@@ -68,7 +68,7 @@ const STM32F405: Facts = Facts {
     timer_stop: (0xe004_200c, 1),
     // DS8626, table 14.
     fastest: [168_000_000; 2],
-    // With 5 wait states, and for the flash by words (DS8626, table 15).
+    // With 5 wait states, and with programming of the flash by words (DS8626, table 15).
     lowest: 2.7,
     off: 1.68,
     // DS8626, table 19. Option bytes (3.9.1): 0b00 is level 3, 0b11 is off.
@@ -80,7 +80,7 @@ const STM32F405: Facts = Facts {
     window_prescaler: 3 << 7,
     // DS8626, table 40.
     watchdog_clock: [17e3, 47e3],
-    kept: 0x4000..0x2_0000,
+    stored: 0x4000..0x2_0000,
     settings: 0x4000,
     settings_sector: 16 * 1024,
     program: 0x2_0000,
@@ -91,7 +91,7 @@ const STM32G474: Facts = Facts {
     feature: Some("stm32g474re"),
     identity: (0x2003_6469, 512),
     flash_size: 0x1fff_75e0,
-    // It is seen at the end of the RAM too, where the program uses it.
+    // The program uses it at its second address, at the end of the RAM.
     coupled: 0,
     timer_stop: (0xe004_2010, 1 << 11),
     // RM0440, 6.1.5.
@@ -112,14 +112,14 @@ const STM32G474: Facts = Facts {
     window_prescaler: 7 << 11,
     // DS12288, LSI oscillator characteristics.
     watchdog_clock: [29.5e3, 34e3],
-    kept: 0x7_e000..0x8_0000,
+    stored: 0x7_e000..0x8_0000,
     settings: 0x7_f000,
     settings_sector: 2 * 1024,
     program: 0x6000,
     flash_word: 8,
 };
 
-/// A block of registers, with its number where there are several.
+/// A block of registers, with a number if there are several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
     /// WWDG.
@@ -134,7 +134,7 @@ pub enum Block {
     Voltage,
     /// TIM1.
     Bridge,
-    /// ADC1, and the registers that it shares.
+    /// ADC1 and the common registers of the converters.
     Converter,
     /// SYSCFG.
     Configuration,
@@ -153,7 +153,7 @@ pub enum Block {
 /// Size of a block, bytes.
 const SIZE: u32 = 0x400;
 
-/// Blocks, the number of them in a row, and their first addresses on the STM32F405 and on the
+/// Blocks, number of consecutive ones, and their first addresses on the STM32F405 and on the
 /// STM32G474.
 const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
     (Block::Window, 1, [0x4000_2c00, 0x4000_2c00]),
@@ -181,7 +181,7 @@ impl Kind {
         }
     }
 
-    /// Block and offset of a register by its address; `None` where there is no model.
+    /// Block and offset of a register by its address; `None` without a model.
     pub fn place(self, address: u32) -> Option<(Block, u32)> {
         BLOCKS.iter().find_map(|&(block, count, first)| {
             let offset = address.wrapping_sub(first[self as usize]);
@@ -195,10 +195,10 @@ impl Kind {
         })
     }
 
-    /// Address of a register of this chip by that on the STM32F405.
+    /// Address of a register of this chip, from its address on the STM32F405.
     ///
     /// # Panics
-    /// There is no such block.
+    /// The block does not exist.
     pub fn address(self, same: u32) -> u32 {
         let mut blocks = BLOCKS.iter();
         let block = blocks.find(|(_, count, [first, _])| same.wrapping_sub(*first) < count * SIZE);

@@ -2,8 +2,8 @@
 //! around it.
 //!
 //! The core executes the flash's content, or a probe's code in RAM. The peripherals, one per file,
-//! follow the reference manuals (RM0090, RM0440). Electrical properties, and behaviour that the manual
-//! leaves open, need tests on silicon.
+//! follow the reference manuals (RM0090, RM0440). Electrical properties, and behaviour undefined by
+//! the manual, need tests on silicon.
 
 mod board;
 mod bridge;
@@ -21,14 +21,11 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{COUNTER, Core, Fault, STACK, WaitState};
-pub use board::Board;
-pub use board::MEMORY;
+use self::core::{Bus, COUNTER, Core, Fault, STACK, WaitState};
+pub use board::{Board, MEMORY};
 use clocks::{Cause, TICKS};
 use kind::Kind;
 use system::HARD_FAULT;
-
-use self::core::Bus;
 
 /// Registers of the core for a debugger (ARM DDI 0403E, C1.6).
 const RESET: u32 = 0xe000_ed0c;
@@ -47,10 +44,10 @@ const READY: u32 = 1 << 16;
 const HALTED: u32 = 1 << 17;
 const LOCKED_UP: u32 = 1 << 19;
 const WAS_RESET: u32 = 1 << 25;
-/// Largest number of instructions of a loader before it counts as hanging.
+/// Largest number of instructions of a loader before it counts as stuck.
 const MAX_LOADER_INSTRUCTIONS: u64 = 60_000_000;
 /// Duration of a probe's access, ticks: 20 us.
-const ACCESS: u64 = TICKS / 50_000;
+const ACCESS_TICKS: u64 = TICKS / 50_000;
 
 /// Exception number of the converter.
 pub const SAMPLE: u16 = 16 + 18;
@@ -88,11 +85,11 @@ enum Runs {
 pub struct Handler {
     /// Number of calls.
     pub count: u64,
-    /// Sum, entry and exit included.
+    /// Sum over all calls, entry and exit included.
     pub sum: u64,
     /// Longest call.
     pub longest: u64,
-    begun: u64,
+    entered: u64,
 }
 
 /// The emulated chip.
@@ -118,25 +115,25 @@ pub struct Chip {
     transfer: u32,
     was_reset: bool,
     /// Whether the supply fell below the RAM's retention voltage.
-    gone: bool,
+    power_lost: bool,
     /// Run times of the handlers by exception number.
     handlers: [Handler; EXCEPTIONS],
     /// State of the core at its last read of the busy flash's status.
-    looked: Option<Box<Looked>>,
+    snapshot: Option<Box<Snapshot>>,
     /// How the program hangs; interrupts with a higher priority still run.
     pub hangs: Option<Hang>,
 }
 
 /// State of the core at a read of the busy flash's status.
 #[derive(Clone, Debug)]
-struct Looked {
+struct Snapshot {
     core: Core,
     at: u64,
     /// Ticks and instructions since the previous read, if the core's state was equal there.
-    took: Option<(u64, u64)>,
+    elapsed: Option<(u64, u64)>,
 }
 
-/// Ways to hang a program.
+/// Ways in which a program hangs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hang {
     /// The thread stops advancing; interrupts run.
@@ -171,9 +168,9 @@ impl Chip {
             why: 0,
             transfer: 0,
             was_reset: false,
-            gone: false,
+            power_lost: false,
             handlers: [Handler::default(); EXCEPTIONS],
-            looked: None,
+            snapshot: None,
             hangs: None,
         }
     }
@@ -186,11 +183,11 @@ impl Chip {
         self.handlers[usize::from(exception)]
     }
 
-    /// Clears the handlers' run times; a handler that runs now keeps its start.
+    /// Clears the handlers' run times; a running handler keeps its start.
     pub fn forget_handlers(&mut self) {
         for handler in &mut self.handlers {
             *handler = Handler {
-                begun: handler.begun,
+                entered: handler.entered,
                 ..Handler::default()
             };
         }
@@ -206,6 +203,11 @@ impl Chip {
         &mut self.board.flash.bytes
     }
 
+    /// Makes bits of a flash word stay 1.
+    pub fn wear(&mut self, address: u32, bits: u32) {
+        self.board.flash.worn = Some((address, bits));
+    }
+
     /// Number of words programmed and sectors erased.
     pub fn operations(&self) -> u64 {
         self.board.flash.operations
@@ -216,14 +218,13 @@ impl Chip {
         self.board.supplied && self.board.bridge.enabled()
     }
 
-    /// Entry address of the running firmware; `None` where none runs.
+    /// Entry address of the running firmware; `None` if none runs.
     pub fn running(&self) -> Option<u32> {
         let runs = matches!(self.runs, Runs::Core | Runs::Unknown);
         (self.is_supplied() && runs).then_some(self.entry)
     }
 
-    /// Switches the supply on. The RAM holds noise, and the firmware in the flash starts, if there
-    /// is any.
+    /// Switches the supply on. The RAM contains noise, and any firmware in the flash starts.
     pub fn power_on(&mut self) {
         self.fails_after = None;
         self.board.supplied = true;
@@ -235,7 +236,7 @@ impl Chip {
     /// Restores the supply from below the brown-out level, or from below the RAM's retention
     /// voltage.
     pub fn supply_returns(&mut self) {
-        if std::mem::take(&mut self.gone) {
+        if std::mem::take(&mut self.power_lost) {
             self.power_on();
         } else {
             self.board.supplied = true;
@@ -252,7 +253,7 @@ impl Chip {
         self.board.refresh();
     }
 
-    /// Reads bytes as a probe does; `None` where an address has no memory.
+    /// Reads bytes as a probe does; `None` if an address has no memory.
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Option<()> {
         self.run_between_accesses()?;
         // The core's memory protection does not stop a probe.
@@ -266,10 +267,8 @@ impl Chip {
         let size = width(address, bytes.len());
         for (index, part) in bytes.chunks_exact_mut(size).enumerate() {
             let place = address.checked_add((index * size) as u32)?;
-            let value = match self.own(place) {
-                Some(value) => value,
-                None => self.board.load(place, size as u32)?,
-            };
+            let own = self.own(place);
+            let value = own.or_else(|| self.board.load(place, size as u32))?;
             part.copy_from_slice(&value.to_le_bytes()[..size]);
         }
         self.board.stall = 0;
@@ -306,7 +305,7 @@ impl Chip {
         match self.runs {
             Runs::Unknown if !self.was_reset => self.board.bridge.switch_on(),
             Runs::Unknown => {}
-            Runs::Halted | Runs::Stopped | Runs::Core => self.run(self.board.now + ACCESS),
+            Runs::Halted | Runs::Stopped | Runs::Core => self.run(self.board.now + ACCESS_TICKS),
         }
         Some(())
     }
@@ -380,19 +379,19 @@ impl Chip {
 
     fn halt(&mut self, control: u32) {
         self.halting = control;
-        let asked = control & (DEBUG | HALT | STEP);
-        if asked & DEBUG == 0 {
+        let requested = control & (DEBUG | HALT | STEP);
+        if requested & DEBUG == 0 {
             if self.runs == Runs::Halted {
-                self.goes();
+                self.resume();
             }
             return;
         }
-        if asked & HALT != 0 {
+        if requested & HALT != 0 {
             self.stop(1);
         } else if self.runs == Runs::Halted {
-            self.goes();
+            self.resume();
             let unknown = self.runs == Runs::Unknown;
-            if asked & STEP != 0 {
+            if requested & STEP != 0 {
                 if !unknown {
                     self.steps(1);
                 }
@@ -406,7 +405,7 @@ impl Chip {
         }
     }
 
-    fn goes(&mut self) {
+    fn resume(&mut self) {
         let loader = self.core.r[COUNTER] >= MEMORY;
         self.driven_while_halted |= loader && self.is_driven();
         let older = self.older && !loader;
@@ -416,20 +415,18 @@ impl Chip {
         self.board.refresh();
     }
 
-    /// Executes up to `most` instructions, or to a breakpoint.
-    fn steps(&mut self, most: u64) {
-        let end = self.core.instructions + most;
+    /// Executes up to `max_steps` instructions, or to a breakpoint.
+    fn steps(&mut self, max_steps: u64) {
+        let end = self.core.instructions + max_steps;
         while self.runs == Runs::Core && self.core.instructions < end {
             if !self.is_supplied() {
                 return;
             }
             self.step();
-            if self.board.next <= self.board.now {
-                self.board.run_events();
-            }
-            self.attend();
+            self.board.run_due();
+            self.handle_exceptions();
         }
-        if most > 1 && self.runs == Runs::Core && self.core.instructions >= end {
+        if max_steps > 1 && self.runs == Runs::Core && self.core.instructions >= end {
             self.runs = Runs::Stopped;
         }
     }
@@ -455,11 +452,8 @@ impl Chip {
         self.board.halted = false;
         self.board.reset(cause);
         self.hangs = None;
-        let vector = |chip: &Self, at: usize| {
-            let bytes = &chip.board.flash.bytes[at..at + 4];
-            u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
-        };
-        let (stack, entry) = (vector(self, 0), vector(self, 4));
+        let (words, _) = self.board.flash.bytes.as_chunks();
+        let [stack, entry] = [words[0], words[1]].map(u32::from_le_bytes);
         self.core.reset(stack, entry);
         self.entry = entry & !1;
         let starts = flash::RANGE.contains(&entry) && entry & 1 == 1;
@@ -474,25 +468,17 @@ impl Chip {
         while self.board.now < until {
             if let Some(cause) = self.board.reset {
                 self.resets(cause);
-                continue;
-            }
-            if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Stopped {
+            } else if !self.board.supplied || self.board.cycle == 0 || self.runs == Runs::Stopped {
                 self.board.pass(until);
-                continue;
-            }
-            if self.runs == Runs::Halted {
+            } else if self.runs == Runs::Halted {
                 self.board.pass_halted(until);
-                continue;
-            }
-            if self.core.waits != WaitState::Not {
+            } else if self.core.waits != WaitState::Not {
                 self.sleeps(until);
-                continue;
+            } else {
+                self.stretch(until);
             }
-            self.stretch(until);
         }
-        if self.board.next <= self.board.now {
-            self.board.run_events();
-        }
+        self.board.run_due();
     }
 
     /// Executes instructions up to the next event.
@@ -504,10 +490,8 @@ impl Chip {
                 break;
             }
         }
-        if self.board.next <= self.board.now {
-            self.board.run_events();
-        }
-        self.attend();
+        self.board.run_due();
+        self.handle_exceptions();
         if self.board.flash_status_reads > 0 {
             self.skip_flash_wait(until);
         }
@@ -517,16 +501,16 @@ impl Chip {
     #[cold]
     fn skip_flash_wait(&mut self, until: u64) {
         let now = self.board.now;
-        let again = self.board.flash_status_reads > 1;
-        let before = self.looked.take().filter(|_| again);
-        let mut took = None;
+        let repeated = self.board.flash_status_reads > 1;
+        let before = self.snapshot.take().filter(|_| repeated);
+        let mut elapsed = None;
         if let Some(mut before) = before {
             let rounds = self.core.instructions - before.core.instructions;
             before.core.instructions = self.core.instructions;
             let same = before.core == self.core;
-            took = same.then_some((now - before.at, rounds));
+            elapsed = same.then_some((now - before.at, rounds));
             // The first rounds may still load lines of the program.
-            if let Some((ticks, instructions)) = took.filter(|_| took == before.took) {
+            if let Some((ticks, instructions)) = elapsed.filter(|_| elapsed == before.elapsed) {
                 let still = self.board.is_still_until().min(until);
                 let rounds = still.saturating_sub(now + 1) / ticks.max(1);
                 self.core.instructions += rounds * instructions;
@@ -534,10 +518,10 @@ impl Chip {
                 self.board.cycles += rounds * ticks / self.board.cycle.max(1);
             }
         }
-        self.looked = Some(Box::new(Looked {
+        self.snapshot = Some(Box::new(Snapshot {
             core: self.core.clone(),
             at: self.board.now,
-            took,
+            elapsed,
         }));
     }
 
@@ -567,7 +551,7 @@ impl Chip {
     /// Sleeps until an event wakes the core.
     fn sleeps(&mut self, until: u64) {
         let event = self.core.waits == WaitState::Event && self.core.event;
-        let wakes = self.board.system.wakes() && self.awake().is_some()
+        let wakes = self.board.system.wakes() && self.due_exception().is_some()
             || self.core.waits == WaitState::Interrupt && self.board.system.wakes();
         if event || wakes {
             self.core.event &= !event;
@@ -575,21 +559,19 @@ impl Chip {
         } else {
             let next = self.board.next.min(until);
             self.board.now = self.board.now.max(next);
-            if self.board.next <= self.board.now {
-                self.board.run_events();
-            }
+            self.board.run_due();
         }
-        self.attend();
+        self.handle_exceptions();
     }
 
     /// The exception that is due.
-    fn awake(&self) -> Option<u16> {
+    fn due_exception(&self) -> Option<u16> {
         let (core, system) = (&self.core, &self.board.system);
         system.due(core.mask, core.fault_mask, core.base_priority)
     }
 
     /// Leaves and enters exceptions.
-    fn attend(&mut self) {
+    fn handle_exceptions(&mut self) {
         self.core.attention = false;
         self.board.attention = false;
         self.core.float = self.board.float;
@@ -604,13 +586,13 @@ impl Chip {
                 Err(fault) => self.fault(fault),
             }
             if let Some(handler) = self.handlers.get_mut(usize::from(from)) {
-                let took = self.board.cycles - handler.begun;
+                let duration = self.board.cycles - handler.entered;
                 handler.count += 1;
-                handler.sum += took;
-                handler.longest = handler.longest.max(took);
+                handler.sum += duration;
+                handler.longest = handler.longest.max(duration);
             }
         }
-        if let Some(number) = self.awake() {
+        if let Some(number) = self.due_exception() {
             self.enter(number);
         }
     }
@@ -620,7 +602,7 @@ impl Chip {
         let handler = self.board.load(vector, 4).unwrap_or(0);
         self.board.system.enter(number);
         if let Some(handler) = self.handlers.get_mut(usize::from(number)) {
-            handler.begun = self.board.cycles;
+            handler.entered = self.board.cycles;
         }
         let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
         self.board.spend(cycles);
@@ -671,7 +653,7 @@ impl Chip {
             Cause::Power | Cause::BrownOut => {
                 self.power_off();
                 self.board.reset = None;
-                self.gone |= cause == Cause::Power;
+                self.power_lost |= cause == Cause::Power;
             }
             cause => self.reset(cause),
         }
@@ -691,17 +673,15 @@ fn set_word(words: &mut [u32], offset: u32, value: u32) {
 
 /// Widest access that address and length allow.
 fn width(address: u32, length: usize) -> usize {
-    [4, 2]
-        .into_iter()
-        .find(|size| (address as usize | length).is_multiple_of(*size))
-        .unwrap_or(1)
+    let fits = |size: &usize| (address as usize | length).is_multiple_of(*size);
+    [4, 2].into_iter().find(fits).unwrap_or(1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Runs of a few cycles execute each round of the wait; one long run skips most of them.
+    /// Short runs execute each round of the wait; one long run skips most of them.
     #[test]
     fn a_skipped_flash_wait_equals_an_executed_one() {
         const CODE: u32 = 0x2000_1000;

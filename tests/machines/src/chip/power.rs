@@ -34,7 +34,8 @@ pub struct Power {
     /// CR of the STM32F405; CR2 of the STM32G474.
     control: u32,
     status: u32,
-    below: bool,
+    /// Output of the monitor: the supply is below its level.
+    pub below: bool,
     /// CR1, CR3 and CR5 of the STM32G474.
     others: [u32; 3],
 }
@@ -90,7 +91,7 @@ impl Power {
             (Kind::Stm32g474, 0x80) => self.others[2] = value & NORMAL_RANGE_1,
             _ => {}
         }
-        self.look();
+        self.update();
     }
 
     /// Highest frequency of the core, Hz. The STM32G474 needs range 1 boost for it.
@@ -98,13 +99,8 @@ impl Power {
         self.kind.facts().fastest[usize::from(self.others[2] & NORMAL_RANGE_1 != 0)]
     }
 
-    /// Whether the supply is below the monitor's level.
-    pub fn is_below(&self) -> bool {
-        self.below
-    }
-
-    /// Updates the monitor; returns its output: the supply is below its level.
-    pub fn look(&mut self) -> bool {
+    /// Updates the monitor.
+    pub fn update(&mut self) {
         let (on, level) = match self.kind {
             Kind::Stm32f405 => (self.control & MONITOR, self.control >> 5 & 7),
             Kind::Stm32g474 => (self.control & MONITOR_G474, self.control >> 1 & 7),
@@ -112,7 +108,6 @@ impl Power {
         let level = self.kind.facts().levels.get(level as usize).unwrap_or(&0.0);
         let level = level + if self.below { HYSTERESIS } else { 0.0 };
         self.below = on != 0 && self.volts < level;
-        self.below
     }
 
     /// Whether the supply is too low to program or erase the flash by words (DS8626, flash memory
@@ -121,7 +116,7 @@ impl Power {
         self.volts < self.kind.facts().lowest || self.below
     }
 
-    /// State of the chip with this brown-out level of the option bytes (3.9.1), in reset or not.
+    /// State of the chip at this brown-out level of the option bytes (3.9.1), in reset or not.
     pub fn supply(&self, level: u32, in_reset: bool) -> Supply {
         let more = if in_reset { HYSTERESIS } else { 0.0 };
         let facts = self.kind.facts();

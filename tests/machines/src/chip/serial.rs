@@ -1,4 +1,4 @@
-//! Model of a serial port (RM0090, chapter 30). That of the STM32G474 is in `serial/fifo.rs`.
+//! Model of a serial port (RM0090, chapter 30); for the STM32G474 see `serial/fifo.rs`.
 
 use std::collections::VecDeque;
 
@@ -23,7 +23,7 @@ const ON: u32 = 1 << 13;
 const TWO_STOPS: u32 = 1 << 13;
 
 /// Registers of the port and both directions of the line.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Serial {
     status: u32,
     data: u32,
@@ -35,24 +35,24 @@ pub struct Serial {
     pub sent: Vec<(u64, u8)>,
     shifting: Option<(u64, u8)>,
     waiting: VecDeque<u8>,
-    /// Received bytes behind `data`.
+    /// Received bytes after `data`.
     received: VecDeque<u8>,
     kind: Kind,
     idle_at: u64,
     /// Flags that a read of the status has returned; a read of the data clears them.
-    seen: u32,
+    read_flags: u32,
     /// Duration of a clock cycle of the port, ticks.
-    cycle: u64,
-    /// Characters of the other end: bits a second, and bits of a character.
+    pub cycle: u64,
+    /// Character format of the other end: bit/s, and bits in a character.
     pub other_end: (u64, u64),
     /// Whether the transmitter has failed: the byte being sent never ends.
     pub stuck: bool,
-    /// Number of bytes lost by overrun, or because they ended between a read of the status and of
-    /// the data.
+    /// Number of bytes lost by overrun, or because they ended between a read of the status and one
+    /// of the data.
     pub lost: u64,
 }
 
-/// Rate of the desk's end, bits a second.
+/// Rate of the desk's end, bit/s.
 const RATE: u64 = 115_200;
 
 impl Serial {
@@ -60,21 +60,11 @@ impl Serial {
     pub fn new(kind: Kind) -> Self {
         Self {
             status: SENT | EMPTY,
-            data: 0,
-            rate: 0,
-            control: [0; 4],
-            coming: VecDeque::new(),
-            sent: Vec::new(),
-            shifting: None,
-            waiting: VecDeque::new(),
-            received: VecDeque::new(),
             kind,
             idle_at: u64::MAX,
-            seen: 0,
             cycle: START_CYCLE,
             other_end: (RATE, 10),
-            stuck: false,
-            lost: 0,
+            ..Self::default()
         }
     }
 
@@ -88,10 +78,6 @@ impl Serial {
             other_end: self.other_end,
             ..Self::new(self.kind)
         };
-    }
-
-    pub fn set_cycle(&mut self, cycle: u64) {
-        self.cycle = cycle;
     }
 
     /// Sends bytes from the desk, one after the other from tick `at`.
@@ -122,9 +108,9 @@ impl Serial {
         u64::from(self.rate.max(1)) * self.cycle * self.bits()
     }
 
-    /// Whether the port can receive the other end's bytes: their form is equal and the rate within
-    /// 3 %.
-    fn hears(&self) -> bool {
+    /// Whether the port can receive bytes of the other end: the format is equal, and the rate
+    /// within 3 %.
+    fn is_receiving(&self) -> bool {
         let ratio = self.byte() as f64 / self.other_byte() as f64;
         self.cycle > 0 && self.bits() == self.other_end.1 && (ratio - 1.0).abs() < 0.03
     }
@@ -140,15 +126,15 @@ impl Serial {
         }
         match offset {
             0x00 => {
-                self.seen = self.status;
+                self.read_flags = self.status;
                 self.status
             }
             0x04 => {
-                let unseen = self.status & RECEIVED != 0 && self.seen & RECEIVED == 0;
+                let unseen = self.status & RECEIVED != 0 && self.read_flags & RECEIVED == 0;
                 self.lost += u64::from(unseen);
                 self.status &= !RECEIVED;
-                self.status &= !(self.seen & (OVERRUN | IDLE));
-                self.seen = 0;
+                self.status &= !(self.read_flags & (OVERRUN | IDLE));
+                self.read_flags = 0;
                 self.data
             }
             0x08 => self.rate,
@@ -170,7 +156,7 @@ impl Serial {
         }
     }
 
-    /// Sends a byte, where the transmitter is on.
+    /// Sends a byte if the transmitter is on.
     fn send(&mut self, byte: u8, now: u64) {
         if !self.is_on(TRANSMITTER) {
             return;
@@ -196,13 +182,10 @@ impl Serial {
         self.control[0] & (on | part) == on | part
     }
 
-    /// Number of bytes that wait in each direction.
+    /// Capacity in bytes of each direction.
     fn depth(&self) -> usize {
-        if self.kind == Kind::Stm32g474 {
-            self.fifo_depth()
-        } else {
-            1
-        }
+        let fifos = self.kind == Kind::Stm32g474 && self.control[0] & fifo::FIFOS != 0;
+        if fifos { fifo::DEPTH } else { 1 }
     }
 
     pub fn due(&self) -> u64 {
@@ -213,19 +196,13 @@ impl Serial {
     }
 
     /// Executes all events up to tick `now`.
-    pub fn happen(&mut self, now: u64) {
+    pub fn run_events(&mut self, now: u64) {
         if now >= self.idle_at {
             self.idle_at = u64::MAX;
             self.status |= IDLE;
         }
-        while let Some(&(time, byte)) = self.coming.front()
-            && time <= now
-        {
-            self.coming.pop_front();
-            if !self.is_on(RECEIVER) {
-                continue;
-            }
-            if !self.hears() {
+        while let Some((time, byte)) = self.coming.pop_front_if(|next| next.0 <= now) {
+            if !self.is_on(RECEIVER) || !self.is_receiving() {
                 continue;
             }
             if self.status & RECEIVED != 0 && self.received.len() + 1 < self.depth() {
@@ -255,8 +232,8 @@ impl Serial {
 
     pub fn interrupts(&self) -> bool {
         let (status, control) = (self.status, self.control[0]);
-        let asked = control & (IDLE | RECEIVED | SENT | EMPTY);
+        let enabled_flags = control & (IDLE | RECEIVED | SENT | EMPTY);
         let flags = status | (u32::from(status & OVERRUN != 0) * RECEIVED);
-        self.is_on(0) && flags & asked != 0
+        self.is_on(0) && flags & enabled_flags != 0
     }
 }

@@ -48,7 +48,7 @@ pub struct System {
     tick_control: u32,
     tick_reload: u32,
     /// Tick at which SysTick next wraps.
-    tick_due: u64,
+    pub tick_due: u64,
     tick_left: u64,
     /// Offset of the cycle counter.
     cycles_from: u64,
@@ -125,12 +125,12 @@ impl System {
         lowest
     }
 
-    /// Whether any enabled exception is pending: this ends a wait for an interrupt, masked or not.
+    /// Whether any enabled exception is pending; it ends a wait for an interrupt, masked or not.
     pub fn wakes(&self) -> bool {
         self.pending & self.enabled != 0
     }
 
-    /// The exception to be entered.
+    /// The exception to enter next.
     pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
         let pending = self.pending & self.enabled;
         if pending == 0 {
@@ -167,10 +167,6 @@ impl System {
             })
     }
 
-    pub fn tick_due(&self) -> u64 {
-        self.tick_due
-    }
-
     /// Wraps SysTick; a core cycle takes `cycle` ticks.
     pub fn tick(&mut self, cycle: u64) {
         self.tick_due += (u64::from(self.tick_reload) + 1) * self.tick_step(cycle).max(1);
@@ -186,7 +182,7 @@ impl System {
         cycles * cycle
     }
 
-    /// Changes the core's cycle at tick `now` from `old` to `new` ticks; 0: it stops.
+    /// Changes the core's cycle at tick `now` from `old` to `new` ticks; 0 stops it.
     pub fn rescale(&mut self, now: u64, old: u64, new: u64) {
         if self.tick_control & 1 == 0 {
             return;
@@ -197,8 +193,8 @@ impl System {
         self.tick_due = if new > 0 { due } else { u64::MAX };
     }
 
-    /// Suspends all counters for some ticks: the core is halted.
-    pub fn stands(&mut self, ticks: u64) {
+    /// Suspends all counters for some ticks while the core is halted.
+    pub fn pause(&mut self, ticks: u64) {
         self.tick_due = self.tick_due.saturating_add(ticks);
     }
 
@@ -220,10 +216,12 @@ impl System {
                     & 0xff_ffff
             }
             0xe000_e01c => 0,
-            0xe000_e100..0xe000_e110 => bits(self.enabled, address - 0xe000_e100),
-            0xe000_e180..0xe000_e190 => bits(self.enabled, address - 0xe000_e180),
-            0xe000_e200..0xe000_e210 => bits(self.pending, address - 0xe000_e200),
-            0xe000_e280..0xe000_e290 => bits(self.pending, address - 0xe000_e280),
+            0xe000_e100..0xe000_e110 | 0xe000_e180..0xe000_e190 => {
+                bits(self.enabled, address & 0xf)
+            }
+            0xe000_e200..0xe000_e210 | 0xe000_e280..0xe000_e290 => {
+                bits(self.pending, address & 0xf)
+            }
             0xe000_e300..0xe000_e310 => bits(self.active, address - 0xe000_e300),
             0xe000_e400..0xe000_e460 => self.priority_word(address - 0xe000_e400 + 16),
             0xe000_ed00 => 0x410f_c241,

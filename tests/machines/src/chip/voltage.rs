@@ -21,7 +21,7 @@ impl Voltage {
         }
     }
 
-    /// Writes a register. The held value goes out at once where no trigger is set.
+    /// Writes a register. Without a trigger the held value is applied at once.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x00 => self.control = value,
@@ -35,7 +35,7 @@ impl Voltage {
         }
     }
 
-    /// The output over its reference, 0..1; `None` where it is off and the pin floats.
+    /// Output over its reference, 0..1; `None` if it is off and the pin floats.
     pub fn output(&self) -> Option<f64> {
         (self.control & 1 == 1).then(|| f64::from(self.out) / 4096.0)
     }

@@ -121,7 +121,8 @@ pub struct Window {
     prescaler: u32,
     control: u32,
     configuration: u32,
-    early: bool,
+    /// Whether its early warning is due.
+    pub early: bool,
     since: u64,
     /// Whether a write has caused its reset: too early, or below 0x40.
     reset_reason: bool,
@@ -209,10 +210,10 @@ impl Window {
         self.after((self.control & 0x7f).saturating_sub(0x3f), cycle)
     }
 
-    /// Tick of its early warning, where that is enabled.
+    /// Tick of its early warning, if enabled.
     pub fn warns(&self, cycle: u64) -> u64 {
-        let asked = self.configuration >> 9 & 1 == 1 && !self.early;
-        if !self.running() || !asked || cycle == 0 {
+        let is_enabled = self.configuration >> 9 & 1 == 1 && !self.early;
+        if !self.running() || !is_enabled || cycle == 0 {
             return u64::MAX;
         }
         self.after((self.control & 0x7f).saturating_sub(0x40), cycle)
@@ -224,16 +225,12 @@ impl Window {
         (self.since / step + u64::from(counts)) * step
     }
 
-    pub fn warn(&mut self) {
-        self.early = true;
-    }
-
     /// Whether its interrupt is pending.
     pub fn interrupts(&self) -> bool {
         self.early && self.configuration >> 9 & 1 == 1
     }
 
-    pub fn stands(&mut self, ticks: u64) {
+    pub fn pause(&mut self, ticks: u64) {
         self.since += ticks;
     }
 }

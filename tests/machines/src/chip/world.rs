@@ -9,16 +9,16 @@ use super::clocks::{Cause, TICKS};
 /// Interval between two steps of the simulated track, ticks.
 pub const STEP: u64 = TICKS / kband_control::SAMPLE_RATE as u64;
 
-/// Mean bridge voltage over its supply that moves the drive by its `gain`: the board's full output,
-/// a duty of 93 %.
-const FULL: f32 = 0.86;
+/// Mean bridge voltage over its supply at which the drive moves by its `gain`: the board's full
+/// output, a duty of 93 %.
+const FULL_OUTPUT_DUTY: f32 = 0.86;
 
-/// Place of the current sensor's reading (PC0): its channel on the STM32F405.
-pub const CURRENT: usize = 10;
+/// Index of the current sensor's reading (PC0): its channel on the STM32F405.
+pub const CURRENT_CHANNEL: usize = 10;
 
-/// Events seen from outside the chip.
+/// Events observed from outside the chip.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Seen {
+pub enum Event {
     /// The bridge is driven (`true`) or open.
     Bridge(bool),
     /// Level of the output "drive on".
@@ -44,7 +44,7 @@ pub struct World {
     angular: f32,
     /// Tick of the next step of the track.
     pub due: u64,
-    /// Supply of the sensor over its nominal one; signal and middle scale with it.
+    /// Supply of the sensor over its nominal one; signal and mid-scale are proportional to it.
     pub sensor_supply: f32,
     /// Drift of the sensor's voltage, V.
     pub sensor_offset: f32,
@@ -61,7 +61,7 @@ pub struct World {
     /// Last levels of bridge, "drive on", READY, FAULT and the fieldbus's driver enable.
     last: [bool; 5],
     /// Trace of events with their ticks.
-    pub trace: Vec<(u64, Seen)>,
+    pub trace: Vec<(u64, Event)>,
     /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
     /// Accesses that no program may make, with their ticks.
@@ -112,11 +112,11 @@ impl World {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
         self.sum = 0.0;
-        self.bench.hold(mean / FULL, self.step);
+        self.bench.hold(mean / FULL_OUTPUT_DUTY, self.step);
         let reading = f32::from(self.bench.sample().0);
         let drift = self.sensor_offset * (4096.0 / 3.3);
         self.reading = (reading * self.sensor_supply + drift) as u16;
-        self.analogue[CURRENT] = self.bench.current().0;
+        self.analogue[CURRENT_CHANNEL] = self.bench.current().0;
         self.bench.forget_strikes();
         let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
@@ -130,33 +130,34 @@ impl World {
     }
 
     /// Adds an event to the trace.
-    pub fn record(&mut self, now: u64, seen: Seen) {
-        self.trace.push((now, seen));
+    pub fn record(&mut self, now: u64, event: Event) {
+        self.trace.push((now, event));
     }
 
-    /// Compares bridge, "drive on" and both lamps with their last levels; adds an event for each
-    /// change.
-    pub fn look(&mut self, now: u64, levels: [bool; 5]) {
+    /// Compares bridge, "drive on" and both lamps with their last levels, and records an event for
+    /// each change.
+    pub fn record_changes(&mut self, now: u64, levels: [bool; 5]) {
         if levels == self.last {
             return;
         }
-        let seen = [
-            Seen::Bridge,
-            Seen::DriveOn,
-            Seen::Ready,
-            Seen::Fault,
-            Seen::BusDriver,
+        let events = [
+            Event::Bridge,
+            Event::DriveOn,
+            Event::Ready,
+            Event::Fault,
+            Event::BusDriver,
         ];
-        for ((seen, level), last) in seen.into_iter().zip(levels).zip(self.last) {
+        for ((event, level), last) in events.into_iter().zip(levels).zip(self.last) {
             if level != last {
-                self.record(now, seen(level));
+                self.record(now, event(level));
             }
         }
         self.last = levels;
     }
 
     /// Records an access that no program may make, once per kind.
-    pub fn violate(&mut self, now: u64, what: String) {
+    pub fn violate(&mut self, now: u64, what: impl Into<String>) {
+        let what = what.into();
         if self.violations.len() < 32 && self.violations.iter().all(|(_, old)| *old != what) {
             self.violations.push((now, what));
         }

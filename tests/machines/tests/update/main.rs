@@ -1,5 +1,5 @@
-//! An update of the firmware over the link, on the flashed image: of the STM32F405 with its two
-//! slots, and of the STM32G474 with one.
+//! Updates of the firmware over the link, on the flashed image: of the STM32F405 with two slots,
+//! and of the STM32G474 with one.
 
 mod one_slot;
 mod two_slots;
@@ -7,10 +7,10 @@ mod two_slots;
 use std::sync::OnceLock;
 
 use kband_control::Target;
-use kband_control::wire::{Kept, MAX_UPDATE_BYTES, UpdateRefusal, UpdateRequest, crc32};
+use kband_control::wire::{MAX_UPDATE_BYTES, SavedSettings, UpdateRefusal, UpdateRequest, crc32};
 use kband_machines::chip::flash::START;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::hazards::Hazard;
 use kband_machines::images::{feeder_on, symbol};
 use kband_machines::rig::{Act, Rig, ticks};
@@ -20,14 +20,14 @@ fn keypair() -> Keypair {
     Keypair::from(&[7; 32])
 }
 
-/// The program of the image, as an update.
+/// The program of the image, as content of an update.
 fn program(rig: &Rig) -> Vec<u8> {
     let kind = rig.chip.board.kind;
     let end = (symbol(&feeder_on(kind), "_image_end") - START) as usize + 4;
     rig.chip.flash()[kind.facts().program..end].to_vec()
 }
 
-/// The program with another name: its version begins with 9.
+/// The program with another name: its version starts with 9.
 fn other_program(rig: &Rig) -> Vec<u8> {
     let mut other = program(rig);
     let version = format!("{}+", env!("CARGO_PKG_VERSION"));
@@ -44,7 +44,7 @@ fn other_program(rig: &Rig) -> Vec<u8> {
     other
 }
 
-/// What is signed of an image.
+/// Signed data of an image.
 fn sum(image: &[u8], board: &str) -> [u8; 64] {
     let mut sum = Sha512::new();
     sum.update(image);
@@ -72,10 +72,10 @@ fn send(rig: &mut Rig, image: &[u8]) -> Result<(), UpdateRefusal> {
 }
 
 /// A board with settings and the public key of [`keypair`].
-fn keyed(kind: Kind) -> Rig {
+fn rig_with_key(kind: Kind) -> Rig {
     static KEYED: [OnceLock<Rig>; 2] = [const { OnceLock::new() }; 2];
     let made = KEYED[kind as usize].get_or_init(|| {
-        let hazard = Hazard::of("update", 50.0, Target::Amplitude(0.2));
+        let hazard = Hazard::new("update", 50.0, Target::Amplitude(0.2));
         let mut rig = hazard.commissioned(kind);
         rig.chip.board.flash.erases_in = Some(ticks(0.02));
         let key = *keypair().public.as_bytes();
@@ -85,10 +85,10 @@ fn keyed(kind: Kind) -> Rig {
     made.clone()
 }
 
-/// Runs until an image says hello after its start.
+/// Runs until an image reports its start.
 fn await_image(rig: &mut Rig) {
-    let (heard, end) = (rig.sent().len(), rig.time() + 60.0);
-    while rig.sent().len() == heard {
+    let (sent_count, end) = (rig.sent().len(), rig.time() + 60.0);
+    while rig.sent().len() == sent_count {
         rig.run(rig.time() + 0.01);
         assert!(rig.time() < end, "nothing starts");
     }
@@ -98,11 +98,11 @@ fn await_image(rig: &mut Rig) {
 /// Whether the other program runs, with the old settings and without a fault.
 fn runs_other(rig: &mut Rig) -> bool {
     let name = rig.image().expect("an answer");
-    assert_eq!(rig.kept(), Kept::InUse);
+    assert_eq!(rig.stored(), SavedSettings::InUse);
     let kind = rig.chip.board.kind;
     let new = name.starts_with('9');
-    let wanted = if new { other_program } else { program }(&keyed(kind));
-    let whole = rig.chip.flash()[kind.facts().program..].starts_with(&wanted);
+    let expected = if new { other_program } else { program }(&rig_with_key(kind));
+    let whole = rig.chip.flash()[kind.facts().program..].starts_with(&expected);
     assert!(whole, "the slot has the whole image");
     new
 }
@@ -116,12 +116,12 @@ fn power_cycle(rig: &mut Rig) {
     await_image(rig);
 }
 
-/// Presses the enable input; whether the bridge closes.
+/// Presses the enable input; returns whether the bridge closes.
 fn drives(rig: &mut Rig) -> bool {
     let from = rig.time();
     rig.at(from, Act::Enable(false))
         .at(from + 0.6, Act::Enable(true))
         .run(from + 1.0);
     rig.at(from + 1.0, Act::Enable(false)).run(from + 1.5);
-    rig.seen_after(from, &Seen::Bridge(true)).is_some()
+    rig.find_time(from, &Event::Bridge(true)).is_some()
 }

@@ -1,29 +1,30 @@
-//! The update of the STM32G474 by its loader: a whole image, refused ones, and with power cuts.
+//! Update of the STM32G474 by its loader: a complete image, refused images, and power cuts.
 //!
-//! `KBAND_EVERY_CUT=1` cuts the power at every operation of the flash, instead of a drawn sample.
+//! `KBAND_EVERY_CUT=1` cuts the power at every flash operation, instead of a random sample.
 
 use std::sync::OnceLock;
 
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
 
 use super::{
-    await_image, begin, drives, keyed, keypair, other_program, power_cycle, program, runs_other,
-    send, signature, sum,
+    await_image, begin, drives, keypair, other_program, power_cycle, program, rig_with_key,
+    runs_other, send, signature, sum,
 };
 use kband_control::wire::MAX_UPDATE_BYTES;
 
 const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
-/// Operations before the old image's mark is gone: the key's page and its five words.
+/// Number of operations before the old image's mark is erased: the key's page and its five words.
 const KEY: u64 = 6;
-/// Number of requests whose operations are cut in a usual run, and the share of their operations.
-const USUAL_REQUESTS: usize = 20;
-const USUAL_SHARE: f32 = 0.02;
+/// Number of requests with power cuts in a usual run, and share of their operations at which power
+/// is cut.
+const DEFAULT_REQUESTS: usize = 20;
+const DEFAULT_SHARE: f32 = 0.02;
 
 /// Header of an image, with a signature.
 struct Header {
@@ -34,7 +35,7 @@ struct Header {
 }
 
 impl Header {
-    fn of(image: &[u8]) -> Self {
+    fn from_image(image: &[u8]) -> Self {
         Self {
             board: BOARD,
             length: image.len() as u32,
@@ -71,7 +72,7 @@ fn restart(rig: &mut Rig) {
 fn in_loader() -> Rig {
     static LOADER: OnceLock<Rig> = OnceLock::new();
     let made = LOADER.get_or_init(|| {
-        let mut rig = keyed(KIND);
+        let mut rig = rig_with_key(KIND);
         assert_eq!(rig.update(&begin(BOARD, 4096)), Ok(()));
         rig.run(rig.time() + 1.0);
         assert!(waits(&mut rig));
@@ -80,13 +81,13 @@ fn in_loader() -> Rig {
     made.clone()
 }
 
-/// A board whose slot has the other program without its mark.
+/// A board whose slot contains the other program without its mark.
 fn written() -> Rig {
     static WRITTEN: OnceLock<Rig> = OnceLock::new();
     let made = WRITTEN.get_or_init(|| {
         let mut rig = in_loader();
         let (other, began) = (other_program(&rig), rig.time());
-        assert_eq!(rig.update(&Header::of(&other).request()), Ok(()));
+        assert_eq!(rig.update(&Header::from_image(&other).request()), Ok(()));
         println!("signature checked in {:.2} s", rig.time() - began);
         assert_eq!(send(&mut rig, &other), Ok(()));
         println!("{} bytes in {:.1} s", other.len(), rig.time() - began);
@@ -98,7 +99,7 @@ fn written() -> Rig {
 #[test]
 fn an_update_by_the_loader_drives_with_the_old_settings() {
     let mut rig = written();
-    let lamp = rig.seen_after(rig.time() - 10.0, &Seen::Fault(false));
+    let lamp = rig.find_time(rig.time() - 10.0, &Event::Fault(false));
     assert_eq!(lamp, None, "FAULT is on during the wait");
     let began = rig.time();
     assert_eq!(rig.update(&UpdateRequest::End(&[])), Ok(()));
@@ -106,13 +107,13 @@ fn an_update_by_the_loader_drives_with_the_old_settings() {
     await_image(&mut rig);
     println!("new image after {:.2} s", rig.time() - began);
     assert!(runs_other(&mut rig));
-    let started = rig.seen_after(began, &Seen::Fault(false)).unwrap();
+    let started = rig.find_time(began, &Event::Fault(false)).unwrap();
     assert_eq!(
-        rig.seen_after(started, &Seen::Fault(true)),
+        rig.find_time(started, &Event::Fault(true)),
         None,
         "no fault"
     );
-    assert_eq!(rig.seen_after(0.0, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(0.0, &Event::Bridge(true)), None);
     assert!(drives(&mut rig));
     power_cycle(&mut rig);
     assert!(runs_other(&mut rig) && drives(&mut rig));
@@ -120,14 +121,14 @@ fn an_update_by_the_loader_drives_with_the_old_settings() {
 }
 
 #[test]
-fn what_is_no_update_is_refused_before_the_old_image_is_erased() {
+fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     let mut rig = in_loader();
     let operations = rig.chip.operations();
     let image = program(&rig);
-    let mut header = Header::of(&image);
+    let mut header = Header::from_image(&image);
     header.signature[40] ^= 1;
     assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
-    let mut header = Header::of(&image);
+    let mut header = Header::from_image(&image);
     header.signature = signature(&image, "stm32f405rg");
     assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
     header.board = "stm32f405rg";
@@ -140,10 +141,10 @@ fn what_is_no_update_is_refused_before_the_old_image_is_erased() {
         bytes: &image[..256],
     };
     assert_eq!(rig.update(&bytes), Err(UpdateRefusal::Order(0)));
-    // The desk is silent: the old image returns, without a fault.
+    // The desk is silent: the old image starts again, without a fault.
     let from = rig.time();
     rig.run(from + 9.5);
-    assert!(rig.seen_after(from, &Seen::Fault(false)).is_none());
+    assert!(rig.find_time(from, &Event::Fault(false)).is_none());
     rig.run(from + 11.0);
     assert_eq!(rig.chip.operations(), operations);
     assert!(!runs_other(&mut rig) && drives(&mut rig));
@@ -153,14 +154,14 @@ fn what_is_no_update_is_refused_before_the_old_image_is_erased() {
     let refused = rig.update(&begin(BOARD, 4096));
     assert_eq!(refused, Err(UpdateRefusal::Running));
     rig.request_done(&Request::Alive);
-    assert_eq!(rig.seen_after(from + 0.5, &Seen::Bridge(false)), None);
+    assert_eq!(rig.find_time(from + 0.5, &Event::Bridge(false)), None);
 }
 
 #[test]
 fn a_truncated_image_never_starts_and_the_next_one_does() {
     let mut rig = in_loader();
     let other = other_program(&rig);
-    let header = Header::of(&other);
+    let header = Header::from_image(&other);
     assert_eq!(rig.update(&header.request()), Ok(()));
     assert_eq!(send(&mut rig, &other[..4096]), Ok(()));
     let end = rig.update(&UpdateRequest::End(&[]));
@@ -170,12 +171,12 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
     restart(&mut rig);
     assert!(waits(&mut rig), "after power-on");
     assert!(
-        rig.seen_after(rig.time() - 0.6, &Seen::Fault(true))
+        rig.find_time(rig.time() - 0.6, &Event::Fault(true))
             .is_some()
     );
     // Another image of the same key.
-    let old = program(&keyed(KIND));
-    assert_eq!(rig.update(&Header::of(&old).request()), Ok(()));
+    let old = program(&rig_with_key(KIND));
+    assert_eq!(rig.update(&Header::from_image(&old).request()), Ok(()));
     assert_eq!(send(&mut rig, &old), Ok(()));
     assert_eq!(rig.update(&UpdateRequest::End(&[])), Ok(()));
     await_image(&mut rig);
@@ -183,8 +184,8 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
 }
 
 #[test]
-fn an_empty_slot_waits_and_a_board_without_a_key_takes_nothing() {
-    let mut rig = keyed(KIND);
+fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
+    let mut rig = rig_with_key(KIND);
     let image = program(&rig);
     rig.act(&Act::Volts(0.0));
     rig.run(rig.time() + 0.3);
@@ -193,7 +194,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_takes_nothing() {
     let (from, operations) = (rig.time(), rig.chip.operations());
     restart(&mut rig);
     assert!(waits(&mut rig));
-    let request = rig.update(&Header::of(&image).request());
+    let request = rig.update(&Header::from_image(&image).request());
     assert_eq!(request, Err(UpdateRefusal::NoKey));
     let key = *keypair().public.as_bytes();
     assert_eq!(
@@ -204,7 +205,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_takes_nothing() {
     rig.run(rig.time() + 12.0);
     assert!(waits(&mut rig));
     assert_eq!(rig.chip.operations(), operations);
-    assert_eq!(rig.seen_after(from, &Seen::Bridge(true)), None);
+    assert_eq!(rig.find_time(from, &Event::Bridge(true)), None);
     assert_eq!(
         rig.resets().iter().filter(|reset| reset.0 > from).count(),
         1
@@ -212,13 +213,13 @@ fn an_empty_slot_waits_and_a_board_without_a_key_takes_nothing() {
 }
 
 #[test]
-fn a_power_cut_anywhere_leaves_the_old_image_or_a_wait_for_one() {
+fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     let every = std::env::var_os("KBAND_EVERY_CUT").is_some();
     let mut draw = Draw::new(39);
     let mut rig = in_loader();
     let other = other_program(&rig);
-    let settings = rig.chip.flash()[KIND.facts().kept.clone()].to_vec();
-    let header = Header::of(&other);
+    let settings = rig.chip.flash()[KIND.facts().stored.clone()].to_vec();
+    let header = Header::from_image(&other);
     let chunks = (0..)
         .step_by(MAX_UPDATE_BYTES)
         .zip(other.chunks(MAX_UPDATE_BYTES));
@@ -227,10 +228,10 @@ fn a_power_cut_anywhere_leaves_the_old_image_or_a_wait_for_one() {
     let count = if every {
         requests.len()
     } else {
-        USUAL_REQUESTS
+        DEFAULT_REQUESTS
     };
     let mut cuts = 0;
-    let mut cut = |rig: &Rig, request: &UpdateRequest<'_>, cut: u64, keeps: bool| {
+    let mut cut = |rig: &Rig, request: &UpdateRequest<'_>, cut: u64, keeps_image: bool| {
         let mut rig = rig.clone();
         let began = rig.time();
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
@@ -241,21 +242,21 @@ fn a_power_cut_anywhere_leaves_the_old_image_or_a_wait_for_one() {
             assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
         }
         restart(&mut rig);
-        assert_eq!(waits(&mut rig), !keeps, "{request:?} {cut}");
-        if keeps {
+        assert_eq!(waits(&mut rig), !keeps_image, "{request:?} {cut}");
+        if keeps_image {
             assert!(!runs_other(&mut rig));
         }
-        // The old image may write its log of faults.
-        let kept = &rig.chip.flash()[KIND.facts().kept.clone()];
-        assert!(keeps || kept == settings, "{request:?} {cut}");
-        assert_eq!(rig.seen_after(began, &Seen::Bridge(true)), None);
+        // The old image may write its fault log.
+        let stored = &rig.chip.flash()[KIND.facts().stored.clone()];
+        assert!(keeps_image || stored == settings, "{request:?} {cut}");
+        assert_eq!(rig.find_time(began, &Event::Bridge(true)), None);
         cuts += 1;
     };
     for (number, request) in requests[..count].iter().enumerate() {
         let mut next = rig.clone();
         assert_eq!(next.update(request), Ok(()));
         for operation in 1..=next.chip.operations() - rig.chip.operations() {
-            if every || number == 0 || draw.unit() < USUAL_SHARE {
+            if every || number == 0 || draw.unit() < DEFAULT_SHARE {
                 cut(&rig, request, operation, number == 0 && operation <= KEY);
             }
         }
@@ -263,7 +264,7 @@ fn a_power_cut_anywhere_leaves_the_old_image_or_a_wait_for_one() {
     }
     cut(&written(), &UpdateRequest::End(&[]), 1, false);
     println!("{cuts} power cuts");
-    // The reset pin does as a power cut does.
+    // The reset pin acts as a power cut.
     rig.chip.reset(Cause::Pin);
     rig.run(rig.time() + 0.5);
     assert!(waits(&mut rig));

@@ -1,7 +1,7 @@
-//! An update of the firmware over the link of the STM32F405, on the flashed image: confirmed, taken
-//! back, refused, and with power cuts.
+//! Update of the firmware of the STM32F405 over the link, on the flashed image: confirmed,
+//! reverted, refused, and with power cuts.
 //!
-//! `KBAND_CUTS=N` cuts each operation N times as often.
+//! `KBAND_CUTS=N` makes N times as many random cuts.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -9,24 +9,24 @@ use std::sync::OnceLock;
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
-use kband_machines::chip::world::Seen;
+use kband_machines::chip::world::Event;
 use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
 
 use super::{
-    await_image, begin, drives, keyed, other_program, power_cycle, program, runs_other, send,
-    signature,
+    await_image, begin, drives, other_program, power_cycle, program, rig_with_key, runs_other,
+    send, signature,
 };
 
 const BOARD: &str = "stm32f405rg";
-/// Number of the flash's operations that a swap of these programs exceeds.
-const SWAP: u64 = 150_000;
+/// Lower bound of the number of flash operations in a swap of these programs.
+const MIN_SWAP_OPERATIONS: u64 = 150_000;
 
-/// A board whose slot has the other program; its end is not sent.
+/// A board whose slot contains the other program; the end request is not sent.
 fn written() -> (Rig, [u8; 64]) {
     static WRITTEN: OnceLock<Rig> = OnceLock::new();
     let made = WRITTEN.get_or_init(|| {
-        let mut rig = keyed(Kind::Stm32f405);
+        let mut rig = rig_with_key(Kind::Stm32f405);
         let (other, began) = (other_program(&rig), rig.time());
         assert_eq!(rig.update(&begin(BOARD, other.len())), Ok(()));
         assert_eq!(send(&mut rig, &other), Ok(()));
@@ -36,8 +36,8 @@ fn written() -> (Rig, [u8; 64]) {
     (made.clone(), signature(&other_program(made), BOARD))
 }
 
-/// A board whose slot is marked; it is about to restart.
-fn marked() -> Rig {
+/// A board with a marked slot, just before its restart.
+fn marked_rig() -> Rig {
     let (mut rig, end) = written();
     let began = rig.time();
     assert_eq!(rig.update(&UpdateRequest::End(&end)), Ok(()));
@@ -49,7 +49,7 @@ fn marked() -> Rig {
 fn on_trial() -> Rig {
     static TRIAL: OnceLock<Rig> = OnceLock::new();
     let made = TRIAL.get_or_init(|| {
-        let mut rig = marked();
+        let mut rig = marked_rig();
         let began = rig.time();
         await_image(&mut rig);
         println!("swapped in {:.1} s", rig.time() - began);
@@ -63,7 +63,7 @@ fn a_confirmed_update_drives_with_the_old_settings() {
     let mut rig = on_trial();
     assert!(runs_other(&mut rig));
     let trial = rig.time();
-    assert_eq!(rig.seen_after(trial - 0.3, &Seen::Fault(true)), None);
+    assert_eq!(rig.find_time(trial - 0.3, &Event::Fault(true)), None);
     let operations = rig.chip.operations();
     assert!(!drives(&mut rig), "not on trial");
     assert_eq!(rig.chip.operations(), operations, "a trial writes nothing");
@@ -77,7 +77,7 @@ fn a_confirmed_update_drives_with_the_old_settings() {
 }
 
 #[test]
-fn an_unconfirmed_update_is_taken_back_by_a_reset() {
+fn an_unconfirmed_update_is_reverted_by_a_reset() {
     let mut rig = on_trial();
     power_cycle(&mut rig);
     assert!(!runs_other(&mut rig));
@@ -87,8 +87,8 @@ fn an_unconfirmed_update_is_taken_back_by_a_reset() {
 }
 
 #[test]
-fn what_is_no_update_is_refused_and_the_old_image_drives() {
-    let mut rig = keyed(Kind::Stm32f405);
+fn an_invalid_update_is_refused_and_the_old_image_drives() {
+    let mut rig = rig_with_key(Kind::Stm32f405);
     let image = program(&rig)[..1024].to_vec();
     let mut wrong = signature(&image, BOARD);
     wrong[40] ^= 1;
@@ -135,17 +135,18 @@ fn what_is_no_update_is_refused_and_the_old_image_drives() {
         assert!((rig.amplitude() - 0.2).abs() < 0.01);
     }
     assert_eq!(rig.chip.operations(), operations, "nothing is written");
-    assert_eq!(rig.seen_after(from + 0.5, &Seen::Bridge(false)), None);
+    assert_eq!(rig.find_time(from + 0.5, &Event::Bridge(false)), None);
 }
 
-/// Numbers of operations at which power fails: those of `all`, and `drawn` of the rest.
+/// Numbers of the operations with a power cut: those of `all`, and `drawn` random ones in `rest`
+/// further operations.
 fn cuts(draw: &mut Draw, all: Range<u64>, rest: u64, drawn: u32) -> Vec<u64> {
     let times = std::env::var("KBAND_CUTS").map_or(1, |times| times.parse().expect("a number"));
     let drawn = (0..drawn * times).map(|_| all.end + (draw.unit() as f64 * rest as f64) as u64);
     all.clone().chain(drawn).collect()
 }
 
-/// Cuts the power at some operations from now on; returns how often each image then runs.
+/// Cuts the power at some of the next operations; returns how often each image then runs.
 fn cut(rig: &Rig, cuts: &[u64], mut start: impl FnMut(&mut Rig)) -> [u32; 2] {
     let mut old_and_new = [0; 2];
     for cut in cuts {
@@ -163,7 +164,7 @@ fn cut(rig: &Rig, cuts: &[u64], mut start: impl FnMut(&mut Rig)) -> [u32; 2] {
             assert_eq!(rig.update(&UpdateRequest::Confirm), Ok(()), "{cut}");
         }
         old_and_new[usize::from(new)] += 1;
-        assert_eq!(rig.seen_after(began, &Seen::Bridge(true)), None, "{cut}");
+        assert_eq!(rig.find_time(began, &Event::Bridge(true)), None, "{cut}");
     }
     old_and_new
 }
@@ -173,7 +174,7 @@ fn a_cut_mark_or_swap_leaves_the_old_or_the_new_image() {
     let mut draw = Draw::new(37);
     let (rig, end) = written();
     // The mark ends a page, and programs a word of the next one.
-    let cuts = cuts(&mut draw, 1..4, SWAP, 3);
+    let cuts = cuts(&mut draw, 1..4, MIN_SWAP_OPERATIONS, 3);
     let old_and_new = cut(&rig, &cuts, |rig| {
         let frame = rig.update_frame(&UpdateRequest::End(&end));
         rig.act(&Act::Link(frame));
@@ -189,7 +190,7 @@ fn a_cut_mark_or_swap_leaves_the_old_or_the_new_image() {
 fn a_cut_return_leaves_the_old_image() {
     let mut draw = Draw::new(38);
     let rig = on_trial();
-    let cuts = cuts(&mut draw, 1..2, SWAP, 2);
+    let cuts = cuts(&mut draw, 1..2, MIN_SWAP_OPERATIONS, 2);
     let old_and_new = cut(&rig, &cuts, |rig| rig.chip.reset(Cause::Pin));
     assert_eq!(old_and_new, [cuts.len() as u32, 0]);
 }

@@ -1,9 +1,9 @@
 //! The loader of the STM32G474: starts a whole program, else waits for an image on the link.
 //!
-//! It runs on the internal oscillator of 16 MHz, as after a reset. All outputs float, but FAULT
-//! (PB11), which is on during a wait. The independent watchdog runs then with its longest period.
-//! The loader uses only RAM of the program's stack, and the note. It leaves every register as after
-//! a reset: a wait ends with one.
+//! It runs on the internal oscillator of 16 MHz, as after a reset. All outputs float, except FAULT
+//! (PB11), which is on while the loader waits. The independent watchdog then runs with its longest
+//! period. The loader uses only RAM of the program's stack, and the note. It leaves every register
+//! as after a reset: each wait ends with a reset.
 
 use core::ops::Range;
 use core::ptr::{read_volatile, write_volatile};
@@ -41,8 +41,8 @@ const DATA_CACHE: u32 = 1 << 10;
 /// Number of pages of a bank, and the bit of the second bank.
 const PAGES: u32 = 128;
 const SECOND_BANK: u32 = 1 << 11;
-/// Two wrong bits in a word that was read.
-const TWO_WRONG: u32 = 1 << 31;
+/// Flag of two wrong bits in a word that was read.
+const DOUBLE_ERROR: u32 = 1 << 31;
 /// Clocks (7.4): CRC unit, ports A and B, power controller and USART2.
 const AHB1_CLOCKS: u32 = 0x4002_1048;
 const AHB2_CLOCKS: u32 = 0x4002_104c;
@@ -81,11 +81,11 @@ const LINE_ERRORS: u32 = 0xf;
 /// Data and control of the CRC unit (16.4).
 const CHECK_DATA: u32 = 0x4002_3000;
 const CHECK_CONTROL: u32 = 0x4002_3008;
-/// Core cycles of a millisecond, less one.
+/// Core cycles of a millisecond, minus one.
 const MILLISECOND: u32 = 16_000 - 1;
 /// Time without a request after which a whole program starts, ms.
 const SILENCE_MS: u32 = 10_000;
-/// Time after an update for the desk to repeat its last request, ms.
+/// Time after an update in which the desk may repeat its last request, ms.
 const REPEAT_MS: u32 = 1_500;
 const IDENTITY: Identity<'static> = Identity {
     version: 0,
@@ -94,23 +94,24 @@ const IDENTITY: Identity<'static> = Identity {
 };
 
 /// Whether a word with two wrong bits was read.
-static TORN: AtomicBool = AtomicBool::new(false);
+static READ_FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Two wrong bits in a word of the flash (3.3.7), which a power cut leaves.
+/// Two wrong bits in a word of the flash (3.3.7), as after a power cut.
 #[exception]
 unsafe fn NonMaskableInt() {
     let code = read(FLASH_CODE);
-    if code & TWO_WRONG == 0 {
+    if code & DOUBLE_ERROR == 0 {
         SCB::sys_reset();
     }
     // Writing 1 clears the flag.
     write(FLASH_CODE, code);
-    TORN.store(true, Ordering::Relaxed);
+    READ_FAILED.store(true, Ordering::Relaxed);
 }
 
 fn exchange_note(note: Note) -> Note {
     let place = NOTE as *mut Note;
-    // SAFETY: RAM that only the note uses; any bytes are a note, which is judged by its mark.
+    // SAFETY: only the note uses this RAM, and any bytes are a valid `Note`; its mark decides
+    // whether it counts.
     unsafe {
         let before = read_volatile(place);
         write_volatile(place, note);
@@ -123,10 +124,10 @@ struct Flash;
 impl Flash {
     /// Reads; false if a word had two wrong bits.
     fn watch(reads: impl FnOnce()) -> bool {
-        TORN.store(false, Ordering::Relaxed);
+        READ_FAILED.store(false, Ordering::Relaxed);
         reads();
         cortex_m::asm::dsb();
-        !TORN.load(Ordering::Relaxed)
+        !READ_FAILED.load(Ordering::Relaxed)
     }
 }
 
@@ -155,7 +156,7 @@ impl Memory for Flash {
         let clocks = read(AHB1_CLOCKS);
         write(AHB1_CLOCKS, clocks | CHECK);
         write(CHECK_CONTROL, 1);
-        let sound = Self::watch(|| {
+        let is_intact = Self::watch(|| {
             for address in range.step_by(4) {
                 write(CHECK_DATA, read(address).reverse_bits());
             }
@@ -163,12 +164,12 @@ impl Memory for Flash {
         let sum = !read(CHECK_DATA).reverse_bits();
         write(CHECK_CONTROL, 1);
         write(AHB1_CLOCKS, clocks);
-        sound.then_some(sum)
+        is_intact.then_some(sum)
     }
 }
 
-/// Switches watchdog, FAULT, supply monitor and line on, and the data cache off: a read of it may be
-/// older than the flash.
+/// Switches watchdog, FAULT, supply monitor and serial line on. Switches the data cache off,
+/// because cached data may be older than the flash.
 fn begin() {
     start_watchdog();
     change(&[(AHB2_CLOCKS, 0, PORTS), (APB1_CLOCKS, 0, POWER_AND_PORT)]);
@@ -177,7 +178,7 @@ fn begin() {
         (FLASH_ACCESS, DATA_CACHE, 0),
         (PORT_B_MODE, 3 << (2 * FAULT), 1 << (2 * FAULT)),
         (PORT_A_FUNCTION, 0, 0x77 << 8),
-        // An open line is idle.
+        // The pull-up keeps an open line idle.
         (PORT_A_PULL, 0, 1 << 6),
         (PORT_A_MODE, 0xf << 4, 0xa << 4),
         (POWER_CONTROL, 0, MONITOR),
@@ -197,7 +198,7 @@ fn send(frame: &[u8]) {
 fn answer(inside: &[u8], slot: &mut OneSlot<Flash>) -> bool {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let (frame, is_update) = match read_frozen_request(inside) {
-        Ok(Incoming::Question { sequence }) => {
+        Ok(Incoming::IdentityRequest { sequence }) => {
             (write_identity(&mut buffer, sequence, &IDENTITY), false)
         }
         Ok(Incoming::Update { sequence, request }) => {
@@ -219,7 +220,7 @@ fn main() -> ! {
         unsafe { start_program(SLOT.start) }
     }
     begin();
-    // SAFETY: nothing else uses the timer.
+    // SAFETY: no other code uses the timer.
     let mut timer = unsafe { cortex_m::Peripherals::steal() }.SYST;
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(MILLISECOND);
@@ -237,11 +238,8 @@ fn main() -> ! {
         {
             silence = 0;
         }
-        let limit = if slot.is_done() {
-            REPEAT_MS
-        } else {
-            SILENCE_MS
-        };
+        let done = slot.is_done();
+        let limit = if done { REPEAT_MS } else { SILENCE_MS };
         if silence >= limit {
             if slot.has_program() {
                 while read(LINE_STATUS) & COMPLETE == 0 {}

@@ -1,4 +1,4 @@
-//! The loader of the STM32G474, for the begin of its flash.
+//! The loader of the STM32G474, for the start of its flash.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -1,15 +1,16 @@
 //! Flash sectors for settings and faults, and the flash accelerator.
 //!
-//! Sectors 1 to 4 are pages of 16 KiB; the last three quarters of sector 4 stay unused. The chip has
-//! one flash bank: during an erasure of up to 2 s it cannot fetch from any sector. Code in RAM waits
-//! for the end, with interrupts off, and feeds the window watchdog; the drive is off.
+//! Sectors 1 to 4 are pages of 16 KiB; the last three quarters of sector 4 stay unused. The chip
+//! has one flash bank: during an erasure of up to 2 s it cannot fetch from any sector. Code in RAM
+//! waits for the end, with interrupts off and the drive off, and feeds the window watchdog.
 
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use kband_firmware::stm32::{erase_page, program_words};
+use kband_firmware::hardware::chip::Chip;
+use kband_firmware::hardware::stm32::{erase_page, program_words};
 
-use super::supply_settled;
+use super::Board;
 
 /// Size of a page, bytes.
 pub const PAGE: u32 = 16 * 1024;
@@ -29,8 +30,8 @@ const STATUS: *const u32 = 0x4002_3c0c as *const u32;
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
 /// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;
-/// Parallelism of 32 bits, which halves the time of 8 bits (DS8626, flash memory programming). It
-/// needs a supply of 2.7 V, which the supply monitor ensures.
+/// Parallelism of 32 bits, which takes half the time of 8 bits (DS8626, flash memory programming).
+/// It needs a supply of 2.7 V, which the supply monitor ensures.
 const BY_WORDS: u32 = 2 << 8;
 
 /// Switches prefetch and caches on: at 168 MHz each fetch costs five wait states.
@@ -87,7 +88,7 @@ impl NorFlash for Sectors {
         if offset as usize + bytes.len() > self.capacity() {
             return Err(Error::Size);
         }
-        program_words::<4, _>(bytes, supply_settled, Error::Prog, |at, word| {
+        program_words::<4>(bytes, Board::supply_settled, |at, word| {
             self.0.blocking_write(FIRST * PAGE + offset + at, word)
         })
     }
@@ -97,7 +98,7 @@ impl NorFlash for Sectors {
 pub fn erase_sector(number: u32) -> bool {
     let page = ERASE_SECTOR | BY_WORDS | number << 3;
     // SAFETY: the registers are this chip's.
-    unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) }
+    unsafe { erase_page(STATUS, CONTROL, page, Board::supply_settled, unlock) }
 }
 
 fn unlock() {

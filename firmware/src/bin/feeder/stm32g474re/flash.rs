@@ -9,10 +9,11 @@ use embassy_stm32::flash::{Bank2Region, Blocking, Error};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use kband_firmware::cortex::unexpected;
-use kband_firmware::stm32::{erase_page, forget_break, program_words};
+use kband_firmware::hardware::chip::Chip;
+use kband_firmware::hardware::cortex::unexpected;
+use kband_firmware::hardware::stm32::{erase_page, forget_break, program_words};
 
-use super::supply_settled;
+use super::Board;
 
 /// Size of a page with the flash in two banks, bytes.
 const SIZE: u32 = 2 * 1024;
@@ -23,26 +24,26 @@ const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
 const ERASE_PAGE: u32 = 1 << 1;
 /// Control bit: the page is in the second bank.
 const SECOND_BANK: u32 = 1 << 11;
-/// Error bits of the status register, cleared by writing 1. An erasure does not start with one set.
+/// Error bits of the status register, cleared by writing 1. A set bit prevents an erasure.
 const ERRORS: u32 = 0xc3fa;
 /// Exception number of the NMI.
 const NMI: i16 = -14;
 
 /// Whether the program reads these pages, and whether a word with two wrong bits was read.
-static READS: AtomicBool = AtomicBool::new(false);
-static TORN: AtomicBool = AtomicBool::new(false);
+static IS_READING: AtomicBool = AtomicBool::new(false);
+static READ_FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Two wrong bits in a word of the flash (RM0440, 3.3.7). In the pages of the settings a power cut
-/// tore a record, and its checksum detects that. Elsewhere the program itself is damaged.
+/// Two wrong bits in a word of the flash (RM0440, 3.3.7). In the pages of the settings they come
+/// from a power cut within a record, which the checksum detects. Elsewhere the program is damaged.
 #[exception]
 unsafe fn NonMaskableInt() {
-    let seen = pac::FLASH.eccr().read();
-    if !(seen.eccd() || seen.eccd2()) || !READS.load(Ordering::Relaxed) {
+    let errors = pac::FLASH.eccr().read();
+    if !(errors.eccd() || errors.eccd2()) || !IS_READING.load(Ordering::Relaxed) {
         unexpected(NMI);
     }
     // Writing 1 clears the flag.
-    pac::FLASH.eccr().write_value(seen);
-    TORN.store(true, Ordering::Relaxed);
+    pac::FLASH.eccr().write_value(errors);
+    READ_FAILED.store(true, Ordering::Relaxed);
 }
 
 /// Pages of the second bank.
@@ -55,16 +56,16 @@ impl ErrorType for Pages {
 impl ReadNorFlash for Pages {
     const READ_SIZE: usize = 1;
 
-    /// Returns a torn word as it reads, but never as erased.
+    /// Returns the raw bytes of a torn word, but never all bits set (erased).
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
-        TORN.store(false, Ordering::Relaxed);
-        READS.store(true, Ordering::Relaxed);
+        READ_FAILED.store(false, Ordering::Relaxed);
+        IS_READING.store(true, Ordering::Relaxed);
         let read = self.0.read(offset, bytes);
         dsb();
-        READS.store(false, Ordering::Relaxed);
-        if TORN.load(Ordering::Relaxed) {
-            // The flash error has triggered the break too; the bridge is open at rest, and this is
-            // no over-current.
+        IS_READING.store(false, Ordering::Relaxed);
+        if READ_FAILED.load(Ordering::Relaxed) {
+            // The flash error has also triggered the break. The bridge is open at rest, and this is
+            // not an over-current.
             forget_break();
             if let Some(first) = bytes.first_mut().filter(|first| **first == 0xff) {
                 *first = 0;
@@ -93,7 +94,7 @@ impl NorFlash for Pages {
         for page in from / SIZE..to / SIZE {
             let page = ERASE_PAGE | SECOND_BANK | page << 3;
             // SAFETY: the registers are this chip's.
-            if !unsafe { erase_page(STATUS, CONTROL, page, supply_settled, unlock) } {
+            if !unsafe { erase_page(STATUS, CONTROL, page, Board::supply_settled, unlock) } {
                 return Err(Error::Prog);
             }
         }
@@ -102,7 +103,7 @@ impl NorFlash for Pages {
 
     /// Stops at the word at which the supply is low.
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        program_words::<8, _>(bytes, supply_settled, Error::Prog, |at, word| {
+        program_words::<8>(bytes, Board::supply_settled, |at, word| {
             self.0.write(offset + at, word)
         })
     }

@@ -48,50 +48,50 @@ fn the_table_is_what_the_controller_does() {
         Target::Amplitude(0.2),
         // Above the hard limit.
         Target::K(0.06),
-        // No lock serves it.
+        // No lock has this speed.
         Target::Speed(40.0),
     ];
     let mut random = Random(1);
-    let mut made = BTreeSet::new();
+    let mut actual = BTreeSet::new();
     for walk in 0..1500 {
         let (mut controller, phase) = bases[walk % 2].clone();
-        // Walks with few disturbances get far; those with many visit the edges.
-        let calm = [400, 100, 30][walk / 2 % 3];
+        // Walks with few disturbances reach many states; those with many visit the edges.
+        let period = [400, 100, 30][walk / 2 % 3];
         let mut inputs = Inputs::default();
-        let (mut heard, mut trouble) = (0, 0);
+        let (mut impact_kind, mut disturbance) = (0, 0);
         let mut state = State::Off;
         for _ in 0..1500 {
             // Half a second, 25 cycles, acknowledges a fault.
             let withdrawn = if state == State::Fault { 80 } else { 10 };
-            if random.one_in(if inputs.enable { calm } else { withdrawn }) {
+            if random.one_in(if inputs.enable { period } else { withdrawn }) {
                 inputs.enable = !inputs.enable;
             }
-            inputs.over_temperature = random.one_in(5 * calm);
-            inputs.stack_low = random.one_in(5 * calm);
-            inputs.over_current = random.one_in(20 * calm);
-            if random.one_in(if inputs.link_heard { 5 * calm } else { 150 }) {
+            inputs.over_temperature = random.one_in(5 * period);
+            inputs.stack_low = random.one_in(5 * period);
+            inputs.over_current = random.one_in(20 * period);
+            if random.one_in(if inputs.link_heard { 5 * period } else { 150 }) {
                 inputs.link_heard = !inputs.link_heard;
             }
-            if random.one_in(calm) {
+            if random.one_in(period) {
                 let target = targets[random.next() as usize % targets.len()];
                 controller.set_target(target).unwrap();
             }
             controller.plan_step();
             if random.one_in(60) {
-                heard = random.next() % 3;
+                impact_kind = random.next() % 3;
             }
-            if random.one_in(if trouble == 0 { calm } else { 8 }) {
-                trouble = random.next() % 6;
+            if random.one_in(if disturbance == 0 { period } else { 8 }) {
+                disturbance = random.next() % 6;
             }
             let mut cycle = with(ideal(&controller), |it| it.noise = 0.15);
-            if heard > 0 {
-                let turn = if heard == 1 { 0 } else { 1 << 31 };
-                let _ = cycle.heard.push(DetectedImpact {
+            if impact_kind > 0 {
+                let turn = if impact_kind == 1 { 0 } else { 1 << 31 };
+                let _ = cycle.impacts.push(DetectedImpact {
                     phase: phase + Phase::from_bits(turn),
                     strength: 5.0,
                 });
             }
-            match trouble {
+            match disturbance {
                 1 => cycle.high = cycle.low,
                 2 => cycle.saturated = 10,
                 3 => (cycle.in_phase, cycle.quadrature) = (cycle.quadrature, 0.0),
@@ -101,7 +101,7 @@ fn the_table_is_what_the_controller_does() {
             }
             let report = controller.cycle(&cycle, &inputs);
             if report.state != state {
-                made.insert((state.number(), report.state.number()));
+                actual.insert((state.number(), report.state.number()));
                 state = report.state;
             }
         }
@@ -115,8 +115,8 @@ fn the_table_is_what_the_controller_does() {
         let name = |number: u8| State::ALL[usize::from(number)].name();
         std::format!("{} to {}", name(from), name(to))
     };
-    let missing: std::vec::Vec<_> = made.difference(&drawn).map(name).collect();
-    let never: std::vec::Vec<_> = drawn.difference(&made).map(name).collect();
+    let missing: std::vec::Vec<_> = actual.difference(&drawn).map(name).collect();
+    let never: std::vec::Vec<_> = drawn.difference(&actual).map(name).collect();
     assert!(missing.is_empty(), "not in the table: {missing:?}");
     assert!(never.is_empty(), "in the table and never made: {never:?}");
 }

@@ -5,156 +5,164 @@ use super::super::energy::SECTORS;
 use kband::regime::gear::GROUPS;
 
 /// Components of the mixture: one per group in gear, two out of gear (apart, merged), and noise.
-pub const PARTS: usize = GROUPS + 3;
-/// Index of the noise component.
-pub const NOISE: usize = GROUPS + 2;
+pub const COMPONENTS: usize = GROUPS + 3;
+pub const NOISE_INDEX: usize = GROUPS + 2;
 
-pub type Row = [f32; SECTORS];
+pub type SectorEnergy = [f32; SECTORS];
 /// Covariance of the weights.
-pub type Covariance = [[f32; PARTS]; PARTS];
+pub type Covariance = [[f32; COMPONENTS]; COMPONENTS];
 
-/// Energy of each component by sector; lanes of four allow the compiler to vectorize.
-pub type Rows = [[f32; LANES]; SECTORS];
+/// Energy of each component by sector; rows of a multiple of four allow the compiler to vectorize.
+pub type DesignMatrix = [[f32; PADDED_COMPONENTS]; SECTORS];
 /// Number of components, rounded up to a multiple of four.
-pub const LANES: usize = PARTS.next_multiple_of(4);
+pub const PADDED_COMPONENTS: usize = COMPONENTS.next_multiple_of(4);
 
 /// Moving average over three sectors: the weights of the equations before the first mixture.
-pub fn evened(heard: &Row) -> Row {
+pub fn moving_average(measured: &SectorEnergy) -> SectorEnergy {
     core::array::from_fn(|n| {
-        (heard[(n + SECTORS - 1) % SECTORS] + heard[n] + heard[(n + 1) % SECTORS]) / 3.0
+        (measured[(n + SECTORS - 1) % SECTORS] + measured[n] + measured[(n + 1) % SECTORS]) / 3.0
     })
 }
 
-/// Fits the mixture from `from` on: non-negative weights of the rows, and their covariance for a
-/// dispersion of 1. A sector's variance is proportional to its expected energy `by` (Poisson).
-pub fn unmix(
-    heard: &Row,
-    rows: &Rows,
-    by: &Row,
-    from: &[f32; PARTS],
-) -> ([f32; PARTS], Covariance) {
-    let least = least(heard);
-    let mut matrix = [[0.0; LANES]; PARTS];
-    let mut sums = [0.0; LANES];
-    for ((row, by), heard) in rows.iter().zip(by).zip(heard) {
-        let weight = 1.0 / (by + least);
-        let weighed = row.map(|part| part * weight);
-        for (sum, weighed) in sums.iter_mut().zip(weighed) {
-            *sum += weighed * heard;
+/// Fits the mixture from `start` on: non-negative weights of the rows, and their covariance for a
+/// dispersion of 1. A sector's variance is proportional to its expected energy `variance`
+/// (Poisson).
+pub fn fit_mixture(
+    measured: &SectorEnergy,
+    rows: &DesignMatrix,
+    variance: &SectorEnergy,
+    start: &[f32; COMPONENTS],
+) -> ([f32; COMPONENTS], Covariance) {
+    let variance_floor = variance_floor(measured);
+    let mut matrix = [[0.0; PADDED_COMPONENTS]; COMPONENTS];
+    let mut sums = [0.0; PADDED_COMPONENTS];
+    for ((row, variance), measured) in rows.iter().zip(variance).zip(measured) {
+        let weight = 1.0 / (variance + variance_floor);
+        let weighted = row.map(|part| part * weight);
+        for (sum, weighted) in sums.iter_mut().zip(weighted) {
+            *sum += weighted * measured;
         }
-        for (a, (line, weighed)) in matrix.iter_mut().zip(weighed).enumerate() {
+        for (a, (line, weighted)) in matrix.iter_mut().zip(weighted).enumerate() {
             // Lower triangle, up to the end of the vector of four that holds the diagonal.
             for (product, part) in line.iter_mut().zip(row).take((a | 3) + 1) {
-                *product += weighed * part;
+                *product += weighted * part;
             }
         }
     }
-    solve(&matrix, &sums, from)
+    solve(&matrix, &sums, start)
 }
 
 /// Lower limit of a sector's expected energy, which keeps its weight finite.
-fn least(heard: &Row) -> f32 {
-    0.01 / SECTORS as f32 * heard.iter().sum::<f32>() + f32::MIN_POSITIVE
+fn variance_floor(measured: &SectorEnergy) -> f32 {
+    0.01 / SECTORS as f32 * measured.iter().sum::<f32>() + f32::MIN_POSITIVE
 }
 
-/// Energy by sector that the weights predict.
-pub fn mixed(rows: &Rows, weights: &[f32; PARTS]) -> Row {
+pub fn predict_energy(rows: &DesignMatrix, weights: &[f32; COMPONENTS]) -> SectorEnergy {
     rows.map(|row| (row.iter().zip(weights).map(|(part, weight)| part * weight)).sum())
 }
 
 /// Weighted residual sum of squares (chi-square for unit dispersion).
-pub fn off(heard: &Row, found: &Row, by: &Row) -> f32 {
-    let least = least(heard);
-    let sectors = heard.iter().zip(found).zip(by);
+pub fn residual_sum(
+    measured: &SectorEnergy,
+    predicted: &SectorEnergy,
+    variance: &SectorEnergy,
+) -> f32 {
+    let variance_floor = variance_floor(measured);
+    let sectors = measured.iter().zip(predicted).zip(variance);
     sectors
-        .map(|((heard, found), by)| (heard - found) * (heard - found) / (by + least))
+        .map(|((measured, predicted), variance)| {
+            (measured - predicted) * (measured - predicted) / (variance + variance_floor)
+        })
         .sum()
 }
 
-/// Active set of Lawson and Hanson, started at `from`; only the lower triangle of the matrix is
+/// Active set of Lawson and Hanson, started at `start`; only the lower triangle of the matrix is
 /// read. Returns the weights and their covariance, whose rows and columns of weights at 0 are 0.
 fn solve(
-    matrix: &[[f32; LANES]; PARTS],
-    sums: &[f32; LANES],
-    from: &[f32; PARTS],
-) -> ([f32; PARTS], Covariance) {
+    matrix: &[[f32; PADDED_COMPONENTS]; COMPONENTS],
+    sums: &[f32; PADDED_COMPONENTS],
+    start: &[f32; COMPONENTS],
+) -> ([f32; COMPONENTS], Covariance) {
     // Scaled to a diagonal of 1.
-    let scale: [f32; PARTS] = core::array::from_fn(|n| {
+    let scale: [f32; COMPONENTS] = core::array::from_fn(|n| {
         if matrix[n][n] > 0.0 {
             1.0 / libm::sqrtf(matrix[n][n])
         } else {
             0.0
         }
     });
-    let mut scaled = [[0.0; PARTS]; PARTS];
-    for a in 0..PARTS {
-        for b in 0..PARTS {
+    let mut scaled = [[0.0; COMPONENTS]; COMPONENTS];
+    for a in 0..COMPONENTS {
+        for b in 0..COMPONENTS {
             scaled[a][b] = matrix[a.max(b)][a.min(b)] * scale[a] * scale[b];
         }
         // Tikhonov regularization keeps the matrix invertible.
         scaled[a][a] += 1e-5;
     }
-    let sums: [f32; PARTS] = core::array::from_fn(|n| sums[n] * scale[n]);
-    let tolerance = 1e-4 * sums.iter().fold(0.0_f32, |most, sum| most.max(*sum));
-    let mut weights: [f32; PARTS] = core::array::from_fn(|n| {
+    let sums: [f32; COMPONENTS] = core::array::from_fn(|n| sums[n] * scale[n]);
+    let tolerance = 1e-4 * sums.iter().fold(0.0_f32, |largest, sum| largest.max(*sum));
+    let mut weights: [f32; COMPONENTS] = core::array::from_fn(|n| {
         if scale[n] > 0.0 {
             // `max` replaces NaN by 0.
-            (from[n] / scale[n]).max(0.0)
+            (start[n] / scale[n]).max(0.0)
         } else {
             0.0
         }
     });
-    let mut within: [bool; PARTS] = core::array::from_fn(|n| weights[n] > 0.0);
-    let mut inverse = [[0.0; PARTS]; PARTS];
-    for _ in 0..3 * PARTS {
+    let mut free: [bool; COMPONENTS] = core::array::from_fn(|n| weights[n] > 0.0);
+    let mut inverse = [[0.0; COMPONENTS]; COMPONENTS];
+    for _ in 0..3 * COMPONENTS {
         loop {
-            inverse = inverted(&scaled, &within);
-            let mut tried = [0.0; PARTS];
-            let (mut share, mut beyond) = (1.0_f32, None);
-            for a in 0..PARTS {
-                tried[a] = (0..PARTS).map(|b| inverse[a][b] * sums[b]).sum();
-                if within[a] && tried[a] <= 0.0 {
-                    let reached = weights[a] / (weights[a] - tried[a]).max(f32::MIN_POSITIVE);
-                    if beyond.is_none() || reached < share {
-                        (share, beyond) = (reached, Some(a));
+            inverse = invert_free_block(&scaled, &free);
+            let mut trial = [0.0; COMPONENTS];
+            let (mut step_length, mut blocking) = (1.0_f32, None);
+            for a in 0..COMPONENTS {
+                trial[a] = (0..COMPONENTS).map(|b| inverse[a][b] * sums[b]).sum();
+                if free[a] && trial[a] <= 0.0 {
+                    let limit = weights[a] / (weights[a] - trial[a]).max(f32::MIN_POSITIVE);
+                    if blocking.is_none() || limit < step_length {
+                        (step_length, blocking) = (limit, Some(a));
                     }
                 }
             }
-            let Some(beyond) = beyond else {
-                weights = tried;
+            let Some(blocking) = blocking else {
+                weights = trial;
                 break;
             };
-            for a in 0..PARTS {
-                if within[a] {
-                    weights[a] += share * (tried[a] - weights[a]);
+            for a in 0..COMPONENTS {
+                if free[a] {
+                    weights[a] += step_length * (trial[a] - weights[a]);
                 }
             }
-            for a in 0..PARTS {
-                if a == beyond {
-                    within[a] = false;
+            for a in 0..COMPONENTS {
+                if a == blocking {
+                    free[a] = false;
                     weights[a] = 0.0;
                 }
             }
         }
-        let (mut steepest, mut which) = (tolerance, None);
-        for a in 0..PARTS {
-            if !within[a] && scale[a] > 0.0 {
-                let left = sums[a] - (0..PARTS).map(|b| scaled[a][b] * weights[b]).sum::<f32>();
-                if left > steepest {
-                    (steepest, which) = (left, Some(a));
+        let (mut largest_gradient, mut entering) = (tolerance, None);
+        for a in 0..COMPONENTS {
+            if !free[a] && scale[a] > 0.0 {
+                let gradient = sums[a]
+                    - (0..COMPONENTS)
+                        .map(|b| scaled[a][b] * weights[b])
+                        .sum::<f32>();
+                if gradient > largest_gradient {
+                    (largest_gradient, entering) = (gradient, Some(a));
                 }
             }
         }
-        let Some(which) = which else {
+        let Some(entering) = entering else {
             break;
         };
-        for (a, within) in within.iter_mut().enumerate() {
-            *within |= a == which;
+        for (a, free) in free.iter_mut().enumerate() {
+            *free |= a == entering;
         }
     }
-    for a in 0..PARTS {
+    for a in 0..COMPONENTS {
         weights[a] *= scale[a];
-        for b in 0..PARTS {
+        for b in 0..COMPONENTS {
             inverse[a][b] *= scale[a] * scale[b];
         }
     }
@@ -162,26 +170,26 @@ fn solve(
 }
 
 /// Inverse of the submatrix of the free weights by Gauss-Jordan elimination; 0 elsewhere.
-fn inverted(matrix: &Covariance, within: &[bool; PARTS]) -> Covariance {
-    let mut inverse = [[0.0; PARTS]; PARTS];
-    for a in 0..PARTS {
-        for b in 0..PARTS {
-            if within[a] && within[b] {
+fn invert_free_block(matrix: &Covariance, free: &[bool; COMPONENTS]) -> Covariance {
+    let mut inverse = [[0.0; COMPONENTS]; COMPONENTS];
+    for a in 0..COMPONENTS {
+        for b in 0..COMPONENTS {
+            if free[a] && free[b] {
                 inverse[a][b] = matrix[a][b];
             }
         }
     }
     // In place: each eliminated column holds a column of the inverse.
-    for a in 0..PARTS {
-        if !within[a] {
+    for a in 0..COMPONENTS {
+        if !free[a] {
             continue;
         }
         let pivot = 1.0 / inverse[a][a];
         inverse[a][a] = 1.0;
         let row = inverse[a].map(|part| part * pivot);
         inverse[a] = row;
-        for other in 0..PARTS {
-            if other != a && within[other] {
+        for other in 0..COMPONENTS {
+            if other != a && free[other] {
                 let factor = core::mem::take(&mut inverse[other][a]);
                 for (part, row) in inverse[other].iter_mut().zip(row) {
                     *part -= factor * row;
@@ -193,10 +201,14 @@ fn inverted(matrix: &Covariance, within: &[bool; PARTS]) -> Covariance {
 }
 
 /// Half of the sum of absolute differences: energy in other sectors than predicted.
-pub fn astray(heard: &Row, expected: &Row) -> f32 {
-    let apart = heard.iter().zip(expected).map(|(heard, expected)| {
-        let apart = heard - expected;
-        0.5 * if apart < 0.0 { -apart } else { apart }
+pub fn unexplained_energy(measured: &SectorEnergy, expected: &SectorEnergy) -> f32 {
+    let difference = measured.iter().zip(expected).map(|(measured, expected)| {
+        let difference = measured - expected;
+        0.5 * if difference < 0.0 {
+            -difference
+        } else {
+            difference
+        }
     });
-    apart.sum()
+    difference.sum()
 }

@@ -5,9 +5,10 @@
 //! (docs/theory-real-parts.md#t10.7). Its components are parts in gear, parts out of gear, and
 //! noise.
 //!
-//! The expected energy of the last mixture weighs each equation of the `fit` (iteratively reweighted
-//! least squares). Histograms forget exponentially. The delay and the decay time of the ringing in
-//! the `model` are nuisance parameters, fitted in turn by a parabola through three trial points.
+//! The expected energy of the last mixture weights each equation of the `fit` (iteratively
+//! reweighted least squares). Histograms forget exponentially. The delay and the decay time of the
+//! ringing in the `model` are nuisance parameters, fitted in turn by a parabola through three
+//! points.
 
 mod fit;
 mod model;
@@ -18,21 +19,24 @@ use super::margin::GearMargin;
 use super::signal::Cycle;
 use crate::angle::SAMPLE_RATE;
 use crate::drive::UPPER;
-use fit::{Covariance, NOISE, PARTS, Row, Rows, astray, evened, mixed, off, unmix};
+use fit::{
+    COMPONENTS, Covariance, DesignMatrix, NOISE_INDEX, SectorEnergy, fit_mixture, moving_average,
+    predict_energy, residual_sum, unexplained_energy,
+};
 use kband::arithmetic::{Phase, square_root_single};
 #[cfg(any(test, feature = "memo"))]
 use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
     GROUPS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
 };
-use model::{drive_leak, knows_out, predict_rows, struck};
+use model::{drive_energy, has_out_of_gear_profile, impact_energy, predict_design_matrix};
 
 /// Memory of the long energy histogram, in drive cycles (exponential forgetting; 5 s at 50 Hz).
-const MEMORY: f32 = 256.0;
+const LONG_MEMORY_CYCLES: f32 = 256.0;
 /// Weight of the long histogram, in drive cycles, above which it is fitted.
-const BEFORE: f32 = 24.0;
+const MIN_LONG_WEIGHT: f32 = 24.0;
 /// Period of the fits to the long histogram, in drive cycles.
-const AGAIN: u32 = 16;
+const LONG_FIT_PERIOD: u32 = 16;
 /// Memory of the short energy histogram, in s, from which READY detects changes of the parts.
 const SHORT_MEMORY: f32 = 0.3;
 /// Bounds of that memory, in drive cycles.
@@ -52,55 +56,66 @@ const MIN_SCATTER: f32 = 0.01;
 /// Predicted share of time in gear above which READY is credible: in gear it is at least 0.71.
 const MIN_PREDICTED_SHARE: f32 = 0.65;
 /// Difference of the lead from its mean, in 2^-32 turns (0.05 rad), above which the mean is used.
-const TURNED: u32 = 1 << 25;
+const MAX_LEAD_DIFFERENCE: u32 = 1 << 25;
 /// Impacts predicted per slice of background work.
-const SLICE: u32 = 64;
-/// Relative change of k, and change of the upper tones, for which profiles are predicted anew.
-const MOVED: f32 = 0.01;
+const PROFILE_SLICE_IMPACTS: u32 = 64;
+/// Relative change of k, and change of the upper tones, at which profiles are predicted again.
+const PROFILE_TOLERANCE: f32 = 0.01;
 /// Rounding step of the upper tones (`e cos th`, `e sin th`): equal feeders share one strike count.
-const STEP_OF_TONES: f32 = 1.0 / 1024.0;
+const TONE_ROUNDING_STEP: f32 = 1.0 / 1024.0;
 /// Relative change of k, and change of the upper tones, up to which the old share remains reported.
-const NEAR: f32 = 0.05;
-/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds [`TELLS`].
-const FADES: f32 = 0.001;
+const STALE_SHARE_TOLERANCE: f32 = 0.05;
+/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds
+/// [`MAX_REPORTED_ERROR`].
+const STALE_ERROR_GROWTH: f32 = 0.001;
 /// Initial decay time of the ringing's energy, in s: half of the 1 ms of a bare track.
-const RINGS: f32 = 0.5e-3;
+const INITIAL_DECAY_TIME: f32 = 0.5e-3;
 /// Bounds of the decay time, in s.
-const RINGING: [f32; 2] = [0.05e-3, 5e-3];
+const DECAY_TIME_BOUNDS: [f32; 2] = [0.05e-3, 5e-3];
 /// Step of the search for the decay time, as a factor.
-const FACTOR: f32 = 1.15;
+const DECAY_TIME_FACTOR: f32 = 1.15;
 /// Energy of the parts over that of the noise above which a share is reported.
-const HEARD: f32 = 0.3;
+const MIN_SIGNAL_TO_NOISE: f32 = 0.3;
 /// Minimum share in gear for estimating the margin; below it too few impacts are in gear.
-const LEAST: f32 = 0.1;
+const MIN_SHARE_FOR_MARGIN: f32 = 0.1;
 /// Smallest standard error of a share, due to the random errors of the predicted profiles.
 ///
-/// This constant, [`EXCESS`] and [`UNALIGNED`] are calibrated: of 475 drawn lots, 68, 95 and 99.7 %
-/// of the estimates are to lie within 1, 2 and 3 errors, and also where the gain is exact.
-const COUNTED: f32 = 0.0175;
+/// This constant, [`ERROR_PER_EXCESS`] and [`ERROR_AT_BOUND`] are calibrated on 475 random lots. Of
+/// the estimates, 68, 95 and 99.7 % are to lie within 1, 2 and 3 errors, also with an exact gain.
+const MIN_SHARE_ERROR: f32 = 0.0175;
 /// Standard error of a share per excess over the predicted one.
-const EXCESS: f32 = 0.55;
+const ERROR_PER_EXCESS: f32 = 0.55;
 /// Standard error of a share whose delay or decay time is at its bound.
-const UNALIGNED: f32 = 0.1;
+const ERROR_AT_BOUND: f32 = 0.1;
 /// Shortest credible decay time of the energy, in s: two samples.
-const MIN_DECAY: f32 = 0.1e-3;
+const MIN_DECAY_TIME: f32 = 0.1e-3;
 /// Largest standard error of the share in gear at which it is reported.
-const TELLS: f32 = 0.25;
+const MAX_REPORTED_ERROR: f32 = 0.25;
 /// Misfit of the parts to the lot above which they do not fit it; parts of the lot have 0 to 0.005.
 const MAX_MISFIT: f32 = 0.03;
-/// Factor on the least share in gear of a part of the lot; it covers an amplitude that is off.
+/// Factor on the smallest share in gear of a part of the lot; it covers an error of the amplitude.
 const MIN_CREDIBLE_SHARE: f32 = 0.7;
-/// Drive cycles in a row of a misfit that lasts (2.6 s at 50 Hz).
-const MIN_MISFIT_CYCLES: f32 = 8.0 * AGAIN as f32;
+/// Duration of a misfit that lasts, in s, and its bounds in drive cycles.
+const MIN_MISFIT_DURATION: f32 = 2.6;
+const MIN_MISFIT_CYCLES: [f32; 2] = [64.0, 128.0];
+/// Number of fits of a hypothesis before the next one.
+const MIN_FITS: u32 = 2;
+/// Hypotheses on the scatter: factors on the configured one. Parts that bounce more regularly are
+/// in gear too, at fewer phases than predicted.
+const SCATTER_FACTORS: [f32; 3] = [1.0, 0.4, 0.1];
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
-const LATE: f32 = 2.5;
+const INITIAL_DELAY: f32 = 2.5;
 /// Bounds of that delay, in samples; an error of the amplitude shifts it.
-const LATES: [f32; 2] = [-1.5, 6.5];
+const DELAY_BOUNDS: [f32; 2] = [-1.5, 6.5];
 /// Step of the search for the delay, in samples.
-const LATER: f32 = 0.5;
-/// Trial points around the estimate: delays in steps of [`LATER`], decay times as powers of
-/// [`FACTOR`].
-const TRIES: [[f32; 2]; 3] = [[0.0, 1.0], [-1.0, 1.0 / FACTOR], [1.0, FACTOR]];
+const DELAY_STEP: f32 = 0.5;
+/// Trial points around the estimate: delays in steps of [`DELAY_STEP`], decay times as powers of
+/// [`DECAY_TIME_FACTOR`].
+const TRIAL_POINTS: [[f32; 2]; 3] = [
+    [0.0, 1.0],
+    [-1.0, 1.0 / DECAY_TIME_FACTOR],
+    [1.0, DECAY_TIME_FACTOR],
+];
 /// Estimated share of time in gear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearShare {
@@ -113,7 +128,7 @@ pub struct GearShare {
 /// Energy by the phase of the output, with exponential forgetting.
 #[derive(Clone, Copy, Debug, Default)]
 struct Histogram {
-    energy: Row,
+    energy: SectorEnergy,
     noise: f32,
     /// Weight of both sums, in drive cycles.
     weight: f32,
@@ -122,15 +137,16 @@ struct Histogram {
 impl Histogram {
     /// Adds the sectors of one cycle, with exponential forgetting; `memory` in drive cycles.
     fn add(&mut self, sectors: &Sectors, noise: f32, memory: f32) {
-        let keep = 1.0 - 1.0 / memory;
+        let forgetting_factor = 1.0 - 1.0 / memory;
         // Each cycle brings a quarter of the sectors, with the energy of four cycles.
-        let keep_quarter = keep * keep * keep * keep;
+        let quarter_forgetting_factor =
+            forgetting_factor * forgetting_factor * forgetting_factor * forgetting_factor;
         let sums = self.energy.iter_mut().skip(usize::from(sectors.first));
         for (sum, energy) in sums.zip(sectors.energy) {
-            *sum = *sum * keep_quarter + energy;
+            *sum = *sum * quarter_forgetting_factor + energy;
         }
-        self.noise = self.noise * keep + noise;
-        self.weight = self.weight * keep + 1.0;
+        self.noise = self.noise * forgetting_factor + noise;
+        self.weight = self.weight * forgetting_factor + 1.0;
     }
 }
 
@@ -179,106 +195,101 @@ impl GearEvidence {
 
 /// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug, Default)]
-pub struct ShareHearing {
+pub struct ShareEstimator {
     k: f32,
     /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
     cycles: f32,
     /// Upper tones for which the profiles were predicted.
-    profiled: [[f32; 2]; UPPER],
+    profiled_tones: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
     /// Energy of the last 256 cycles; the reported share is fitted to it.
     long: Histogram,
-    due: u32,
+    cycles_since_fit: u32,
     /// Energy of the last 0.3 s; changes of the parts are detected in it.
     short: Histogram,
-    short_due: f32,
-    /// Whether a fit to the short histogram is due.
-    checks: bool,
+    cycles_since_short_fit: f32,
+    short_fit_due: bool,
     detects_gear: bool,
     evidence: Option<GearEvidence>,
     lead: Phase,
     /// Mean lead since the histogram began; a growing load turns the track.
-    turned: Phase,
+    mean_lead: Phase,
     step: u32,
     /// Amplitudes of the drive's own acceleration, cosine and sine, in m/s^2.
-    swing: [f32; 2],
+    drive_acceleration: [f32; 2],
     /// Estimated decay time of the ringing's energy, in s.
-    rings: f32,
+    decay_time: f32,
     /// Estimated delay of the energy, in samples.
-    late: f32,
-    /// Whether the next search is for the delay.
-    of_late: bool,
-    fitting: Option<Fitting>,
+    delay: f32,
+    searches_delay: bool,
+    search: Option<ParabolicSearch>,
     /// Weights of the last mixture, the starting point of the next fit; all 0 before the first.
-    weights: [f32; PARTS],
+    weights: [f32; COMPONENTS],
     pub share: Option<GearShare>,
     pub margin: Option<GearMargin>,
     /// Whether the share was estimated before the track changed.
-    fades: bool,
-    pub judged: bool,
+    is_stale: bool,
+    pub has_fit: bool,
+    /// Number of fits with the profiles of the present hypothesis.
+    fits: u32,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
     misfit_cycles: f32,
+    /// Hypothesis on the scatter: index into [`SCATTER_FACTORS`].
+    hypothesis: usize,
+    /// Number of changes of the hypothesis since the misfit began, and decay time and delay of the
+    /// ringing before the first one.
+    hypothesis_changes: usize,
+    ringing_before: (f32, f32),
 }
 
 /// Running search for decay time or delay: residual sum of squares at each trial point.
 #[derive(Clone, Copy, Debug, Default)]
-struct Fitting {
-    tried: usize,
-    off: [f32; TRIES.len()],
+struct ParabolicSearch {
+    trials: usize,
+    residual_sum: [f32; TRIAL_POINTS.len()],
 }
 
-/// Fitted mixture.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
     /// Sum over the sectors of the squared residual over the expected energy.
-    off: f32,
+    residual_sum: f32,
     /// Energy in other sectors than the mixture predicts.
-    astray: f32,
-    weights: [f32; PARTS],
+    unexplained_energy: f32,
+    weights: [f32; COMPONENTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
     covariance: Covariance,
 }
 
-impl GearShare {
-    /// Estimate from a lower bound only: the middle of the remaining interval.
-    pub(crate) fn at_least(least: f32) -> Self {
-        let rest = 0.5 * (1.0 - least);
-        Self {
-            share: least + rest,
-            error: rest,
-        }
-    }
-}
-
-impl ShareHearing {
+impl ShareEstimator {
     /// Estimator without any data.
     pub fn new() -> Self {
         Self {
-            rings: RINGS,
-            late: LATE,
+            decay_time: INITIAL_DECAY_TIME,
+            delay: INITIAL_DELAY,
             ..Self::default()
         }
     }
 
     /// Clears the histograms and the estimates; keeps the ringing parameters and the profiles.
     pub fn reset(&mut self) {
-        self.begin();
-        (self.cycles, self.fitting) = (0.0, None);
-        self.unlearn();
+        self.clear_histograms();
+        (self.cycles, self.search) = (0.0, None);
+        (self.hypothesis, self.hypothesis_changes) = (0, 0);
+        self.clear_estimates();
     }
 
-    fn begin(&mut self) {
-        (self.long, self.due) = (Histogram::default(), 0);
-        (self.short, self.short_due) = (Histogram::default(), 0.0);
-        self.checks = false;
-        self.weights = [0.0; PARTS];
+    fn clear_histograms(&mut self) {
+        (self.long, self.cycles_since_fit) = (Histogram::default(), 0);
+        (self.short, self.cycles_since_short_fit) = (Histogram::default(), 0.0);
+        self.short_fit_due = false;
+        self.weights = [0.0; COMPONENTS];
     }
 
-    fn unlearn(&mut self) {
+    fn clear_estimates(&mut self) {
         (self.share, self.margin) = (None, None);
-        (self.fades, self.judged) = (false, false);
+        (self.is_stale, self.has_fit) = (false, false);
         self.evidence = None;
         (self.misfit, self.misfit_cycles) = (0.0, 0.0);
     }
@@ -295,123 +306,150 @@ impl ShareHearing {
 
     /// Settings of the running strike count; `None` while none runs.
     #[cfg(any(test, feature = "memo"))]
-    pub fn asked(&self) -> Option<&StrikeSettings> {
+    pub fn pending_settings(&self) -> Option<&StrikeSettings> {
         self.profiler.as_ref()?.pending_settings()
     }
 
     /// Replaces the running count by a finished one ([`StrikeProfiler::set_stored_result`]).
     #[cfg(any(test, feature = "memo"))]
-    pub fn know(&mut self, count: &StrikeCount) {
+    pub fn set_stored_count(&mut self, count: &StrikeCount) {
         if let Some(profiler) = &mut self.profiler {
             profiler.set_stored_result(count);
         }
     }
 
     /// Adds one drive cycle to the histograms, and schedules the fits.
-    pub fn cycle(&mut self, cycle: &Cycle, tuned: &DriveState) {
-        self.fade();
-        if !tuned.stands {
+    pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
+        self.age_stale_share();
+        if !drive_state.settled {
             return;
         }
-        self.follow(tuned);
-        self.misfit_cycles = if self.misfit > MAX_MISFIT {
-            self.misfit_cycles + 1.0
-        } else {
-            0.0
-        };
-        let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
-        let frequency = tuned.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
+        let frequency = drive_state.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
         let cycles = |seconds: f32, [low, high]: [f32; 2]| (seconds * frequency).clamp(low, high);
+        self.count_misfit(cycles(MIN_MISFIT_DURATION, MIN_MISFIT_CYCLES));
+        self.update_motion(drive_state);
+        let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
         let short_memory = cycles(SHORT_MEMORY, SHORT_MEMORY_CYCLES);
         self.short.add(&cycle.sectors, noise, short_memory);
-        self.short_due += 1.0;
-        self.detects_gear = tuned.detects_gear;
-        self.long.add(&cycle.sectors, noise, MEMORY);
-        let apart = (tuned.lead - self.turned).bits() as i32;
-        self.turned += Phase::from_bits((apart as f32 / self.long.weight) as i32 as u32);
-        self.lead = if apart.unsigned_abs() > TURNED {
-            self.turned
+        self.cycles_since_short_fit += 1.0;
+        self.detects_gear = drive_state.detects_gear;
+        self.long.add(&cycle.sectors, noise, LONG_MEMORY_CYCLES);
+        let difference = (drive_state.lead - self.mean_lead).bits() as i32;
+        self.mean_lead += Phase::from_bits((difference as f32 / self.long.weight) as i32 as u32);
+        self.lead = if difference.unsigned_abs() > MAX_LEAD_DIFFERENCE {
+            self.mean_lead
         } else {
-            tuned.lead
+            drive_state.lead
         };
-        self.step = tuned.step;
-        self.swing = [cycle.in_phase, cycle.quadrature];
-        self.due += 1;
-        if self.due >= AGAIN && self.long.weight > BEFORE {
-            self.due = 0;
-            if self.profile().is_some() && self.fitting.is_none() {
-                self.fitting = Some(Fitting::default());
+        self.step = drive_state.step;
+        self.drive_acceleration = [cycle.in_phase, cycle.quadrature];
+        self.cycles_since_fit += 1;
+        if self.cycles_since_fit >= LONG_FIT_PERIOD && self.long.weight > MIN_LONG_WEIGHT {
+            self.cycles_since_fit = 0;
+            if self.profile().is_some() && self.search.is_none() {
+                self.search = Some(ParabolicSearch::default());
             }
         }
-        self.checks |= self.short_due >= cycles(SHORT_FIT_PERIOD, SHORT_FIT_PERIOD_CYCLES)
+        self.short_fit_due |= self.cycles_since_short_fit
+            >= cycles(SHORT_FIT_PERIOD, SHORT_FIT_PERIOD_CYCLES)
             && self.short.weight > MIN_SHORT_WEIGHT;
     }
 
+    /// Counts the cycles of a misfit. If it lasts, the profiles are predicted for each other
+    /// hypothesis on the scatter.
+    fn count_misfit(&mut self, min_cycles: f32) {
+        if self.misfit <= MAX_MISFIT {
+            (self.misfit_cycles, self.hypothesis_changes) = (0.0, 0);
+            return;
+        }
+        self.misfit_cycles += 1.0;
+        if self.misfit_cycles > min_cycles
+            && self.fits >= MIN_FITS
+            && self.hypothesis_changes + 1 < SCATTER_FACTORS.len()
+        {
+            if self.hypothesis_changes == 0 {
+                self.ringing_before = (self.decay_time, self.delay);
+            }
+            (self.decay_time, self.delay) = self.ringing_before;
+            self.hypothesis_changes += 1;
+            self.hypothesis = (self.hypothesis + 1) % SCATTER_FACTORS.len();
+            self.fits = 0;
+        }
+    }
+
+    /// Scatter of the present hypothesis over the configured one.
+    fn scatter_factor(&self) -> f32 {
+        let factor = SCATTER_FACTORS.get(self.hypothesis);
+        factor.copied().unwrap_or(1.0)
+    }
+
     /// Increases the error of a share estimated before the track changed, up to its withdrawal.
-    fn fade(&mut self) {
-        if let Some(share) = self.share.as_mut().filter(|_| self.fades) {
-            share.error += FADES;
-            if share.error > TELLS {
-                self.unlearn();
+    fn age_stale_share(&mut self) {
+        if let Some(share) = self.share.as_mut().filter(|_| self.is_stale) {
+            share.error += STALE_ERROR_GROWTH;
+            if share.error > MAX_REPORTED_ERROR {
+                self.clear_estimates();
             }
         }
     }
 
-    /// Averages the track's motion, and predicts the profiles anew where it has changed.
-    fn follow(&mut self, tuned: &DriveState) {
+    /// Averages the track's motion, and predicts the profiles again after a change.
+    fn update_motion(&mut self, drive_state: &DriveState) {
         self.cycles = (self.cycles + 1.0).min(16.0);
         let share = 1.0 / self.cycles;
-        self.k += (tuned.k - self.k) * share;
-        if tuned.shape.is_sine() {
+        self.k += (drive_state.k - self.k) * share;
+        if drive_state.shape.is_sine() {
             self.tones = [[0.0; 2]; UPPER];
         } else {
             let means = self.tones.as_flattened_mut().iter_mut();
-            for (mean, part) in means.zip(tuned.shape.mixed().as_flattened()) {
+            for (mean, part) in means.zip(drive_state.shape.cartesian_tones().as_flattened()) {
                 *mean += (part - *mean) * share;
             }
         }
         if self.cycles < 8.0 {
             return;
         }
-        let order = u32::from(tuned.order.max(1));
-        let apart = |a: f32, b: f32, most: f32| a - b > most || b - a > most;
-        let Some((restitution, scatter)) = tuned.lot else {
+        let order = u32::from(drive_state.order.max(1));
+        let differs = |a: f32, b: f32, tolerance: f32| a - b > tolerance || b - a > tolerance;
+        let Some((restitution, scatter)) = drive_state.lot else {
             return;
         };
+        let scatter = scatter * self.scatter_factor();
         if let Some(profiler) = &self.profiler {
             let settings = profiler.settings();
-            let within = |most: f32| {
+            let is_within = |tolerance: f32| {
                 let tones = self.tones.as_flattened().iter();
-                let mut tones = tones.zip(self.profiled.as_flattened());
+                let mut tones = tones.zip(self.profiled_tones.as_flattened());
                 settings.order == order
-                    && !apart(settings.k, self.k, most * settings.k)
-                    && tones.all(|(is, was)| !apart(*was, *is, most))
+                    && !differs(settings.k, self.k, tolerance * settings.k)
+                    && tones.all(|(present, previous)| !differs(*previous, *present, tolerance))
             };
-            let (same, near) = (within(MOVED), within(NEAR));
-            if same && settings.restitution == restitution && settings.scatter == scatter {
+            let is_unchanged = is_within(PROFILE_TOLERANCE);
+            let is_close = is_within(STALE_SHARE_TOLERANCE);
+            if is_unchanged && settings.restitution == restitution && settings.scatter == scatter {
                 return;
             }
-            if !same {
+            if !is_unchanged {
                 // The energy so far belongs to another motion; after a small change parts stay in
                 // gear.
-                self.begin();
-                if near {
-                    self.fades = true;
+                self.clear_histograms();
+                if is_close {
+                    self.is_stale = true;
                 } else {
-                    self.unlearn();
+                    self.clear_estimates();
                 }
             }
         }
-        self.fitting = None;
-        self.profiled = self
-            .tones
-            .map(|tone| tone.map(|part| STEP_OF_TONES * libm::roundf(part / STEP_OF_TONES)));
-        let tones = self.profiled.map(|[straight, across]| {
-            let ratio = libm::sqrtf(straight * straight + across * across);
+        self.search = None;
+        self.profiled_tones = self.tones.map(|tone| {
+            tone.map(|part| TONE_ROUNDING_STEP * libm::roundf(part / TONE_ROUNDING_STEP))
+        });
+        let tones = self.profiled_tones.map(|[in_phase, quadrature]| {
+            let ratio = libm::sqrtf(in_phase * in_phase + quadrature * quadrature);
             if ratio < 1e-3 {
                 [0.0; 2]
             } else {
-                [ratio, libm::atan2f(across, straight)]
+                [ratio, libm::atan2f(quadrature, in_phase)]
             }
         });
         // Outside the map's range there is no estimate.
@@ -419,9 +457,9 @@ impl ShareHearing {
             restitution,
             scatter,
             order,
-            k: rounded(self.k),
+            k: round_k(self.k),
             tones,
-            contact: tuned.contact,
+            contact: drive_state.contact,
         })
         .ok();
     }
@@ -429,62 +467,64 @@ impl ShareHearing {
     /// Runs one bounded slice of the estimate; returns whether more are due.
     pub fn step(&mut self) -> bool {
         if let Some(profiler) = &mut self.profiler
-            && profiler.advance(SLICE)
+            && profiler.advance(PROFILE_SLICE_IMPACTS)
         {
             return true;
         }
-        if core::mem::take(&mut self.checks) {
-            self.short_due = 0.0;
-            self.check();
+        if core::mem::take(&mut self.short_fit_due) {
+            self.cycles_since_short_fit = 0.0;
+            self.fit_short_histogram();
             return true;
         }
-        let Some(mut fitting) = self.fitting.take() else {
+        let Some(mut search) = self.search.take() else {
             return false;
         };
-        let Some([steps, factor]) = TRIES.get(fitting.tried) else {
-            self.refine(&fitting.off);
+        let Some([steps, factor]) = TRIAL_POINTS.get(search.trials) else {
+            self.move_to_minimum(&search.residual_sum);
             return false;
         };
-        let (rings, late) = if self.of_late {
-            (self.rings, self.late + LATER * steps)
+        let (decay_time, delay) = if self.searches_delay {
+            (self.decay_time, self.delay + DELAY_STEP * steps)
         } else {
-            (self.rings * factor, self.late)
+            (self.decay_time * factor, self.delay)
         };
-        let Some(rows) = self.rows(rings, late) else {
+        let Some(design_matrix) = self.design_matrix(decay_time, delay) else {
             return false;
         };
-        let heard = self.heard(&self.long);
-        let (by, weights, covariance) = self.fit_weights(&heard, &rows);
-        let expected = mixed(&rows, &weights);
-        if let Some(apart) = fitting.off.get_mut(fitting.tried) {
-            *apart = off(&heard, &expected, &by);
+        let measured_energy = self.measured_energy(&self.long);
+        let (sector_variance, weights, covariance) =
+            self.fit_weights(&measured_energy, &design_matrix);
+        let expected = predict_energy(&design_matrix, &weights);
+        if let Some(difference) = search.residual_sum.get_mut(search.trials) {
+            *difference = residual_sum(&measured_energy, &expected, &sector_variance);
         }
-        if fitting.tried == 0 {
-            self.tell(&Mixture {
-                off: off(&heard, &expected, &expected),
-                astray: astray(&heard, &expected),
+        if search.trials == 0 {
+            self.update_estimates(&Mixture {
+                residual_sum: residual_sum(&measured_energy, &expected, &expected),
+                unexplained_energy: unexplained_energy(&measured_energy, &expected),
                 weights,
                 covariance,
             });
         }
-        fitting.tried += 1;
-        self.fitting = Some(fitting);
+        search.trials += 1;
+        self.search = Some(search);
         true
     }
 
-    /// Fits the short histogram, after a first fit of the long one, where gear is to be detected.
-    /// Its slice passes in any case: the other searches then run at the same times.
-    fn check(&mut self) {
+    /// Fits the short histogram, after a first fit of the long one, if gear is to be detected. The
+    /// slice is used up in any case, so that the other searches run at the same times.
+    fn fit_short_histogram(&mut self) {
         if !self.detects_gear || self.evidence.is_none() {
             return;
         }
-        let Some(rows) = self.rows(self.rings, self.late) else {
+        let Some(design_matrix) = self.design_matrix(self.decay_time, self.delay) else {
             return;
         };
-        let heard = self.heard(&self.short);
-        let (_, weights, _) = self.fit_weights(&heard, &rows);
-        let astray = astray(&heard, &mixed(&rows, &weights));
-        let short = self.agreement(&self.short, &weights, astray);
+        let measured_energy = self.measured_energy(&self.short);
+        let (_, weights, _) = self.fit_weights(&measured_energy, &design_matrix);
+        let unexplained_energy =
+            unexplained_energy(&measured_energy, &predict_energy(&design_matrix, &weights));
+        let short = self.agreement(&self.short, &weights, unexplained_energy);
         if let (Some(evidence), Some(short)) = (&mut self.evidence, short) {
             evidence.short = short;
         }
@@ -492,121 +532,148 @@ impl ShareHearing {
 
     /// Fits the mixture from the last one, by whose expected energy each sector is weighed. Returns
     /// that energy, the weights and their covariance.
-    fn fit_weights(&self, heard: &Row, rows: &Rows) -> (Row, [f32; PARTS], Covariance) {
-        let expecting = if self.weights == [0.0; PARTS] {
-            unmix(heard, rows, &evened(heard), &self.weights).0
+    fn fit_weights(
+        &self,
+        measured_energy: &SectorEnergy,
+        design_matrix: &DesignMatrix,
+    ) -> (SectorEnergy, [f32; COMPONENTS], Covariance) {
+        let fit = |sector_variance: &SectorEnergy| {
+            fit_mixture(
+                measured_energy,
+                design_matrix,
+                sector_variance,
+                &self.weights,
+            )
+        };
+        let start_weights = if self.weights == [0.0; COMPONENTS] {
+            fit(&moving_average(measured_energy)).0
         } else {
             self.weights
         };
-        let by = mixed(rows, &expecting);
-        let (weights, covariance) = unmix(heard, rows, &by, &self.weights);
-        (by, weights, covariance)
+        let sector_variance = predict_energy(design_matrix, &start_weights);
+        let (weights, covariance) = fit(&sector_variance);
+        (sector_variance, weights, covariance)
     }
 
     /// Updates share, margin and evidence from a mixture.
-    fn tell(&mut self, found: &Mixture) {
+    fn update_estimates(&mut self, mixture: &Mixture) {
         let noise = self.long.noise / self.long.weight;
-        let aligned = LATES[0] < self.late && self.late < LATES[1] && self.rings > MIN_DECAY;
-        let share = (self.profile()).and_then(|profile| told(found, profile, noise, aligned));
-        let long = self.agreement(&self.long, &found.weights, found.astray);
-        self.evidence = self
-            .profile()
-            .zip(long)
-            .map(|(profile, long)| GearEvidence {
-                predicted: profile.share(),
-                long,
-                short: self.evidence.map_or(long, |before| before.short),
-            });
-        self.misfit = self.misfit_of(long.as_ref());
-        self.margin = share.and(self.margin_of(found));
+        let aligned = DELAY_BOUNDS[0] < self.delay
+            && self.delay < DELAY_BOUNDS[1]
+            && self.decay_time > MIN_DECAY_TIME;
+        let share =
+            (self.profile()).and_then(|profile| estimate_share(mixture, profile, noise, aligned));
+        let long = self.agreement(&self.long, &mixture.weights, mixture.unexplained_energy);
+        let fitted = self.profile().zip(long);
+        self.evidence = fitted.map(|(profile, long)| GearEvidence {
+            predicted: profile.share(),
+            long,
+            short: self.evidence.map_or(long, |before| before.short),
+        });
+        self.misfit = self.estimate_misfit(long.as_ref());
+        self.fits = self.fits.saturating_add(1);
+        self.margin = share.and(self.estimate_margin(mixture));
         self.share = share;
-        self.weights = found.weights;
-        (self.fades, self.judged) = (false, true);
+        self.weights = mixture.weights;
+        (self.is_stale, self.has_fit) = (false, true);
     }
 
-    /// Misfit of the parts to the lot: energy that no mixture explains beyond its bound, plus the
-    /// share that lacks to [`MIN_CREDIBLE_SHARE`] times the least of a part of the lot.
-    fn misfit_of(&self, long: Option<&Agreement>) -> f32 {
+    /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus the shortfall of
+    /// the share. The shortfall is relative to [`MIN_CREDIBLE_SHARE`] times the smallest share of a
+    /// part of the lot.
+    fn estimate_misfit(&self, long: Option<&Agreement>) -> f32 {
         let (Some(long), Some(profile)) = (long, self.profile()) else {
             return 0.0;
         };
         let energy = self.long.energy.iter().sum::<f32>();
-        if energy <= (1.0 + HEARD) * self.long.noise {
+        if energy <= (1.0 + MIN_SIGNAL_TO_NOISE) * self.long.noise {
             return 0.0;
         }
-        // Cycles of equal weight with the same variance of their mean.
+        // Number of equally weighted cycles with the same variance of their mean.
         let weight = self.long.weight;
-        let least = profile.least_share(weight / (1.0 - 0.5 * weight / MEMORY));
-        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * least - long.in_gear).max(0.0)
+        let min_share =
+            profile.min_credible_share(weight / (1.0 - 0.5 * weight / LONG_MEMORY_CYCLES));
+        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * min_share - long.in_gear).max(0.0)
     }
 
-    /// Whether the parts do not fit the lot: their misfit lasts.
+    /// Whether the parts do not fit the lot: the misfit lasts with each hypothesis on the scatter.
     pub fn is_misfit(&self) -> bool {
-        self.misfit_cycles > MIN_MISFIT_CYCLES
+        self.misfit_cycles > 0.0
+            && self.hypothesis_changes + 1 == SCATTER_FACTORS.len()
+            && self.fits >= MIN_FITS
     }
 
-    /// Agreement of a histogram with the weights fitted to it; `astray` as of [`astray`].
+    /// Agreement of a histogram with the weights fitted to it and its unexplained energy.
     fn agreement(
         &self,
         histogram: &Histogram,
-        weights: &[f32; PARTS],
-        astray: f32,
+        weights: &[f32; COMPONENTS],
+        unexplained_energy: f32,
     ) -> Option<Agreement> {
         let profiler = self.profiler.as_ref()?;
         let (settings, profile) = (profiler.settings(), profiler.profile()?);
-        let within = weights[..GROUPS].iter().sum::<f32>();
-        let without = weights[GROUPS..NOISE].iter().sum::<f32>();
-        let even = (weights[NOISE] - histogram.noise / histogram.weight).max(0.0);
-        let unexplained =
-            (astray + even) / (struck(weights, profile) + even).max(f32::MIN_POSITIVE);
-        let [systematic, random] = if knows_out(profile) || settings.scatter < MIN_SCATTER {
-            MAX_UNEXPLAINED
-        } else {
-            MAX_UNEXPLAINED_WITHOUT_OUT
-        };
+        let in_gear_weight = weights[..GROUPS].iter().sum::<f32>();
+        let out_weight = weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
+        let excess_noise = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
+        let unexplained = (unexplained_energy + excess_noise)
+            / (impact_energy(weights, profile) + excess_noise).max(f32::MIN_POSITIVE);
+        let [systematic, random] =
+            if has_out_of_gear_profile(profile) || settings.scatter < MIN_SCATTER {
+                MAX_UNEXPLAINED
+            } else {
+                MAX_UNEXPLAINED_WITHOUT_OUT
+            };
         // Impacts of one part in gear; the number of parts is unknown.
         let impacts = histogram.weight / settings.order as f32;
         Some(Agreement {
-            in_gear: within / (within + without).max(f32::MIN_POSITIVE),
+            in_gear: in_gear_weight / (in_gear_weight + out_weight).max(f32::MIN_POSITIVE),
             excess: unexplained - systematic - random / square_root_single(impacts),
         })
     }
 
     /// Margin of the parts in gear: restitution from the groups' weights, trace from their phases.
-    fn margin_of(&self, found: &Mixture) -> Option<GearMargin> {
+    fn estimate_margin(&self, mixture: &Mixture) -> Option<GearMargin> {
         let profiler = self.profiler.as_ref()?;
         let profile = profiler.profile()?;
         let StrikeSettings { k, scatter, .. } = *profiler.settings();
-        let groups = &found.weights[..GROUPS];
-        let all: f32 = groups.iter().sum();
-        let out: f32 = found.weights[GROUPS..NOISE].iter().sum();
-        if all <= LEAST * (all + out) {
+        let scatter = scatter / self.scatter_factor();
+        let groups = &mixture.weights[..GROUPS];
+        let total_weight: f32 = groups.iter().sum();
+        let out: f32 = mixture.weights[GROUPS..NOISE_INDEX].iter().sum();
+        if total_weight <= MIN_SHARE_FOR_MARGIN * (total_weight + out) {
             return None;
         }
-        let middles: [f32; GROUPS] = core::array::from_fn(|group| profiler.restitution(group));
-        let weighed = groups.iter().zip(middles);
-        let restitution = weighed.map(|(weight, middle)| weight * middle).sum::<f32>() / all;
+        let group_restitutions: [f32; GROUPS] =
+            core::array::from_fn(|group| profiler.restitution(group));
+        let weighted = groups.iter().zip(group_restitutions);
+        let weighted = weighted.map(|(weight, group_restitution)| weight * group_restitution);
+        let restitution = weighted.sum::<f32>() / total_weight;
         let mut variance = 0.0_f32;
-        for (row, one) in found.covariance.iter().zip(middles) {
-            for (covariance, other) in row.iter().zip(middles) {
+        for (row, one) in mixture.covariance.iter().zip(group_restitutions) {
+            for (covariance, other) in row.iter().zip(group_restitutions) {
                 variance += (one - restitution) * (other - restitution) * covariance;
             }
         }
-        let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
+        let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
         // Restitutions within a group, and beyond the lot's ends, cannot be separated.
-        let apart = middles[1] - middles[0];
+        let difference = group_restitutions[1] - group_restitutions[0];
         let error = libm::sqrtf(
-            variance.max(0.0) * dispersion / (all * all)
-                + apart * apart / 12.0
+            variance.max(0.0) * dispersion / (total_weight * total_weight)
+                + difference * difference / 12.0
                 + RESTITUTION_MARGIN * RESTITUTION_MARGIN,
         );
         // A group's phase follows from its restitution; the fit estimates the number of its parts.
-        let each = groups.iter().zip(middles).zip(profile.launch_accelerations);
-        let traces = each.map(|((weight, middle), bend)| {
-            let squeezed = (1.0 + middle) * (1.0 + middle);
-            weight * (1.0 + middle * middle - squeezed * bend / k)
+        let group_terms = groups
+            .iter()
+            .zip(group_restitutions)
+            .zip(profile.launch_accelerations);
+        let traces = group_terms.map(|((weight, group_restitution), acceleration)| {
+            let restitution_factor = (1.0 + group_restitution) * (1.0 + group_restitution);
+            weight
+                * (1.0 + group_restitution * group_restitution
+                    - restitution_factor * acceleration / k)
         });
-        let trace = traces.sum::<f32>() / all;
+        let trace = traces.sum::<f32>() / total_weight;
         Some(GearMargin {
             trace,
             restitution,
@@ -618,111 +685,134 @@ impl ShareHearing {
     }
 
     /// Moves to the minimum of the parabola through the three trial points (at most one step).
-    fn refine(&mut self, [at, before, after]: &[f32; TRIES.len()]) {
-        let bend = before + after - 2.0 * at;
+    fn move_to_minimum(&mut self, [at, before, after]: &[f32; TRIAL_POINTS.len()]) {
+        let curvature = before + after - 2.0 * at;
         let slope = 0.5 * (after - before);
-        let step = if bend > 0.0 {
-            (-slope / bend).clamp(-1.0, 1.0)
+        let step = if curvature > 0.0 {
+            (-slope / curvature).clamp(-1.0, 1.0)
         } else if slope > 0.0 {
             -1.0
         } else {
             1.0
         };
-        if self.of_late {
-            self.late = (self.late + step * LATER).clamp(LATES[0], LATES[1]);
+        if self.searches_delay {
+            self.delay = (self.delay + step * DELAY_STEP).clamp(DELAY_BOUNDS[0], DELAY_BOUNDS[1]);
         } else {
-            self.rings = (self.rings * libm::powf(FACTOR, step)).clamp(RINGING[0], RINGING[1]);
+            self.decay_time = (self.decay_time * libm::powf(DECAY_TIME_FACTOR, step))
+                .clamp(DECAY_TIME_BOUNDS[0], DECAY_TIME_BOUNDS[1]);
         }
-        self.of_late = !self.of_late;
+        self.searches_delay = !self.searches_delay;
     }
 
     /// Predicted energy of each component by sector, for a decay time in s and a delay in samples.
-    fn rows(&self, rings: f32, late: f32) -> Option<Rows> {
-        Some(predict_rows(
-            self.profile()?,
-            self.lead,
-            self.step,
-            rings,
-            late,
-        ))
+    fn design_matrix(&self, decay_time: f32, delay: f32) -> Option<DesignMatrix> {
+        let profile = self.profile()?;
+        let matrix = predict_design_matrix(profile, self.lead, self.step, decay_time, delay);
+        Some(matrix)
     }
 
     /// Energy per cycle of a histogram, less the drive's own.
-    fn heard(&self, histogram: &Histogram) -> Row {
+    fn measured_energy(&self, histogram: &Histogram) -> SectorEnergy {
         let inverse = 1.0 / histogram.weight;
-        let leak = drive_leak(self.swing, self.step);
-        let mut heard = [0.0; SECTORS];
-        for ((heard, energy), leak) in heard.iter_mut().zip(&histogram.energy).zip(leak) {
-            *heard = (energy * inverse - leak).max(0.0);
+        let own = drive_energy(self.drive_acceleration, self.step);
+        let mut measured_energy = [0.0; SECTORS];
+        for ((measured_energy, energy), own) in
+            measured_energy.iter_mut().zip(&histogram.energy).zip(own)
+        {
+            *measured_energy = (energy * inverse - own).max(0.0);
         }
-        heard
+        measured_energy
     }
 }
 
-/// Rounds k to eight binary places: an error of at most 0.2 %, a fifth of [`MOVED`].
-fn rounded(k: f32) -> f32 {
+/// Rounds k to eight binary places: an error of at most 0.2 %, a fifth of [`PROFILE_TOLERANCE`].
+fn round_k(k: f32) -> f32 {
     const STEP: u32 = 1 << 15;
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// The share of a mixture; `noise`: measured noise energy per cycle; `aligned`: delay and decay
-/// time are within their bounds. `None` where noise drowns the parts or the error exceeds
-/// [`TELLS`].
-fn told(found: &Mixture, profile: &StrikeProfile, noise: f32, aligned: bool) -> Option<GearShare> {
-    let within = found.weights[..GROUPS].iter().sum::<f32>();
-    let without = found.weights[GROUPS..NOISE].iter().sum::<f32>();
-    let energy = struck(&found.weights, profile);
-    let all = within + without;
-    if energy <= HEARD * found.weights[NOISE] || all <= 0.0 {
+/// The share of a mixture. `noise`: measured noise energy per cycle; `aligned`: delay and decay
+/// time are within their bounds. `None` if the noise exceeds the parts' energy or the error exceeds
+/// [`MAX_REPORTED_ERROR`].
+fn estimate_share(
+    mixture: &Mixture,
+    profile: &StrikeProfile,
+    noise: f32,
+    aligned: bool,
+) -> Option<GearShare> {
+    let in_gear_weight = mixture.weights[..GROUPS].iter().sum::<f32>();
+    let out_weight = mixture.weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
+    let energy = impact_energy(&mixture.weights, profile);
+    let total_weight = in_gear_weight + out_weight;
+    if energy <= MIN_SIGNAL_TO_NOISE * mixture.weights[NOISE_INDEX] || total_weight <= 0.0 {
         return None;
     }
-    let share = within / all;
+    let share = in_gear_weight / total_weight;
     // Derivative of the share by each weight, times the sum of weights.
     let slope = |n: usize| match n {
         n if n < GROUPS => 1.0 - share,
-        n if n < NOISE => -share,
+        n if n < NOISE_INDEX => -share,
         _ => 0.0,
     };
     let mut variance = 0.0;
-    for (a, row) in found.covariance.iter().enumerate() {
+    for (a, row) in mixture.covariance.iter().enumerate() {
         for (b, covariance) in row.iter().enumerate() {
             variance += slope(a) * slope(b) * covariance;
         }
     }
-    let dispersion = found.off / (SECTORS - PARTS - 1) as f32;
-    let scattered = variance.max(0.0) * dispersion / (all * all);
-    // Energy that no profile explains may be of parts in gear or out.
-    let even = (found.weights[NOISE] - noise).max(0.0);
-    let astray = (found.astray + even) / (energy + found.weights[NOISE]);
-    let excess = EXCESS * (share - profile.share()).max(0.0);
-    let unaligned = if aligned { 0.0 } else { UNALIGNED };
-    let systematic = [COUNTED, astray, excess, unaligned];
+    let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
+    let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
+    // Unexplained energy may come from parts in gear or out of gear.
+    let excess_noise = (mixture.weights[NOISE_INDEX] - noise).max(0.0);
+    let unexplained_share =
+        (mixture.unexplained_energy + excess_noise) / (energy + mixture.weights[NOISE_INDEX]);
+    let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
+    let bound_error = if aligned { 0.0 } else { ERROR_AT_BOUND };
+    let systematic = [MIN_SHARE_ERROR, unexplained_share, excess, bound_error];
     let squares = systematic.map(|error| error * error);
-    let error = square_root_single(scattered + squares.iter().sum::<f32>());
-    (error < TELLS).then_some(GearShare { share, error })
+    let error = square_root_single(random_variance + squares.iter().sum::<f32>());
+    (error < MAX_REPORTED_ERROR).then_some(GearShare { share, error })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Agreement, GearEvidence, MIN_PREDICTED_SHARE};
+    use super::*;
+    use crate::hear::SECTORS_PER_CYCLE;
+
+    /// Each sector comes in every fourth cycle, so its sum is a geometric series.
+    #[test]
+    fn histogram_forgets_four_cycles_at_a_time() {
+        let mut histogram = Histogram::default();
+        for n in 0..400 {
+            let sectors = Sectors {
+                first: (n % 4 * SECTORS_PER_CYCLE) as u8,
+                energy: [0.7; SECTORS_PER_CYCLE],
+            };
+            histogram.add(&sectors, 0.3, 8.0);
+        }
+        for energy in histogram.energy {
+            assert!((energy * (1.0 - 0.875_f32.powi(4)) / 0.7 - 1.0).abs() < 1e-5);
+        }
+    }
 
     #[test]
     fn evidence_for_ready_needs_both_histograms() {
-        let agreement = |in_gear| Agreement {
-            in_gear,
-            excess: -0.1,
-        };
-        let supports = |predicted, long, short| {
+        for (predicted, shares, supports) in [
+            (0.9, [0.6, 0.6], true),
+            (0.9, [0.4, 0.6], false),
+            (0.9, [0.6, 0.4], false),
+            (MIN_PREDICTED_SHARE, [0.6, 0.6], false),
+        ] {
+            let [long, short] = shares.map(|in_gear| Agreement {
+                in_gear,
+                excess: -0.1,
+            });
             let evidence = GearEvidence {
                 predicted,
-                long: agreement(long),
-                short: agreement(short),
+                long,
+                short,
             };
-            evidence.supports(0.5)
-        };
-        assert!(supports(0.9, 0.6, 0.6));
-        assert!(!supports(0.9, 0.4, 0.6));
-        assert!(!supports(0.9, 0.6, 0.4));
-        assert!(!supports(MIN_PREDICTED_SHARE, 0.6, 0.6));
+            assert_eq!(evidence.supports(0.5), supports, "{evidence:?}");
+        }
     }
 }

@@ -21,7 +21,7 @@ pub(super) struct Harmonic {
 }
 
 impl Harmonic {
-    /// A tone, its angle to the next step of a phase.
+    /// A tone, with its angle rounded to a step of a phase.
     fn build(tone: Tone, amplitude: &'static str, angle: &'static str) -> Result<Self, OutOfRange> {
         accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
         let turn = core::f64::consts::TAU;
@@ -106,8 +106,8 @@ impl Harmonics {
             height: s + s2,
             speed: c + (c2 + c2),
             push: s + 4.0 * s2,
-            surge: c + 8.0 * c2,
-            bend: s + 16.0 * s2,
+            jerk: c + 8.0 * c2,
+            snap: s + 16.0 * s2,
         };
         if !self.is_of_three {
             return two;
@@ -117,8 +117,8 @@ impl Harmonics {
             height: two.height + s3,
             speed: two.speed + 3.0 * c3,
             push: two.push + 9.0 * s3,
-            surge: two.surge + 27.0 * c3,
-            bend: two.bend + 81.0 * s3,
+            jerk: two.jerk + 27.0 * c3,
+            snap: two.snap + 81.0 * s3,
         }
     }
 

@@ -1,9 +1,9 @@
-//! The first impact on a track of several tones: the stretch between edges that holds it, and the
+//! The first impact on a track of several tones: the interval between edges that holds it, and the
 //! root in it.
 
 use core::f32::consts::TAU;
 
-use super::launch::{Launch, Short};
+use super::launch::{DeflatedGap, Launch};
 use super::track::{Edge, Hump, Limit, Track};
 use crate::impact::anchor::approach::{approach, householder};
 use crate::impact::anchor::candidate::{
@@ -71,7 +71,7 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
         limit,
     };
     let a1 = 0.5 * launch.pull;
-    let a2 = launch.surge * (1.0 / 6.0);
+    let a2 = launch.jerk * (1.0 / 6.0);
     let square = a1 * a1;
     let discriminant = square - 4.0 * a2 * velocity;
     let mut near = MAX_START_FROM_LAUNCH;
@@ -91,9 +91,9 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
             return Some((Candidate::Hop { flight, arrival }, limits));
         }
         let (node, offset) = node_from_near(phase, near);
-        let late = near - offset;
-        if let Some(approach) = approach(track, node, late, -rise, height)
-            && approach.preserves_distance(node, late)
+        let dt = near - offset;
+        if let Some(approach) = approach(track, node, dt, -rise, height)
+            && approach.preserves_distance(node, dt)
         {
             return Some((Candidate::Near(approach), limits));
         }
@@ -114,10 +114,10 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
         (fall, fall, speed, 0.0)
     };
     let (node, offset) = node_from_near(phase, near);
-    let late = (near - start) - offset;
-    let approach = approach(track, node, late, speed, base)?;
+    let dt = (near - start) - offset;
+    let approach = approach(track, node, dt, speed, base)?;
     approach
-        .preserves_distance(node, late)
+        .preserves_distance(node, dt)
         .then_some((Candidate::Near(approach), limits))
 }
 
@@ -169,13 +169,13 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     } = *launch;
     let humps = track.humps();
     let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
-    let Some((mut place, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
+    let Some((mut index, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
         return false;
     };
-    let mut left = humps.len();
+    let mut remaining = humps.len();
     let (mut turns, mut turn) = (0.0, 0_i64);
     for _ in 0..MAX_PASSED_HUMPS {
-        let Some(hump) = humps.get(place) else {
+        let Some(hump) = humps.get(index) else {
             return false;
         };
         let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
@@ -192,23 +192,23 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
             return false;
         }
         if falls < 0.0 && rises > 0.0 {
-            let meet = over_begin * rises + falls * (rises * hump.width - over_end);
-            if meet <= noise * (rises - falls) {
+            let tangent_height = over_begin * rises + falls * (rises * hump.width - over_end);
+            if tangent_height <= noise * (rises - falls) {
                 return false;
             }
         }
-        place = if place + 1 < humps.len() {
-            place + 1
+        index = if index + 1 < humps.len() {
+            index + 1
         } else {
             0
         };
-        left -= 1;
-        if left == 0 {
-            left = humps.len();
+        remaining -= 1;
+        if remaining == 0 {
+            remaining = humps.len();
             turns += TAU;
             turn += 1 << 32;
         }
-        let Some(hump) = humps.get(place) else {
+        let Some(hump) = humps.get(index) else {
             return false;
         };
         if steps <= turn + i64::from(wait(hump)) + i64::from(hump.length) {
@@ -225,11 +225,11 @@ pub(super) fn search(
     launch: &Launch,
     flight: &Ballistic<'_, Track>,
 ) -> (Found, bool, Bracket) {
-    let (mut bracket, grazes) = stretch(track, launch, flight);
+    let (mut bracket, grazes) = find_bracket(track, launch, flight);
     let short = max_short_flight(track);
     if bracket.low < short {
         let high = smaller(bracket.high, short);
-        if launch.short(high).value <= 0.0 {
+        if launch.deflated_gap(high).value <= 0.0 {
             let (flight, arrival) = hop(launch, bracket.low, high, bracket.start);
             return (Found::Short { flight, arrival }, grazes, bracket);
         }
@@ -243,7 +243,7 @@ pub(super) fn search(
 ///
 /// If the gap is nearly flat, a step can lead anywhere, even back to launch.
 #[inline(always)]
-pub(super) fn has_left(bracket: &Bracket, steps: i64, speed: f32) -> bool {
+pub(super) fn may_leave(bracket: &Bracket, steps: i64, speed: f32) -> bool {
     const BRACKET_ROUNDING: f32 = 1e-3;
     if speed > 0.02 {
         return false;
@@ -282,13 +282,13 @@ pub(super) fn bisect(
     (high, larger(-edges.at(high).1, 0.0))
 }
 
-/// The stretch between edges that holds the first impact, and whether the flight grazes on the way.
+/// The interval between edges that holds the first impact, and whether the flight grazes before.
 ///
-/// The stretch holds one root of the gap. Between humps the gap is concave and starts positive, or
+/// The interval holds one root of the gap. Between humps the gap is concave and starts positive, or
 /// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
-fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
+fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
     let Launch {
         phase,
         height,
@@ -297,16 +297,16 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Br
     } = *launch;
     let fallen = || track.fall_time(height, rise) + 1e-3;
     let humps = track.humps();
-    let (mut next, mut soonest, mut low) = (0, u32::MAX, 0.0);
+    let (mut next, mut shortest_wait, mut low) = (0, u32::MAX, 0.0);
     for (n, hump) in humps.iter().enumerate() {
-        // From the very begin of a hump the next one is a whole turn away.
+        // From the exact start of a hump the next one is a whole turn away.
         let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
-        if wait <= soonest {
-            (next, soonest) = (n, wait);
+        if wait <= shortest_wait {
+            (next, shortest_wait) = (n, wait);
         }
-        let past = phase.wrapping_sub(hump.phase);
-        if past < hump.length {
-            low = (hump.length - past) as f32 * RADIANS_PER_STEP;
+        let elapsed = phase.wrapping_sub(hump.phase);
+        if elapsed < hump.length {
+            low = (hump.length - elapsed) as f32 * RADIANS_PER_STEP;
         }
     }
     let edges = Edges {
@@ -321,13 +321,13 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Br
     let mut turn = 0_u32;
     while !humps.is_empty() && turn < 1 << 20 {
         for n in 0..humps.len() {
-            let place = next + n;
-            let place = if place < humps.len() {
-                place
+            let index = next + n;
+            let index = if index < humps.len() {
+                index
             } else {
-                place - humps.len()
+                index - humps.len()
             };
-            let Some(hump) = humps.get(place) else {
+            let Some(hump) = humps.get(index) else {
                 break;
             };
             let wait = hump.phase.wrapping_sub(phase).wrapping_sub(1);
@@ -339,10 +339,10 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Br
             }
             let over_begin = edges.gap(begin, &hump.begin);
             let over_end = || edges.gap(end, &hump.end);
-            // A launch one step before the hump counts as at its begin: above the track from there
+            // A launch one step before the hump counts as at its start: above the track from there
             // on.
             if over_begin.height <= 0.0 && begin > 0.0 {
-                // The begin may lie there by rounding alone.
+                // The start may be below the track by rounding alone.
                 grazes |= over_begin.height > -edges.rounding(begin)
                     && edges.is_level(begin, end, over_begin, over_end());
                 return (concave(launch, low, begin, over_begin, hump), grazes);
@@ -363,18 +363,17 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Br
                 // Height at which the tangents at both ends meet, times the difference of their
                 // slopes.
                 let turning = over_end.slope - over_begin.slope;
-                let meet = over_begin.height * over_end.slope
+                let tangent_height = over_begin.height * over_end.slope
                     + over_begin.slope * (over_end.slope * hump.width - over_end.height);
                 let noise = if end < edges.short {
                     0.0
                 } else {
                     HEIGHT_ROUNDING + HEIGHT_ROUNDING_PER_RADIAN * end
                 };
-                if meet <= noise * turning {
-                    let (poke, touches) =
-                        edges.find_minimum(begin, end, over_begin.slope / turning);
+                if tangent_height <= noise * turning {
+                    let (dip, touches) = edges.find_minimum(begin, end, over_begin.slope / turning);
                     grazes |= touches;
-                    if let Some(bracket) = poke {
+                    if let Some(bracket) = dip {
                         return (bracket, grazes);
                     }
                 }
@@ -408,7 +407,7 @@ fn stretch(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Br
 #[inline(always)]
 fn near_launch(launch: &Launch) -> Option<f32> {
     let a1 = 0.5 * launch.pull;
-    let a2 = launch.surge * (1.0 / 6.0);
+    let a2 = launch.jerk * (1.0 / 6.0);
     let square = a1 * a1 - 4.0 * a2 * launch.velocity;
     if !(a1 > 0.0 && square >= 0.0) {
         return None;
@@ -417,7 +416,7 @@ fn near_launch(launch: &Launch) -> Option<f32> {
     (near < MAX_FLIGHT_FROM_LAUNCH).then_some(near)
 }
 
-/// The concave stretch before `hump`; the gap is below 0 at the hump's begin.
+/// The concave interval before `hump`; the gap is below 0 at the hump's begin.
 #[inline(always)]
 fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
     let near = if low == 0.0 {
@@ -438,13 +437,12 @@ fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Brac
 fn from_edge(time: f32, gap: Gap, edge: &Edge) -> f32 {
     let Gap { height, slope } = gap;
     if slope < 0.0 {
-        time + householder(height, slope, slope * slope, 0.0, edge.surge)
+        time + householder(height, slope, slope * slope, 0.0, edge.jerk)
     } else {
         time
     }
 }
 
-/// The gap and its slope.
 #[derive(Clone, Copy)]
 struct Gap {
     height: f32,
@@ -465,7 +463,7 @@ impl Edges<'_> {
     fn gap(&self, x: f32, edge: &Edge) -> Gap {
         let (track, launch) = (self.track, self.launch);
         if x < self.short {
-            let Short { value, slope, .. } = launch.short(x);
+            let DeflatedGap { value, slope, .. } = launch.deflated_gap(x);
             return Gap {
                 height: x * value,
                 slope: value + x * slope,
@@ -507,12 +505,12 @@ impl Edges<'_> {
             }
         }
         let (height, slope, half) = self.at(x);
-        let back = if half > 0.0 {
+        let to_minimum = if half > 0.0 {
             slope / (half + half)
         } else {
             0.0
         };
-        let lowest = height - 0.5 * slope * back;
+        let lowest = height - 0.5 * slope * to_minimum;
         let bracket = (lowest <= 0.0).then(|| Bracket {
             low: begin,
             high: x,
@@ -547,8 +545,8 @@ impl Edges<'_> {
         if x >= self.short {
             return GAP_ROUNDING + Track::GAP_ROUNDING_PER_RADIAN * x;
         }
-        // Some roundings of f32 and of the pull: per tone where the pull is a sum in f32.
-        let pull = if self.launch.is_near_level() {
+        // Some roundings of f32 and of the pull: per tone if the pull is a sum in f32.
+        let pull = if self.launch.has_fixed_point_pull() {
             Track::PULL_ROUNDING
         } else {
             larger(Track::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
@@ -570,8 +568,8 @@ impl Edges<'_> {
             height: 0.0,
             slope: launch.rise - track.k * (x - offset) - at.speed,
             push: at.push,
-            surge: at.surge,
-            bend: at.bend,
+            jerk: at.jerk,
+            snap: at.snap,
         };
         let (_, gain, half) = expand(track.k, &local, offset);
         (local.slope + gain, half)
@@ -580,12 +578,12 @@ impl Edges<'_> {
     /// The gap, its slope and half its curvature after `x`.
     fn at(&self, x: f32) -> (f32, f32, f32) {
         if x < self.short {
-            let Short {
+            let DeflatedGap {
                 value,
                 slope,
-                half_bend,
-            } = self.launch.short(x);
-            return (x * value, value + x * slope, slope + x * half_bend);
+                half_curvature,
+            } = self.launch.deflated_gap(x);
+            return (x * value, value + x * slope, slope + x * half_curvature);
         }
         let (node, offset) = node_of(self.launch.phase, x);
         let local = self.flight.local(node);
@@ -599,19 +597,19 @@ impl Edges<'_> {
 #[inline(always)]
 fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
     for _ in 0..4 {
-        let Short {
+        let DeflatedGap {
             value,
             slope,
-            half_bend,
-        } = launch.short(x);
-        let e = quotient_step(value, slope, half_bend)?;
+            half_curvature,
+        } = launch.deflated_gap(x);
+        let e = quotient_step(value, slope, half_curvature)?;
         let last = abs(e) <= MAX_LAST_STEP_RATIO * x;
         x += e;
         if !(x > 0.0 && x < short) {
             return None;
         }
         if last {
-            let arrival = -x * (slope + 2.0 * half_bend * e);
+            let arrival = -x * (slope + 2.0 * half_curvature * e);
             return (arrival > 0.0).then_some((x, arrival));
         }
     }
@@ -628,18 +626,18 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
     };
     let mut round = 0;
     loop {
-        let Short {
+        let DeflatedGap {
             value,
             slope,
-            half_bend,
-        } = launch.short(x);
+            half_curvature,
+        } = launch.deflated_gap(x);
         if value > 0.0 {
             low = x;
         } else {
             high = x;
         }
-        let mut e = quotient_step(value, slope, half_bend)
-            .unwrap_or_else(|| down_crossing(value, slope, half_bend).0);
+        let mut e = quotient_step(value, slope, half_curvature)
+            .unwrap_or_else(|| down_crossing(value, slope, half_curvature).0);
         round += 1;
         // Rounding may move the root to an end.
         let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
@@ -648,7 +646,10 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         }
         if inside && abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 60 {
             let flight = x + e;
-            return (flight, larger(-flight * (slope + 2.0 * half_bend * e), 0.0));
+            return (
+                flight,
+                larger(-flight * (slope + 2.0 * half_curvature * e), 0.0),
+            );
         }
         x += e;
     }

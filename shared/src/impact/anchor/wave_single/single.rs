@@ -2,7 +2,7 @@
 
 use super::harmonics::{Harmonics, Parts};
 use super::launch::Launch;
-use super::search::{bisect, candidate, has_left, search};
+use super::search::{bisect, candidate, may_leave, search};
 use super::track::Track;
 use crate::arithmetic::Phase;
 use crate::feeder::{OutOfRange, accept_in};
@@ -88,7 +88,7 @@ impl Single {
         }
     }
 
-    /// Whether a part that rests at `phase` is thrown off there.
+    /// Whether the track throws a part that rests at `phase`.
     pub(crate) fn throws(&self, phase: Phase) -> bool {
         match &self.track {
             TrackKind::Sine(single) => single.throws(phase),
@@ -96,7 +96,7 @@ impl Single {
         }
     }
 
-    /// Next lift-off phase of a part that rests at `phase`; `None` where it rests for ever.
+    /// Next lift-off phase of a part that rests at `phase`; `None` if it rests for ever.
     pub(crate) fn lift_off(&self, phase: Phase) -> Option<Phase> {
         match &self.track {
             TrackKind::Sine(single) => single.lift_off(),
@@ -146,7 +146,7 @@ fn land_low(
         };
     }
     let launch = Launch::new(track, phase, velocity, parts, throws);
-    if !launch.is_level()
+    if !launch.is_undecided()
         && let Some((candidate, limits)) = candidate(track, &launch)
     {
         match candidate {
@@ -174,11 +174,11 @@ fn land_by_search(
     restitution: f32,
 ) -> Landing<SingleState> {
     let Ballistic { track, phase, .. } = *flight;
-    let (found, grazes, bracket) = search(track, launch, flight);
-    let grazes = grazes || launch.is_level();
-    let landing = land_found(flight, restitution, found, grazes);
-    if matches!(found, Found::Near { .. })
-        && has_left(&bracket, landing.steps, landing.next.velocity)
+    let (root, grazes, bracket) = search(track, launch, flight);
+    let grazes = grazes || launch.is_undecided();
+    let landing = land_found(flight, restitution, root, grazes);
+    if matches!(root, Found::Near { .. })
+        && may_leave(&bracket, landing.steps, landing.next.velocity)
     {
         let (time, speed) = bisect(track, launch, flight, &bracket);
         let steps = (time * STEPS_PER_RADIAN) as i64;

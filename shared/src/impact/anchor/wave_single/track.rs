@@ -22,13 +22,13 @@ pub(super) struct Edge {
     /// S' there.
     pub speed: f32,
     /// A' there.
-    pub surge: f32,
+    pub jerk: f32,
 }
 
-/// A stretch on which the track pushes harder than k.
+/// An interval on which the track pushes harder than k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Hump {
-    /// Begin of the hump, in steps of a phase: a resting part is thrown off here.
+    /// Start of the hump, in steps of a phase: a resting part is thrown off here.
     pub phase: u32,
     /// Its length in steps of a phase and in rad.
     pub length: u32,
@@ -40,16 +40,16 @@ pub(super) struct Hump {
 /// Time limits in steps after launch, up to which no search is needed.
 #[derive(Clone, Copy)]
 pub(super) struct Limit {
-    /// A ball that is above the track's reach at or before this time has met none of it.
+    /// A ball above the track's reach at or before this time has not met the track.
     pub clear: i64,
     /// A down-crossing up to this time is the first impact.
     ///
-    /// Up to the end of the next hump this holds. On the concave stretch up to that hump, the
+    /// It holds up to the end of the next hump. On the concave interval up to that hump, the
     /// down-crossing ends the part above 0 from launch on. Within the hump the gap is convex, so it
-    /// is above 0 from the begin on, and so was the stretch before.
+    /// is above 0 from the start on, and so was the interval before.
     ///
-    /// Where the gap rises at the begin of the hump, it rises from launch on and until the hump
-    /// ends. So the same holds up to the end of the hump after it.
+    /// If the gap rises at the start of the hump, it rises from launch on and until the hump ends.
+    /// So the same holds up to the end of the hump after it.
     pub last: i64,
 }
 
@@ -121,18 +121,18 @@ impl Track {
         let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
         let humps = self.humps();
         let (first, others) = humps.split_first()?;
-        let (mut next, mut place, mut soonest) = (first, 0, wait(first));
+        let (mut next, mut index, mut shortest_wait) = (first, 0, wait(first));
         for (n, hump) in others.iter().enumerate() {
-            if wait(hump) < soonest {
-                (next, place, soonest) = (hump, n + 1, wait(hump));
+            if wait(hump) < shortest_wait {
+                (next, index, shortest_wait) = (hump, n + 1, wait(hump));
             }
         }
-        let begin = soonest as f32 * RADIANS_PER_STEP;
+        let begin = shortest_wait as f32 * RADIANS_PER_STEP;
         if rise - self.k * begin - next.begin.speed > 1e-5 {
             let (hump, begin) = if humps.len() == 1 {
-                (next, i64::from(soonest) + Phase::STEPS)
+                (next, i64::from(shortest_wait) + Phase::STEPS)
             } else {
-                let after = humps.get(place + 1).unwrap_or(first);
+                let after = humps.get(index + 1).unwrap_or(first);
                 (after, i64::from(wait(after)))
             };
             return Some(Limit {
@@ -141,16 +141,15 @@ impl Track {
             });
         }
         Some(Limit {
-            clear: i64::from(soonest),
-            last: i64::from(soonest) + i64::from(next.length),
+            clear: i64::from(shortest_wait),
+            last: i64::from(shortest_wait) + i64::from(next.length),
         })
     }
 
     /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
     /// launch.
     ///
-    /// It is the end of the next hump after the ball sinks into the reach, or of the one it sinks
-    /// over.
+    /// It is the end of the hump below the ball as it sinks into the reach, else of the next one.
     #[inline(never)]
     pub fn limit_from_above(
         &self,
@@ -168,16 +167,16 @@ impl Track {
         let sinks = (sinks * STEPS_PER_RADIAN) as i64;
         let there = phase.wrapping_add(sinks as u32);
         let end = |hump: &Hump| {
-            let past = there.wrapping_sub(hump.phase);
-            if past < hump.length {
-                hump.length - past
+            let elapsed = there.wrapping_sub(hump.phase);
+            if elapsed < hump.length {
+                hump.length - elapsed
             } else {
                 // The longest hump is shorter than the rest of the turn.
                 hump.phase.wrapping_sub(there).saturating_add(hump.length)
             }
         };
-        let soonest = self.humps().iter().map(end).min()?;
-        Some(sinks + i64::from(soonest))
+        let shortest_wait = self.humps().iter().map(end).min()?;
+        Some(sinks + i64::from(shortest_wait))
     }
 
     /// Next lift-off phase of a part that rests at `phase`, in steps of a phase.
@@ -197,11 +196,11 @@ impl Track {
     }
 
     /// A' at a phase.
-    fn surge(&self, phase: u32) -> f32 {
+    fn jerk(&self, phase: u32) -> f32 {
         self.tones.at(phase).cosines(8.0, 27.0)
     }
 
-    /// Finds every stretch with A > k, node by node.
+    /// Finds every interval with A > k, node by node.
     ///
     /// From a node where A is far from k it skips as many nodes as the slope allows. A hump that it
     /// misses is shorter than a node distance, with two more extrema of A within it. There A
@@ -239,7 +238,7 @@ impl Track {
 
     /// Extremum of A between two nodes where A passes k and returns; `None` without one.
     fn find_hidden_extremum(&self, low: u32, width: u32, above: bool) -> Option<u32> {
-        let toward = |at: u32| (self.surge(low.wrapping_add(at)) < 0.0) == above;
+        let toward = |at: u32| (self.jerk(low.wrapping_add(at)) < 0.0) == above;
         if !toward(0) || toward(width) {
             return None;
         }
@@ -257,7 +256,7 @@ impl Track {
 
     /// Finds the edge within `width` steps of `low`, by safeguarded Newton steps.
     ///
-    /// It becomes the begin of a hump, or the end of the open one.
+    /// It becomes the start of a hump, or the end of the open one.
     fn add_edge(&mut self, begun: &mut Option<u32>, low: u32, width: u32) {
         let rising = begun.is_none();
         let (mut near, mut far) = (0.0, width as f32);
@@ -301,17 +300,17 @@ impl Track {
             return;
         };
         *begun = None;
-        if let Some(place) = self.humps.get_mut(self.count) {
+        if let Some(slot) = self.humps.get_mut(self.count) {
             let length = phase.wrapping_sub(begin);
             let edge = |phase: u32| {
                 let parts = self.tones.at(phase);
                 Edge {
                     height: parts.sines(1.0, 1.0),
                     speed: parts.cosines(2.0, 3.0),
-                    surge: parts.cosines(8.0, 27.0),
+                    jerk: parts.cosines(8.0, 27.0),
                 }
             };
-            *place = Hump {
+            *slot = Hump {
                 phase: begin,
                 length,
                 width: length as f32 * RADIANS_PER_STEP,

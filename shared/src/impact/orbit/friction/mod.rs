@@ -63,8 +63,8 @@ impl FrictionSettings {
     /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
     /// impulse.
     pub fn velocity_after_impact(&self, velocity: f64, impulse: f64) -> f64 {
-        let left = velocity.abs() - self.sliding * impulse;
-        libm::copysign(left.max(0.0), velocity)
+        let speed = velocity.abs() - self.sliding * impulse;
+        libm::copysign(speed.max(0.0), velocity)
     }
 
     /// Velocity along the track that a chatter removes less than a contact of the same duration.
@@ -80,7 +80,7 @@ impl FrictionSettings {
     /// downwards.
     ///
     /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
-    /// gamma = 0 Boothroyd's limits. `None` where it never slides.
+    /// gamma = 0 Boothroyd's limits. `None` if it never slides.
     pub fn sliding_throw_number(&self, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
         let (sine, cosine) = libm::sincos(self.phase_lead);
@@ -117,7 +117,7 @@ impl FrictionSettings {
 /// ```
 /// use kband::impact::{Friction, FrictionSettings};
 ///
-/// // Too weak to throw (k > 1), a track still conveys: Gamma = 0.6, a steep throw angle of 30 degrees.
+/// // A track too weak to throw (k > 1) still conveys: throw number 0.6, throw angle 30 degrees.
 /// let along = Friction::build(1.0 / 0.6, FrictionSettings {
 ///     sticking: 0.8,
 ///     sliding: 0.8,
@@ -189,7 +189,7 @@ impl Friction {
         chatter: f64,
         velocity: f64,
     ) -> ContactMotion {
-        // Over its duration the impacts push like a contact, but for the part's initial normal
+        // Over its duration the impacts push like a contact, except for the part's initial normal
         // velocity. Their impulses sum to the integral of N less psi.
         let excess = self
             .settings
@@ -229,18 +229,18 @@ impl Friction {
             velocity,
             ..ContactMotion::default()
         };
-        let (mut at, mut left) = (phase, duration);
+        let (mut at, mut remaining) = (phase, duration);
         let mut state = if velocity == 0.0 {
             self.friction_state_at_rest(at)
         } else {
             FrictionState::Sliding(if velocity > 0.0 { 1.0 } else { -1.0 })
         };
-        while left > 0.0 {
+        while remaining > 0.0 {
             match state {
                 FrictionState::Sticking => {
                     let until = |c: f64| {
                         let slack = self.static_friction_margin(c);
-                        first_zero(left, slack.bound(2), |d| {
+                        first_zero(remaining, slack.bound(2), |d| {
                             (slack.at(at + d), slack.slope(at + d))
                         })
                         .map(|d| (d, c))
@@ -251,17 +251,17 @@ impl Friction {
                         (None, other) => other,
                     };
                     let Some((d, c)) = next else { break };
-                    (at, left) = (at + d, left - d);
+                    (at, remaining) = (at + d, remaining - d);
                     state = FrictionState::Sliding(c);
                 }
                 FrictionState::Sliding(c) => {
                     let push = self.sliding_acceleration(c);
                     let begun = c * motion.velocity;
-                    // At the begin of a slide velocity and push may be 0; then the push's slope
+                    // At the start of a slide velocity and push may be 0; then the push's slope
                     // gives the first distance.
                     let slope = c * push.slope(at);
                     let lead = if begun <= 0.0 && c * push.at(at) <= 1e-9 {
-                        (1.5 * slope / push.bound(2).max(f64::MIN_POSITIVE)).clamp(0.0, left)
+                        (1.5 * slope / push.bound(2).max(f64::MIN_POSITIVE)).clamp(0.0, remaining)
                     } else {
                         0.0
                     };
@@ -272,10 +272,10 @@ impl Friction {
                     let d = if speed(0.0).0 < 0.0 {
                         0.0
                     } else {
-                        let stop = first_zero(left - lead, push.bound(1), speed);
-                        stop.map_or(left, |d| lead + d)
+                        let stop = first_zero(remaining - lead, push.bound(1), speed);
+                        stop.map_or(remaining, |d| lead + d)
                     };
-                    let stopped = d < left;
+                    let stopped = d < remaining;
                     let (displacement, gained) = push.integrals(at, d);
                     motion.distance += motion.velocity * d + displacement;
                     motion.velocity = if stopped {
@@ -288,12 +288,12 @@ impl Friction {
                     } else {
                         motion.backward += d;
                     }
-                    (at, left) = (at + d, left - d);
+                    (at, remaining) = (at + d, remaining - d);
                     if stopped {
                         state = self.friction_state_at_rest(at);
                         if d < TOUCH_PHASE_STEP {
-                            let touch = TOUCH_PHASE_STEP.min(left);
-                            (at, left) = (at + touch, left - touch);
+                            let touch = TOUCH_PHASE_STEP.min(remaining);
+                            (at, remaining) = (at + touch, remaining - touch);
                         }
                     }
                 }
@@ -304,7 +304,7 @@ impl Friction {
 
     /// One drive cycle of a part that is never thrown, once its motion repeats.
     ///
-    /// `None` without a steady motion (friction cannot hold the incline) and where the track
+    /// `None` without a steady motion (friction cannot hold the incline) and if the track
     /// throws.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
         /// Drive cycles before the motion counts as unsteady.
@@ -394,8 +394,7 @@ impl Along for Friction {
         Friction::move_in_contact(self, phase, wait, velocity)
     }
 
-    /// The normal force is `k` in the mean, whatever the motion, so friction holds an incline of at
-    /// most `mu_s`.
+    /// The mean normal force is `k` for any motion, so friction holds an incline of at most `mu_s`.
     fn can_be_steady(&self) -> bool {
         self.settings.incline_tangent.abs() <= self.settings.sticking
     }
@@ -427,25 +426,25 @@ mod tests {
     /// Boothroyd's limits: forward above (mu + T)/(eta + mu), backward above (mu - T)/(eta - mu).
     #[test]
     fn sliding_begins_at_its_thresholds() {
-        let slow = settings(1.0 / libm::tan(30_f64.to_radians()), 0.8, 3.0);
-        let (tangent, eta, mu) = (slow.incline_tangent, slow.amplitude_ratio, slow.sliding);
+        let case = settings(1.0 / libm::tan(30_f64.to_radians()), 0.8, 3.0);
+        let (tangent, eta, mu) = (case.incline_tangent, case.amplitude_ratio, case.sliding);
         let forward = (mu + tangent) / (eta + mu);
         let backward = (mu - tangent) / (eta - mu);
         assert!((forward - 0.336_647).abs() < 1e-6 && (backward - 0.802_094).abs() < 1e-6);
         for (upwards, closed) in [(true, forward), (false, backward)] {
-            assert!((slow.sliding_throw_number(upwards).unwrap() - closed).abs() < 1e-15);
+            assert!((case.sliding_throw_number(upwards).unwrap() - closed).abs() < 1e-15);
         }
         // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
             let led = FrictionSettings {
                 phase_lead: lead,
-                ..slow
+                ..case
             };
             let from = led.sliding_throw_number(true).unwrap();
             assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
         }
-        let at = |throw: f64| cycle(throw, slow);
+        let at = |throw: f64| cycle(throw, case);
         assert_eq!(
             (at(forward - 1e-6).forward, at(forward - 1e-6).backward),
             (0.0, 0.0)
@@ -453,32 +452,32 @@ mod tests {
         assert!(at(forward + 1e-4).forward > 0.0);
         assert_eq!(at(backward - 1e-6).backward, 0.0);
         assert!(at(backward + 1e-3).backward > 0.0);
-        // A part with more static friction starts to slide later, but then slides alike.
+        // A part with more static friction starts to slide later, but then slides in the same way.
         let sticky = FrictionSettings {
             sticking: 1.0,
-            ..slow
+            ..case
         };
-        let later = (1.0 + tangent) / (eta + 1.0);
-        assert_eq!(cycle(later - 1e-6, sticky).distance, 0.0);
-        assert!(cycle(later + 1e-6, sticky).distance > 1e-2);
+        let threshold = (1.0 + tangent) / (eta + 1.0);
+        assert_eq!(cycle(threshold - 1e-6, sticky).distance, 0.0);
+        assert!(cycle(threshold + 1e-6, sticky).distance > 1e-2);
     }
 
     #[test]
     fn settings_out_of_range_are_named() {
         let named = |settings| Friction::build(0.5, settings).unwrap_err().parameter;
-        let good = settings(1.5, 0.3, 3.0);
-        let weak = FrictionSettings {
+        let valid = settings(1.5, 0.3, 3.0);
+        let too_small = FrictionSettings {
             sticking: 0.2,
-            ..good
+            ..valid
         };
-        assert_eq!(named(weak), "sticking friction");
-        let slick = FrictionSettings {
+        assert_eq!(named(too_small), "sticking friction");
+        let negative = FrictionSettings {
             sliding: -0.1,
-            ..good
+            ..valid
         };
-        assert_eq!(named(slick), "friction");
+        assert_eq!(named(negative), "friction");
         // An incline that friction cannot hold has no steady speed.
-        let steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
-        assert!(steep.steady_contact_cycle().is_none());
+        let too_steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
+        assert!(too_steep.steady_contact_cycle().is_none());
     }
 }

@@ -143,11 +143,11 @@ fn powi(n: f64, order: i32) -> f64 {
 
 /// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0.
 ///
-/// `None` without a zero within `limit`. `at` gives value and slope; `bend` bounds the second
-/// derivative. The step is the smallest positive root of `value + slope h - bend h^2/2`, so it
+/// `None` without a zero within `limit`. `at` gives value and slope; `bound` bounds the second
+/// derivative. The step is the smallest positive root of `value + slope h - bound h^2/2`, so it
 /// never passes a zero. It converges like Newton's method. A function that begins at 0 and rises
 /// counts as having left 0.
-pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
+pub(super) fn first_zero(limit: f64, bound: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
     /// Steps after which the current `d` counts as the zero; most zeros need some ten.
     const MAX_STEPS: usize = 10_000;
     /// Error of a zero in rad; at most one such step is lost.
@@ -156,11 +156,11 @@ pub(super) fn first_zero(limit: f64, bend: f64, at: impl Fn(f64) -> (f64, f64)) 
     for _ in 0..MAX_STEPS {
         let (value, slope) = at(d);
         let value = value.max(0.0);
-        let step = if bend > 0.0 {
-            let root = libm::sqrt(slope * slope + 2.0 * bend * value);
+        let step = if bound > 0.0 {
+            let root = libm::sqrt(slope * slope + 2.0 * bound * value);
             // This form has no cancellation.
             if slope > 0.0 {
-                (slope + root) / bend
+                (slope + root) / bound
             } else {
                 2.0 * value / (root - slope).max(f64::MIN_POSITIVE)
             }
@@ -200,19 +200,19 @@ mod tests {
             if push.at(from) < 1e-3 {
                 continue;
             }
-            let found = first_zero(20.0, push.bound(2), |d| {
+            let actual = first_zero(20.0, push.bound(2), |d| {
                 (push.at(from + d), push.slope(from + d))
             });
             let scanned = (1..200_000)
                 .map(|n| 1e-4 * f64::from(n))
                 .find(|d| push.at(from + d) <= 0.0)
                 .unwrap();
-            let found = found.unwrap();
+            let actual = actual.unwrap();
             assert!(
-                (0.0..1e-4).contains(&(scanned - found)),
-                "{from}: {found} {scanned}"
+                (0.0..1e-4).contains(&(scanned - actual)),
+                "{from}: {actual} {scanned}"
             );
-            assert!(push.at(from + found).abs() < 1e-12);
+            assert!(push.at(from + actual).abs() < 1e-12);
         }
         assert_eq!(
             first_zero(20.0, 1.0, |d| (2.0 + libm::sin(d), libm::cos(d))),

@@ -15,7 +15,7 @@ const FLOAT_LATENCY: u32 = 17;
 
 impl Core {
     /// Enters exception `number` with its handler at `vector`. Returns the cycles, and whether the
-    /// stack holds the frame.
+    /// frame fits the stack.
     pub fn enter(&mut self, bus: &mut impl Bus, number: u16, vector: u32) -> (u32, bool) {
         let float = self.control & FLOAT != 0;
         let size = if float { FLOAT_FRAME } else { FRAME };

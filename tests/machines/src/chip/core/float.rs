@@ -1,5 +1,5 @@
-//! Single precision of the FPv4-SP: rounding to nearest, subnormal numbers kept (ARM DDI 0403E,
-//! A2.5, A6.4 to A6.7). A NaN that no operand supplies has no sign.
+//! Single precision of the FPv4-SP: rounding to nearest, with subnormal numbers (ARM DDI 0403E,
+//! A2.5, A6.4 to A6.7). A NaN without a NaN operand has no sign.
 
 use super::memory::{put, word};
 use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
@@ -15,7 +15,7 @@ fn is_nan(bits: u32) -> bool {
     bits & 0x7fff_ffff > 0x7f80_0000
 }
 
-/// Number of a register: a field of four bits, and one bit below it; of a pair: one bit above it.
+/// Number of a register: a field of four bits, and below it one bit; for a pair the bit is above.
 fn register(field: usize, other: bool, double: bool) -> usize {
     if double {
         (usize::from(other) << 4 | field) << 1
@@ -25,7 +25,7 @@ fn register(field: usize, other: bool, double: bool) -> usize {
 }
 
 impl Core {
-    /// Result of an operation. A NaN is the first NaN operand, signalling ones first.
+    /// Result of an operation. A NaN is the first NaN operand; signalling ones have priority.
     fn number(&self, result: f32, operands: &[u32]) -> u32 {
         if !result.is_nan() {
             return result.to_bits();
@@ -66,7 +66,7 @@ impl Core {
         }
     }
 
-    /// Loads and stores of one number, of two or of many.
+    /// Loads and stores of one, two or several numbers.
     fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut impl Bus) -> Cycles {
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
@@ -97,7 +97,7 @@ impl Core {
         Ok(1 + count as u32)
     }
 
-    /// Moves a number to the core's register, or from it.
+    /// Moves a number to a register of the core, or from it.
     fn exchange_single(&mut self, to_core: bool, t: usize, s: usize) {
         if to_core {
             self.set(t, self.s[s]);
@@ -134,7 +134,7 @@ impl Core {
         Ok(1)
     }
 
-    /// Arithmetic (A6.5). A product is rounded before it is added.
+    /// Arithmetic (A6.5). A product is rounded before the addition.
     fn arithmetic(&mut self, first: u16, second: u16) -> Cycles {
         let d = register(bits(second, 12, 4), bit(first, 6), false);
         let n = register(bits(first, 0, 4), bit(second, 7), false);

@@ -21,7 +21,7 @@ impl Core {
         }
     }
 
-    /// Address of an access before or after its base has moved, and the new value of the base.
+    /// Address of an access before or after the change of its base, and the new value of the base.
     fn indexed(&self, base: usize, by: i32, before: bool, back: bool) -> (u32, Option<u32>) {
         let from = self.base(base);
         let moved = from.wrapping_add_signed(by);
@@ -34,7 +34,7 @@ impl Core {
         if self.overlaps { 1 } else { alone }
     }
 
-    /// Loads a register, after the base has its new value.
+    /// Loads a register after the change of the base.
     #[inline]
     pub(super) fn load(
         &mut self,
@@ -108,7 +108,7 @@ impl Core {
         Ok(cycles)
     }
 
-    /// Two words, exclusive accesses, tables (A5.3.6).
+    /// Double-word and exclusive accesses, table branches (A5.3.6).
     pub(super) fn pair(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let base = bits(first, 0, 4);
         let (before, up) = (bit(first, 8), bit(first, 7));
@@ -176,7 +176,7 @@ impl Core {
     ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
         let mut loaded = self.r;
-        for (number, at) in listed(list, from) {
+        for (number, at) in list_registers(list, from) {
             loaded[number] = word(bus, at)?;
         }
         if back && !bit(list, base as u32) {
@@ -201,7 +201,7 @@ impl Core {
         back: bool,
     ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
-        for (number, at) in listed(list, from) {
+        for (number, at) in list_registers(list, from) {
             put(bus, at, self.r[number])?;
         }
         self.back(base, back.then_some(after));
@@ -209,8 +209,8 @@ impl Core {
     }
 }
 
-/// Registers of a list, and the addresses of their words from one on.
-fn listed(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
+/// Registers of a list, and the addresses of their words from `from` on.
+fn list_registers(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
     let numbers = (0..16).filter(move |number| bit(list, *number));
     let places = (0..16).map(move |n| from.wrapping_add(4 * n));
     numbers.map(|number| number as usize).zip(places)

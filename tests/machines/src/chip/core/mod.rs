@@ -1,35 +1,28 @@
 //! Emulator of a Cortex-M4 with its floating-point unit (ARM DDI 0403E, ARMv7E-M and FPv4-SP).
 //!
 //! It executes one instruction at a time and counts the cycles of the core's manual (ARM DDI 0439B,
-//! 3.3, 7.2). The bus adds the memory's wait states. QEMU is the reference for registers, flags and
-//! memory: see `tests/tests/core.rs`.
+//! 3.3, 7.2). The bus adds the memory's wait states. It gives orbits the bits of the desk and of QEMU:
+//! see `tests/tests/kernels.rs`.
 //!
 //! Instructions that no image contains are undefined here: most of those on several lanes, fused
 //! products, fixed point, supervisor calls. The flags GE, which only these use, are not kept.
 
 mod exceptions;
-mod flat;
 mod float;
 mod memory;
 mod narrow;
 mod wide;
 
-pub use flat::Flat;
-
-/// Memory and peripherals of the core; `None` where an address has neither.
+/// Memory and peripherals of the core; `None` for an address without either.
 pub trait Bus {
     /// Reads 1, 2 or 4 bytes.
     fn load(&mut self, address: u32, size: u32) -> Option<u32>;
     /// Writes 1, 2 or 4 bytes.
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
     /// Fetches two bytes of an instruction.
-    fn fetch(&mut self, address: u32) -> Option<u16> {
-        self.load(address, 2).map(|half| half as u16)
-    }
-    /// Called where an instruction lies in another line of 16 bytes than the previous one.
-    fn line(&mut self, address: u32) {
-        let _ = address;
-    }
+    fn fetch(&mut self, address: u32) -> Option<u16>;
+    /// Called when an instruction is in another line of 16 bytes than the previous one.
+    fn line(&mut self, address: u32);
 }
 
 /// Reason for which an instruction was not executed.
@@ -53,10 +46,10 @@ pub enum Fault {
     Return,
 }
 
-/// Cycles of an instruction, or why it was not executed.
+/// Cycles of an instruction, or the reason why it was not executed.
 type Cycles = Result<u32, Fault>;
 
-/// Event that a core waits for.
+/// Event for which a core waits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WaitState {
     /// None.
@@ -109,7 +102,7 @@ pub struct Core {
     pub float: bool,
     /// The event register.
     pub event: bool,
-    /// Event that it waits for.
+    /// Event for which the core waits.
     pub waits: WaitState,
     /// Whether the chip must check the core: it waits, a mask was cleared, or an exception ends.
     pub attention: bool,
@@ -119,7 +112,7 @@ pub struct Core {
     pub instructions: u64,
     exclusive: bool,
     next: u32,
-    /// Whether this instruction was an access, and the one before it: accesses overlap.
+    /// Whether this instruction and the previous one were memory accesses, which overlap.
     accessed: bool,
     overlaps: bool,
     line: Option<u32>,
@@ -202,7 +195,7 @@ impl Core {
         1
     }
 
-    /// A branch by an offset, where `taken`.
+    /// A branch by an offset, if `taken`.
     #[inline]
     fn branch(&mut self, taken: bool, by: i32) -> u32 {
         if taken {
@@ -242,7 +235,7 @@ impl Core {
     }
 
     /// Arithmetic and logic by the operation's code (A5.3.1), with the second operand and the carry
-    /// of its shift. Without a target it is a test or a comparison.
+    /// of its shift. Without a destination register it only sets flags.
     #[inline(always)]
     fn data(
         &mut self,
@@ -272,8 +265,8 @@ impl Core {
         Ok(if d == NONE { 1 } else { self.set(d, value) })
     }
 
-    /// A value shifted, and the carry: to the left (0), to the right, to the right with its sign,
-    /// turned to the right (3; by 0: by one bit through the carry).
+    /// A shifted value and the carry. Kinds: left (0), right (1), arithmetic right (2), rotate
+    /// right (3), which rotates by one bit through the carry if `by` is 0.
     fn shifted(&self, value: u32, kind: usize, by: u32) -> (u32, bool) {
         let out = |shifted: u32| shifted & 1 == 1;
         match (kind, by) {
@@ -295,7 +288,7 @@ impl Core {
         }
     }
 
-    /// A register shifted by a number of the instruction (A7.4.2).
+    /// A register shifted by an immediate number (A7.4.2).
     fn operand(&self, register: usize, kind: usize, by: usize) -> (u32, bool) {
         let by = match (kind, by) {
             (1 | 2, 0) => 32,
@@ -351,7 +344,7 @@ impl Core {
         held != (condition & 1 == 1)
     }
 
-    /// The program status register, its exception number included (B1.4.2).
+    /// The program status register with its exception number (B1.4.2).
     pub fn program_status(&self) -> u32 {
         let bit = |value: bool, at: u32| u32::from(value) << at;
         bit(self.negative, 31)

@@ -113,7 +113,7 @@ impl Core {
         Ok(1 + REFILL)
     }
 
-    /// Stack, extension, hints and the like (A5.2.5).
+    /// Stack, extension, hints and other operations (A5.2.5).
     fn others(&mut self, code: u16, bus: &mut impl Bus) -> Cycles {
         let (d, m) = (bits(code, 0, 3), bits(code, 3, 3));
         let (list, value) = (code & 0xff, self.r[m]);

@@ -41,7 +41,7 @@ impl Core {
         }
     }
 
-    /// The operation that a number and a shifted register share (A5.3.1, A5.3.11).
+    /// Operations with an immediate number or with a shifted register (A5.3.1, A5.3.11).
     fn operate(&mut self, first: u16, target: usize, operand: (u32, bool)) -> Cycles {
         let (operation, set, n) = (bits(first, 5, 4), bit(first, 4), bits(first, 0, 4));
         let moves = matches!(operation, 2 | 3) && n == COUNTER;
@@ -79,7 +79,7 @@ impl Core {
             3 => byte << 24 | byte << 16 | byte << 8 | byte,
             _ => (0x80 | code & 0x7f).rotate_right(code >> 7),
         };
-        // A turned number sets the carry to its top bit.
+        // A rotated number sets the carry to its top bit.
         let turn = code >> 10 != 0;
         let carry = if turn { number >> 31 == 1 } else { self.carry };
         self.operate(first, bits(second, 8, 4), (number, carry))
@@ -228,10 +228,10 @@ impl Core {
                 total as u32
             }
             5 => {
-                let words = i64::from(one as i32) * i64::from(two as i32);
+                let product = i64::from(one as i32) * i64::from(two as i32);
                 let rounding = i64::from(other) << 31;
                 let base = i64::from(added as i32) << 32;
-                (base.wrapping_add(words).wrapping_add(rounding) >> 32) as u32
+                (base.wrapping_add(product).wrapping_add(rounding) >> 32) as u32
             }
             _ => return Err(Fault::Undefined),
         };
@@ -253,7 +253,7 @@ impl Core {
                     _ => one / two,
                 };
                 self.set(high, value);
-                // 2 to 12 cycles: fewer for a quotient with fewer bits.
+                // 2 to 12 cycles, fewer for a shorter quotient.
                 return Ok(2 + (32 - value.leading_zeros()) * 10 / 32);
             }
             (0, 0) => signed,
@@ -280,7 +280,7 @@ impl Core {
     }
 }
 
-/// Saturating sums or differences of bytes or halves without sign.
+/// Saturating sums or differences of unsigned bytes or halves.
 fn saturate_lanes(bytes: bool, subtracted: bool, one: u32, two: u32) -> u32 {
     let width = if bytes { 8 } else { 16 };
     let largest = ones(width);

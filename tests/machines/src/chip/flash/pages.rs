@@ -23,7 +23,7 @@ const WRONG_SIZE: u32 = 1 << 6;
 const WRONG_SEQUENCE: u32 = 1 << 7;
 const ERRORS: u32 = 0xc3fa;
 /// Bit of ECCR (3.7.7): two wrong bits were read.
-const TWO_WRONG: u32 = 1 << 31;
+const DOUBLE_ERROR: u32 = 1 << 31;
 /// Typical and longest duration of an erasure, ticks: 22 ms and 24.5 ms.
 const ERASE_TIME: [u64; 2] = [22 * TICKS / 1000, 49 * TICKS / 2000];
 /// Typical and longest duration of programming a word, ticks: 82 us and 84 us.
@@ -55,7 +55,7 @@ impl Flash {
                     self.erase_page(now);
                 }
             }
-            0x18 => self.code &= !(value & TWO_WRONG),
+            0x18 => self.code &= !(value & DOUBLE_ERROR),
             _ => {}
         }
     }
@@ -72,8 +72,8 @@ impl Flash {
         self.erase_sector(number, range, self.erases_in.unwrap_or(usual), now);
     }
 
-    /// Takes half a word; the second half programs it. A word is programmed once after an erasure,
-    /// and then at most to 0 (3.3.8).
+    /// Writes half a word; the second half programs the word. After an erasure a word can be
+    /// programmed once, and afterwards only to 0 (3.3.8).
     pub(super) fn program_word(&mut self, offset: usize, size: u32, value: u32, now: u64) {
         if self.control & (LOCKED | PROGRAM) != PROGRAM || self.status & ERRORS != 0 {
             return self.status |= WRONG_SEQUENCE;
@@ -109,16 +109,16 @@ impl Flash {
         worked == Some(bank(offset))
     }
 
-    /// Gives each word of this range two wrong bits, as an operation that was cut short does.
+    /// Puts two wrong bits into each word of this range, as an interrupted operation does.
     pub fn tear(&mut self, at: usize, length: usize) {
         self.torn.extend((at..at + length).step_by(WORD));
     }
 
-    /// Reports a read of a word with two wrong bits; returns whether this is such a word.
+    /// Reports a read of a word with two wrong bits; returns whether the word is one.
     pub fn reads_torn(&mut self, offset: usize) -> bool {
         let torn = !self.torn.is_empty() && self.torn.contains(&(offset & !(WORD - 1)));
         if torn {
-            self.code |= TWO_WRONG;
+            self.code |= DOUBLE_ERROR;
         }
         torn
     }
@@ -193,7 +193,7 @@ mod tests {
             let at = (128 * bank + number) * SIZE;
             assert_eq!(flash.bytes[at..at + SIZE], [0xff; SIZE]);
             assert_eq!(flash.bytes.iter().filter(|b| **b == 0xff).count(), SIZE);
-            assert_eq!(flash.busy(), ERASE_TIME[0]);
+            assert_eq!(flash.busy, ERASE_TIME[0]);
             assert_eq!(flash.is_busy(0, 1), bank == 0);
             assert_eq!(flash.is_busy(PLACE, 1), bank == 1);
             assert!(!flash.is_busy(at, ERASE_TIME[0]));
@@ -209,8 +209,8 @@ mod tests {
         assert!(!flash.reads_torn(PLACE));
         assert_eq!(flash.register(0x18, 0), 0);
         assert!(flash.reads_torn(PLACE + 12));
-        assert_eq!(flash.register(0x18, 0), TWO_WRONG);
-        flash.set_register(0x18, TWO_WRONG, 0);
+        assert_eq!(flash.register(0x18, 0), DOUBLE_ERROR);
+        flash.set_register(0x18, DOUBLE_ERROR, 0);
         assert_eq!(flash.register(0x18, 0), 0);
         let page = ERASE_PAGE | 126 << 3 | 1 << 11;
         flash.set_register(0x14, page | START_ERASING, TICKS);

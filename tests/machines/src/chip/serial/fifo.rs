@@ -4,18 +4,13 @@ use super::{EMPTY, RECEIVED, RECEIVER, SENT, Serial, TRANSMITTER};
 
 /// Bits of CR1 (37.8.1).
 pub const ON: u32 = 1;
-const FIFOS: u32 = 1 << 29;
+pub const FIFOS: u32 = 1 << 29;
 /// Number of bytes in each FIFO.
-const DEPTH: usize = 8;
+pub const DEPTH: usize = 8;
 /// Bits of ISR that a write to ICR clears: errors, idle, sent (37.8.11).
 const CLEARED: u32 = 0x5f;
 
 impl Serial {
-    pub(super) fn fifo_depth(&self) -> usize {
-        let fifos = self.control[0] & FIFOS != 0;
-        if fifos { DEPTH } else { 1 }
-    }
-
     pub(super) fn read_fifo(&mut self, offset: u32) -> u32 {
         match offset {
             0x00..=0x08 => self.control[offset as usize / 4],

@@ -1,0 +1,128 @@
+//! Inputs of the terminals: enable, thermal switch, recipe selection, and the strap of the link.
+
+use cortex_m::peripheral::DWT;
+use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::peripherals::{PB0, PB1, PC1, PC6, PC7, PC8};
+use embassy_stm32::{Peri, pac};
+use kband_control::Inputs;
+
+use super::bridge::broken;
+use crate::board::Panel;
+use crate::hardware::cortex::stack_low;
+use crate::inputs::enable::Contact;
+
+/// Pin number of the enable input on port B; also its EXTI line.
+const ENABLE: usize = 0;
+/// Code of port B in EXTICR.
+const PORT_B: u8 = 1;
+/// Number of the first pin on port C that selects a recipe: PC6 counts 1, PC7 2, PC8 4.
+const FIRST_RECIPE_PIN: usize = 6;
+
+/// Latches each edge of the enable input in EXTI for the sample. The line sets its pending bit; its
+/// interrupt stays disabled in the NVIC.
+fn latch_edges() {
+    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
+    pac::SYSCFG
+        .exticr(ENABLE / 4)
+        .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
+    for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
+        edges.modify(|lines| lines.set_line(ENABLE, true));
+    }
+}
+
+/// The enable input since the last call.
+#[inline]
+pub(super) fn enable_contact() -> Contact {
+    let edges = pac::EXTI.pr(0);
+    let moved = edges.read().line(ENABLE);
+    if moved {
+        edges.write(|lines| lines.set_line(ENABLE, true));
+    }
+    let high = pac::GPIOB.idr().read().idr(ENABLE) == pac::gpio::vals::Idr::HIGH;
+    match (moved, high) {
+        (true, _) => Contact::Moved,
+        (false, true) => Contact::Closed,
+        (false, false) => Contact::Open,
+    }
+}
+
+/// Inputs: enable on PB0 (3.3 V runs the drive), thermal switch on PB1 (to ground while cool).
+pub struct Terminals {
+    enable: Input<'static>,
+    cool: Input<'static>,
+    supply_low: fn() -> bool,
+    clock_failed: bool,
+    recipe: fn() -> u8,
+}
+
+impl Terminals {
+    /// Sets up the inputs so that a broken wire stops the drive.
+    pub fn new(
+        enable: Peri<'static, PB0>,
+        cool: Peri<'static, PB1>,
+        supply_low: fn() -> bool,
+        clock_failed: bool,
+        recipe: fn() -> u8,
+    ) -> Self {
+        let enable = Input::new(enable, Pull::Down);
+        latch_edges();
+        Self {
+            supply_low,
+            clock_failed,
+            recipe,
+            enable,
+            cool: Input::new(cool, Pull::Up),
+        }
+    }
+}
+
+impl Panel for Terminals {
+    fn inputs(&mut self) -> Inputs {
+        Inputs {
+            enable: self.enable.is_high(),
+            over_temperature: self.cool.is_high(),
+            stack_low: stack_low(),
+            over_current: broken(),
+            supply_low: (self.supply_low)(),
+            clock_failed: self.clock_failed,
+            ..Inputs::default()
+        }
+    }
+
+    fn now(&self) -> u32 {
+        DWT::cycle_count()
+    }
+
+    fn recipe(&mut self) -> Option<u8> {
+        Some((self.recipe)())
+    }
+}
+
+/// Configures PC6, PC7 and PC8 as recipe inputs, each on while it is wired to ground.
+pub fn watch_recipe_inputs(
+    one: Peri<'static, PC6>,
+    two: Peri<'static, PC7>,
+    four: Peri<'static, PC8>,
+) {
+    // `forget` keeps the pull-ups while the program runs.
+    core::mem::forget(Input::new(one, Pull::Up));
+    core::mem::forget(Input::new(two, Pull::Up));
+    core::mem::forget(Input::new(four, Pull::Up));
+}
+
+/// Number of the recipe at these inputs now; 0 while all are open.
+#[inline]
+pub fn recipe_inputs() -> u8 {
+    !(pac::GPIOC.idr().read().0 >> FIRST_RECIPE_PIN) as u8 & 7
+}
+
+/// Configures PC1 as the strap of the link: wired to ground it makes the link read-only.
+pub fn watch_strap(strap: Peri<'static, PC1>) {
+    // `forget` keeps the pull-up while the program runs.
+    core::mem::forget(Input::new(strap, Pull::Up));
+}
+
+/// Whether the strap of the link is wired to ground.
+pub fn strapped() -> bool {
+    pac::GPIOC.idr().read().idr(1) == pac::gpio::vals::Idr::LOW
+}

@@ -1,0 +1,33 @@
+//! The lamps READY and FAULT.
+
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::{Level, Output, Speed};
+use embassy_stm32::peripherals::{PB11, PC2};
+use kband_control::Report;
+
+use crate::board::Monitor;
+use crate::hardware::log;
+
+/// Outputs: ready on PC2 (the target is met), fault on PB11.
+pub struct Lamps {
+    ready: Output<'static>,
+    fault: Output<'static>,
+}
+
+impl Lamps {
+    /// Sets up the outputs, both off.
+    pub fn new(ready: Peri<'static, PC2>, fault: Peri<'static, PB11>) -> Self {
+        Self {
+            ready: Output::new(ready, Level::Low, Speed::Low),
+            fault: Output::new(fault, Level::Low, Speed::Low),
+        }
+    }
+}
+
+impl Monitor for Lamps {
+    fn report(&mut self, report: &Report, ready: bool) {
+        self.ready.set_level(ready.into());
+        self.fault.set_level(report.fault.is_some().into());
+        log::report(report);
+    }
+}

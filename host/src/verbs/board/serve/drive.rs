@@ -1,0 +1,216 @@
+//! The simulated feeder behind the registers.
+
+use std::time::Duration;
+
+use kband::feeder::OutOfRange;
+use kband_bus::{Answer, Authority, Exception, Machine, SaveProgress, Server, Snapshot};
+use kband_control::wire::{Access, Record, Status, Telemetry};
+use kband_control::{
+    BusCommand, Event, Fault, Inputs, Report, Settings, StartCause, State, Target,
+};
+use kband_plant::{Change, ClosedLoop, Scene};
+
+use super::Feeder;
+use crate::board::BoardMessage;
+use crate::refusal::Refusal;
+
+/// Time after power-on at which the enable input turns on, s. An input that is on earlier starts
+/// nothing.
+const ENABLE_TIME: f64 = 0.5;
+const IMAGE: &str = concat!("kband serve ", env!("CARGO_PKG_VERSION"));
+
+/// A simulated feeder and its server. All clients share the edges of its control word.
+pub struct Simulated {
+    drive: Drive,
+    server: Server,
+    /// Number of the next event for [`Feeder::news`].
+    next_event: usize,
+}
+
+impl Simulated {
+    /// The feeder of a scene at power-on.
+    ///
+    /// # Errors
+    /// A value of the scene is out of range.
+    pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        Ok(Self {
+            drive: Drive::build(scene)?,
+            server: Server::default(),
+            next_event: 0,
+        })
+    }
+}
+
+impl Feeder for Simulated {
+    fn name(&self) -> String {
+        "a simulated feeder".into()
+    }
+
+    fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool {
+        let answered = self.server.answer(adu, &mut self.drive, answer);
+        self.drive.link_alive |= answered;
+        answered
+    }
+
+    fn advance(&mut self, passed: Duration) -> Result<(), Refusal> {
+        self.drive.advance(passed.as_secs_f64());
+        Ok(())
+    }
+
+    fn news(&mut self) -> Result<Vec<BoardMessage>, Refusal> {
+        let drive = &self.drive;
+        let mut news = vec![
+            BoardMessage::Setting("frequency".into(), drive.settings().frequency),
+            BoardMessage::Telemetry(Telemetry::from(&drive.report)),
+        ];
+        let events = drive.events[self.next_event..].iter().copied();
+        news.extend(events.map(BoardMessage::Event));
+        self.next_event = drive.events.len();
+        Ok(news)
+    }
+}
+
+struct Drive {
+    closed: ClosedLoop,
+    report: Report,
+    /// Simulated time and requested end of the simulation, s.
+    time: f64,
+    due: f64,
+    enabled: bool,
+    events: Vec<Record>,
+    run: Option<bool>,
+    run_was_off: bool,
+    acknowledge: bool,
+    link_alive: bool,
+    save: SaveProgress,
+}
+
+impl Drive {
+    /// If the scene leaves the bus off, it gets the authority to command and to acknowledge.
+    fn build(scene: &Scene) -> Result<Self, OutOfRange> {
+        let mut scene = scene.clone();
+        scene.start = StartCause::PowerOn;
+        if scene.settings.bus_address == 0.0 {
+            (scene.settings.bus, scene.settings.bus_address) = (2.0, 1.0);
+        }
+        let mut closed = ClosedLoop::build(&scene)?;
+        closed.apply(Change::Enable(false));
+        Ok(Self {
+            closed,
+            report: Report::default(),
+            time: 0.0,
+            due: 0.0,
+            enabled: false,
+            events: Vec::new(),
+            run: None,
+            run_was_off: false,
+            acknowledge: false,
+            link_alive: false,
+            save: SaveProgress::None,
+        })
+    }
+
+    /// Simulates the next `seconds`.
+    fn advance(&mut self, seconds: f64) {
+        self.due += seconds;
+        while self.time < self.due {
+            if !self.enabled && self.time >= ENABLE_TIME {
+                self.enabled = true;
+                self.closed.apply(Change::Enable(true));
+            }
+            if self.settings().bus_controls() {
+                // A run bit that was 0 only briefly is read as 0 for a whole cycle.
+                let off = std::mem::take(&mut self.run_was_off);
+                let command = BusCommand {
+                    run: if off { Some(false) } else { self.run },
+                    acknowledge: std::mem::take(&mut self.acknowledge),
+                };
+                let link_alive = std::mem::take(&mut self.link_alive);
+                self.closed.command(command, link_alive);
+            }
+            let moment = self.closed.cycle();
+            (self.time, self.report) = (moment.time, moment.report);
+            for event in self.report.events.iter() {
+                let load = self.report.load.filter(|_| event == Event::Weighed);
+                let load = load.unwrap_or_default();
+                self.events.push(Record {
+                    number: self.events.len() as u32,
+                    cycle: self.report.cycle,
+                    event: event.number(),
+                    fault: self.report.fault.map_or(0, Fault::number),
+                    mass: load.mass,
+                    flow: load.flow,
+                });
+            }
+        }
+    }
+
+    fn at_rest(&self) -> bool {
+        matches!(self.report.state, State::Off | State::Fault)
+    }
+}
+
+impl Machine for Drive {
+    fn snapshot(&self) -> Snapshot<'_> {
+        let controller = self.closed.controller();
+        Snapshot {
+            telemetry: Telemetry::from(&self.report),
+            status: Status {
+                inputs: Inputs {
+                    enable: self.enabled,
+                    ..Inputs::default()
+                },
+                permitted: true,
+                access: Access::Full,
+                ready: controller.is_ready(),
+                seconds: self.time as u32,
+                ..Status::default()
+            },
+            authority: Authority::of(controller.settings()),
+            target: controller.target(),
+            recipe: 0,
+            save: self.save,
+            events: self.events.len() as u32,
+            missed: 0,
+            writable: true,
+            image: IMAGE,
+        }
+    }
+
+    fn settings(&self) -> Settings {
+        *self.closed.controller().settings()
+    }
+
+    fn event(&self, number: u32) -> Option<Record> {
+        self.events.get(number as usize).copied()
+    }
+
+    fn command(&mut self, run: bool, acknowledge: bool) {
+        self.run = Some(run);
+        self.run_was_off |= !run;
+        self.acknowledge |= acknowledge;
+    }
+
+    fn set_target(&mut self, target: Target) -> Result<(), Exception> {
+        let set = self.closed.controller_mut().set_target(target);
+        set.map_err(|_| Exception::Value)
+    }
+
+    fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
+        if !self.at_rest() {
+            return Err(Exception::Busy);
+        }
+        settings.check().map_err(|_| Exception::Value)?;
+        let configured = self.closed.configure(settings);
+        configured.map_err(|_| Exception::Value)
+    }
+
+    fn save(&mut self) -> Result<(), Exception> {
+        if !self.at_rest() {
+            return Err(Exception::Busy);
+        }
+        self.closed.controller_mut().settings_saved();
+        self.save = SaveProgress::Done;
+        Ok(())
+    }
+}

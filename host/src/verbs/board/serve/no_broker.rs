@@ -1,0 +1,23 @@
+//! The client of an MQTT broker without the feature `mqtt`: the functions of mqtt.rs, which refuse
+//! every connection.
+
+use crate::refusal::Refusal;
+
+/// A client that cannot exist.
+pub enum Broker {}
+
+impl Broker {
+    /// Connects; `status_topic` gets "online" and "offline". Always refused; the message names the
+    /// feature to build with.
+    pub fn begin(_host: &str, _port: u16, _status_topic: String) -> Result<Self, Refusal> {
+        Err(Refusal::new(
+            "this kband was built without MQTT",
+            "install it with: cargo install --path host --features mqtt",
+        ))
+    }
+
+    /// Publishes a message; whether it was accepted. Never called, because no client exists.
+    pub fn send(&self, _topic: &str, _at_least_once: bool, _message: String) -> bool {
+        match *self {}
+    }
+}

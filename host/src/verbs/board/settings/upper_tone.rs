@@ -1,0 +1,230 @@
+//! `kband settings commission --second-tone`, `--third-tone`: response of the track at twice or
+//! three times the drive's frequency.
+//!
+//! The board adds a small tone to the output. The response is the ratio of the track's tone to the
+//! output's, averaged over cycles: gain in mm at full output, lag in degrees.
+
+use std::time::Duration;
+
+use num_complex::Complex64 as Complex;
+
+use kband_control::wire::{Request, Telemetry};
+use kband_control::{Shape, Target, UpperTone};
+
+use super::drive::{gather, why_off};
+use super::offer::Commissioning;
+use crate::board::Link;
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+use crate::report::{Column, Field, View, columns};
+
+/// k of the trial: the track throws no part.
+const TRIAL_K: f32 = 1.3;
+/// Amplitude of the trial's tones over the first, as far as the drive affords it.
+const TRIAL_RATIO: f32 = 0.05;
+/// Phases of the second and third tone in rad, near the best ones of the map.
+const TRIAL_PHASES: [f32; 2] = [2.356, 5.3];
+/// Number of cycles in the average of the response.
+const AVERAGED_CYCLES: usize = 50;
+/// Delay from an output to its measurement, in cycles.
+const OUTPUT_DELAY: usize = 2;
+/// Number of cycles after which a tone has settled or was abandoned.
+const SETTLING_CYCLES: usize = 300;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Upper {
+    /// At twice the drive's frequency.
+    Second,
+    /// At three times the drive's frequency.
+    Third,
+}
+
+impl Upper {
+    /// Name, setting of the largest amplitude, and settings of the track's response.
+    fn names(self) -> (&'static str, &'static str, [&'static str; 2]) {
+        match self {
+            Self::Second => ("second tone", "second_tone", ["second_gain", "second_lag"]),
+            Self::Third => ("third tone", "third_tone", ["third_gain", "third_lag"]),
+        }
+    }
+
+    /// Tone of the output in a cycle: cosine and sine part.
+    fn output(self, telemetry: &Telemetry) -> [f32; 2] {
+        telemetry.overtones[self as usize]
+    }
+
+    /// Tone of the track in a cycle, relative to the output's phase, in m.
+    fn tone(self, telemetry: &Telemetry) -> Complex {
+        let tone = telemetry.shape.tones()[self as usize];
+        let times = 2.0 + f64::from(self as u8);
+        let size = f64::from(telemetry.amplitude) * f64::from(tone.ratio);
+        let angle = f64::from(tone.phase) + times * f64::from(telemetry.lead);
+        Complex::new(angle.cos(), angle.sin()) * size
+    }
+}
+
+/// Response of the track at a multiple of the frequency.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Answer {
+    /// Track amplitude for full output, mm.
+    gain: f64,
+    lag: f64,
+    /// Standard deviation of the response over cycles, relative to the response.
+    scatter: f64,
+}
+
+/// Response in the last cycles with the tone; `None` for too few.
+fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
+    let pairs = cycles.windows(OUTPUT_DELAY + 1).filter_map(|window| {
+        let (early, late) = (window.first()?, window.last()?);
+        let [cosine, sine] = upper.output(early).map(f64::from);
+        let output = Complex::new(cosine, sine);
+        (output.norm_sqr() > 1e-6).then_some((output, upper.tone(late)))
+    });
+    let pairs: Vec<(Complex, Complex)> = pairs.collect();
+    let last = pairs.get(pairs.len().checked_sub(AVERAGED_CYCLES)?..)?;
+    let square: f64 = last.iter().map(|(output, _)| output.norm_sqr()).sum();
+    let product: Complex = last.iter().map(|(output, tone)| tone * output.conj()).sum();
+    let answer = product / square;
+    let size = answer.norm_sqr().sqrt();
+    let residual = |(output, tone): &(Complex, Complex)| (tone - answer * output).norm_sqr();
+    let residual: f64 = last.iter().map(residual).sum();
+    Some(Answer {
+        gain: size * 1e3,
+        lag: -answer.im.atan2(answer.re).to_degrees(),
+        scatter: (residual / square).sqrt() / size,
+    })
+}
+
+/// Makes the board drive a small upper tone, measures the response and proposes its settings.
+pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+    let (mut link, settings) = commissioning.open()?;
+    let (name, key, keys) = upper.names();
+    let configured = settings.configured();
+    let max_ratios = [configured.second_tone, configured.third_tone];
+    if max_ratios[upper as usize] <= 0.0 {
+        return Err(Refusal::value(
+            key,
+            "0",
+            "0.01..0.5",
+            format!(
+                "set the largest {name} that the drive affords first: kband settings set {key} {} --save",
+                if upper == Upper::Second { 0.15 } else { 0.05 }
+            ),
+        ));
+    }
+    let trial = |n: usize| UpperTone::new(TRIAL_RATIO.min(max_ratios[n]), TRIAL_PHASES[n]);
+    let third = match upper {
+        Upper::Second => UpperTone::default(),
+        Upper::Third => trial(1),
+    };
+    let shape = Shape::new(trial(0), third);
+    let target = link.target()?;
+    link.command(&Request::Target(Target::Tones { k: TRIAL_K, shape }))?;
+    let cycles = follow(upper, &mut link, commissioning.within, commissioning.desk);
+    link.command(&Request::Telemetry(0))?;
+    link.command(&Request::Target(target))?;
+    let Some(answer) = answer(upper, &cycles?) else {
+        return Err(Refusal::new(
+            format!("no {name} was made for {AVERAGED_CYCLES} cycles"),
+            "kband monitor shows the limit; raise --within S",
+        ));
+    };
+    let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
+    let (gain, lag) = (digits(answer.gain, 1e4), digits(answer.lag, 10.0));
+    let [of_gain, of_lag] = keys;
+    let offer = [(of_gain, gain), (of_lag, lag)];
+    let notes = vec![
+        format!("proposed: {of_gain} = {gain}, {of_lag} = {lag}"),
+        "repeat the measurement with these values: the result is then more accurate".into(),
+    ];
+    let gain = Column::new(of_gain, "mm").digits(4);
+    let lag = Column::new(of_lag, "degrees").digits(4);
+    let scatter = columns::GAIN_SCATTER.titled("scatter").digits(2);
+    let view = View::from_fields(vec![
+        Field::all(gain, |answer: &Answer| answer.gain),
+        Field::all(lag, |answer: &Answer| answer.lag),
+        Field::all(scatter, |answer: &Answer| answer.scatter),
+    ]);
+    commissioning.conclude((link, settings), &offer, notes, view, answer)
+}
+
+/// Collects cycles until the tone has settled or was abandoned.
+fn follow(
+    upper: Upper,
+    link: &mut Link,
+    within: Duration,
+    desk: &Desk,
+) -> Result<Vec<Telemetry>, Refusal> {
+    if let Some(off) = why_off(link)? {
+        return Err(off);
+    }
+    let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
+    let enough = |cycles: &[Telemetry]| {
+        let count = cycles.iter().filter(made).count();
+        // An abandoned tone does not return.
+        let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
+        count >= SETTLING_CYCLES || (count >= AVERAGED_CYCLES && silent > AVERAGED_CYCLES)
+    };
+    let (name, _, _) = upper.names();
+    let progress = (name, SETTLING_CYCLES);
+    gather(link, desk, progress, within, Vec::push, enough)
+}
+
+#[cfg(test)]
+mod tests {
+    use kband_control::Settings;
+    use kband_plant::{EnvelopeLoop, Scene};
+
+    use super::*;
+
+    #[test]
+    fn the_drive_response_is_measured_despite_wrong_settings() {
+        let [second, third] = TRIAL_PHASES.map(|phase| UpperTone::new(TRIAL_RATIO, phase));
+        for (upper, gain, lag, configured, exact) in [
+            (Upper::Second, 0.5, 60.0, (0.5, 60.0), 0.02),
+            (Upper::Second, 0.3, 120.0, (0.5, 90.0), 0.02),
+            (Upper::Second, 0.05, 170.0, (0.5, 90.0), 0.15),
+            (Upper::Third, 0.25, 60.0, (0.25, 60.0), 0.02),
+            (Upper::Third, 0.2, 120.0, (0.25, 90.0), 0.02),
+        ] {
+            let mut scene = Scene {
+                settings: Settings {
+                    second_tone: 0.15,
+                    ..Settings::default()
+                },
+                target: Target::Tones {
+                    k: TRIAL_K,
+                    shape: Shape::of_two(second),
+                },
+                ..Scene::default()
+            };
+            let settings = &mut scene.settings;
+            match upper {
+                Upper::Second => {
+                    (settings.second_gain, settings.second_lag) = configured;
+                    (scene.drive.second_gain, scene.drive.second_lag) = (gain, lag);
+                }
+                Upper::Third => {
+                    settings.third_tone = 0.06;
+                    (settings.third_gain, settings.third_lag) = configured;
+                    scene.drive.second_gain = settings.second_gain;
+                    scene.drive.second_lag = settings.second_lag;
+                    (scene.drive.third_gain, scene.drive.third_lag) = (gain, lag);
+                    scene.target = Target::Tones {
+                        k: TRIAL_K,
+                        shape: Shape { second, third },
+                    };
+                }
+            }
+            let mut closed = EnvelopeLoop::build(&scene).unwrap();
+            let cycles = (0..SETTLING_CYCLES).map(|_| Telemetry::from(&closed.cycle().report));
+            let cycles: Vec<Telemetry> = cycles.collect();
+            let answer = answer(upper, &cycles).unwrap();
+            let gain_deviation = (answer.gain / f64::from(gain) - 1.0).abs();
+            let lag_deviation = (answer.lag - f64::from(lag)).abs();
+            assert!(gain_deviation < exact, "{answer:?}");
+            assert!(lag_deviation < 60.0 * exact, "{answer:?}");
+        }
+    }
+}

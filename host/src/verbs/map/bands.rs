@@ -1,0 +1,314 @@
+//! `kband bands`: bands of k and amplitude (mm) in which parts lock, order by order.
+
+mod picture;
+mod tones;
+
+use kband::feeder::{Restitution, Track, throw_number};
+use kband::impact::{ContactTime, TangentialSettings};
+use kband::regime::band::{Band, BandError};
+use kband::regime::cascade::{Cascade, Estimate};
+use kband::regime::gear::GearPlan;
+use kband::regime::reach::Reach;
+use kband_scene::restitutions;
+
+use crate::arguments::{self, ContactArguments, DriveArguments, OutputArguments, ToneArguments};
+use crate::causes;
+use crate::desk::Desk;
+use crate::refusal::{Exit, Refusal};
+use crate::report::columns::{
+    GEAR_B, GEAR_B_RANGE, GEAR_BAND_HIGH, GEAR_BAND_LOW, GEAR_K, IN_GEAR_EXPECTED,
+};
+use crate::report::{Printout, Value, View, fields, span};
+
+/// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband bands --restitution 0.2 --orders 3 --frequency 50 --incline 3
+  kband bands --restitution 0.18..0.22 --scatter 0.04
+  kband bands --restitution 0.18..0.22 --format json
+  kband bands --restitution 0.10..0.30 --second-tone 0.15,2.356 --orders 1 --out bands.svg
+
+k2..k1 is the band that all parts share. chaos_edge is the accumulation point of the period \
+doublings of the highest restitution. From k2 to reachable_edge every part locks when it starts \
+from rest.
+
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356). \
+An order may then have several bands. With --scatter, gear k is the k that the controller chooses \
+for the target gear on a drive without limits. In its gear band the predicted share of time in \
+gear is within 0.02 of the best.")]
+pub struct Arguments {
+    /// Restitution of the part, or LO..HI of the lot.
+    #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
+    restitution: Restitution,
+
+    /// Standard deviation of restitution from impact to impact (s). It adds the gear band of each
+    /// order.
+    #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
+    scatter: Option<f64>,
+
+    /// Number of orders, from 1.
+    #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
+    orders: usize,
+
+    #[command(flatten)]
+    tones: ToneArguments,
+
+    #[command(flatten)]
+    contact: ContactArguments,
+
+    #[command(flatten)]
+    drive: DriveArguments,
+
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// Tangential restitution (Rt) and amplitude ratio (eta) of the default scene, for the speeds in
+/// the table.
+const TANGENTIAL_RESTITUTION: f64 = 0.3;
+const AMPLITUDE_RATIO: f64 = 1.5;
+
+fn along(track: &Track) -> TangentialSettings {
+    TangentialSettings {
+        amplitude_ratio: AMPLITUDE_RATIO,
+        ..TangentialSettings::on(track, TANGENTIAL_RESTITUTION)
+    }
+}
+
+/// Number of k in each band at which parts start from rest.
+const SAMPLES: u32 = 400;
+
+/// Number of parts of a lot that start from rest at each k.
+const PARTS: u32 = 5;
+
+struct Row {
+    order: u32,
+    k2: f64,
+    k1: f64,
+    band: Option<Band>,
+    allowing: Option<(f64, f64)>,
+    first_chaos: Option<Estimate>,
+    last_chaos: Option<Estimate>,
+    reach: Option<Reach>,
+    gear: Option<GearPlan>,
+}
+
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let track = arguments.drive.track()?;
+    let wave = arguments.tones.wave()?;
+    let output = arguments.output.check()?;
+    let contact = arguments.contact.time(arguments.drive.frequency)?;
+    let report = if wave.is_sine() {
+        let rows = desk.try_map("bands", arguments.orders, |n| {
+            let (lot, order) = (arguments.restitution, n as u32 + 1);
+            row(lot, arguments.scatter, order, contact)
+        })?;
+        report(arguments, &track, &rows, contact)
+    } else if !contact.is_instant() {
+        return Err(Refusal::value(
+            "--contact",
+            arguments.contact.contact,
+            "0 with a second or third tone",
+            "leave out the tones, or ask kband gear, which has both",
+        ));
+    } else {
+        tones::report_of(arguments, &wave, &track, desk)?
+    };
+    let drawing = if output.draws() {
+        picture::compute(&wave, &track, desk)?
+    } else {
+        picture::Drawing::default()
+    };
+    output.show(&report, || {
+        picture::draw(arguments, &wave, &track, &drawing)
+    })
+}
+
+fn row(
+    lot: Restitution,
+    scatter: Option<f64>,
+    order: u32,
+    contact: ContactTime,
+) -> Result<Row, Refusal> {
+    let (band, k2, k1, allowing) = match Band::common_with_contact(lot, order, contact) {
+        Ok(band) => (Some(band), band.low(), band.high(), None),
+        Err(BandError::Empty(none)) => {
+            let allowing = Some((none.high_bound, none.low_bound));
+            (None, none.flip, none.birth, allowing)
+        }
+        Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
+    };
+    // Both apply to instantaneous impacts.
+    let instant = contact.is_instant();
+    let chaos = |restitution| -> Result<Option<Estimate>, Refusal> {
+        if !instant {
+            return Ok(None);
+        }
+        Ok(Cascade::locate(restitution, order, 7)?.k_infinity())
+    };
+    let last_chaos = chaos(lot.low())?;
+    let first_chaos = if lot.low() == lot.high() {
+        last_chaos
+    } else {
+        chaos(lot.high())?
+    };
+    let parts = restitutions(lot, PARTS as usize);
+    let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, SAMPLES);
+    let reach = band.filter(|_| instant).map(measure).transpose()?;
+    let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);
+    Ok(Row {
+        gear: scatter.and_then(plan).map(|(plan, _)| plan),
+        order,
+        k2,
+        k1,
+        band,
+        allowing,
+        first_chaos,
+        last_chaos,
+        reach,
+    })
+}
+
+impl Row {
+    /// k at the setpoint, which has the largest margin in amplitude.
+    fn setpoint(&self) -> Option<f64> {
+        self.band.map(|band| band.setpoint())
+    }
+
+    /// The smaller margin in k at the setpoint.
+    fn margin_k(&self) -> Option<f64> {
+        let margins = self.band.map(|band| band.margins(band.setpoint()));
+        margins.map(|margins| margins.low.k.min(margins.high.k))
+    }
+
+    /// The smaller margin in amplitude at the setpoint, over the amplitude.
+    fn margin(&self) -> Option<f64> {
+        let margins = self.band.map(|band| band.margins(band.setpoint()));
+        margins.map(|margins| margins.smallest())
+    }
+
+    fn reached(&self) -> String {
+        match self.reach {
+            None => "-".into(),
+            Some(Reach {
+                edge: Some(edge), ..
+            }) => format!("up to {edge:.4}"),
+            Some(Reach { highest: None, .. }) => "nowhere".into(),
+            Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
+        }
+    }
+}
+
+fn millimetres(track: &Track, k: f64) -> f64 {
+    track.amplitude(k) * 1e3
+}
+
+fn setpoint_in_words(k: Option<f64>) -> Value {
+    k.map_or("no common band".into(), Value::from)
+}
+
+fn amplitudes(track: &Track, k1: f64, k2: f64) -> String {
+    let (low, high) = (millimetres(track, k1), millimetres(track, k2));
+    format!("{low:.4}..{high:.4}")
+}
+
+fields! {
+    fn band_view(row: Row, track: Track) {
+        all ORDER => row.order;
+        all K2 => row.k2;
+        all K1 => row.k1;
+        data EMPTY => row.band.is_none();
+        read SETPOINT => setpoint_in_words(row.setpoint());
+        data SETPOINT => row.setpoint();
+        data MARGIN_K => row.margin_k();
+        all MARGIN.digits(3) => row.margin().map(|margin| 100.0 * margin);
+        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| millimetres(track, k) * margin);
+        data CHAOS_EDGE => row.first_chaos.map(|chaos| chaos.value);
+        data CHAOS_EDGE_ERROR => row.first_chaos.map(|chaos| chaos.error);
+        data CHAOS_EDGE_LAST_PART => row.last_chaos.map(|chaos| chaos.value);
+        data REACHABLE_EDGE => row.reach.and_then(|reach| reach.edge);
+        data REACHABLE_HIGHEST => row.reach.and_then(|reach| reach.highest);
+        data REACHABLE_SHARE => row.reach.map(|reach| reach.share);
+        all B.digits(4) => row.setpoint().map(|k| millimetres(track, k));
+        data B_AT_K1 => millimetres(track, row.k1);
+        data B_AT_K2 => millimetres(track, row.k2);
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.band.map_or("-".into(), |_| amplitudes(track, row.k1, row.k2));
+        all THROW.digits(4) => row.setpoint().map(throw_number);
+        all PEAK.digits(4) => row.setpoint().map(|k| track.acceleration(track.amplitude(k)));
+        read CHAOS_EDGE.titled("chaos edge") => row.first_chaos.map(|chaos| chaos.value);
+        read REACHED_FROM_REST.titled("reached from rest") => row.reached();
+        all GEAR_K.titled("gear k").digits(4) => row.gear.map(|gear| f64::from(gear.k));
+        all GEAR_B.titled("gear b (mm)").digits(4) => row.gear.map(|gear| millimetres(track, f64::from(gear.k)));
+        all IN_GEAR_EXPECTED.titled("in gear").digits(3) => row.gear.map(|gear| f64::from(gear.share));
+        data GEAR_BAND_LOW => row.gear.map(|gear| f64::from(gear.band[0]));
+        data GEAR_BAND_HIGH => row.gear.map(|gear| f64::from(gear.band[1]));
+        read GEAR_B_RANGE.titled("gear band (mm)") => row.gear.map_or("-".into(), |gear| {
+            amplitudes(track, f64::from(gear.band[1]), f64::from(gear.band[0]))
+        });
+        data ALLOWING_HIGH_BOUND => row.allowing.map(|(high, _)| high);
+        data ALLOWING_LOW_BOUND => row.allowing.map(|(_, low)| low);
+    }
+}
+
+fn describe_lot(lot: Restitution) -> String {
+    format!("R = {}", span(lot.low(), lot.high(), 6))
+}
+
+fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTime) -> Printout {
+    let lot = arguments.restitution;
+    let mut view = band_view(track);
+    if arguments.scatter.is_none() {
+        let gear = [GEAR_K, GEAR_B, GEAR_B_RANGE, GEAR_BAND_LOW, GEAR_BAND_HIGH];
+        view = gear.into_iter().fold(view, View::without);
+        view = view.without(IN_GEAR_EXPECTED);
+    }
+    let report = view.printout(rows).folded().heading(format!(
+        "{}, {} Hz, incline {} degrees{}; the setpoint has the largest margin in amplitude",
+        describe_lot(lot),
+        arguments.drive.frequency,
+        arguments.drive.incline,
+        arguments.contact.describe()
+    ));
+    let unknown = (!contact.is_instant()).then_some(
+        "Chaos edge and what is reached from rest are known for impacts in no time only.",
+    );
+    let empty = |row: &Row| match Band::common_with_contact(lot, row.order, contact) {
+        Err(BandError::Empty(none)) => Some(none.to_string()),
+        _ => None,
+    };
+    let empty = rows.iter().filter_map(empty);
+    let beyond_rest = rows.iter().filter_map(|row| row.reach.zip(row.band));
+    let unreached = beyond_rest
+        .filter(|(reach, band)| reach.edge.is_none_or(|edge| edge < band.setpoint()))
+        .map(|_| "From rest a part does not lock at these setpoints by itself: see kband capture.");
+    report.notes(unknown).notes(empty).notes(unreached.take(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use kband_control::Settings;
+
+    use super::*;
+
+    /// Contacts of 2 % of the cycle change setpoint and gear. A scene's settings give the same
+    /// plan.
+    #[test]
+    fn bands_of_impacts_that_take_time_are_their_own() {
+        let lot = Restitution::interval(0.28, 0.32).unwrap();
+        let rows = [0.0, 0.4].map(|contact| {
+            let contact = ContactTime::from_milliseconds(contact, 50.0).unwrap();
+            row(lot, Some(0.04), 1, contact).unwrap()
+        });
+        let [before, after] = rows.each_ref().map(|row| row.setpoint().unwrap());
+        assert!((after / before - 1.0).abs() > 0.01, "{before} {after}");
+        assert!(rows[1].reach.is_none() && rows[1].first_chaos.is_none());
+        let feeder = Settings {
+            contact: 0.4,
+            ..causes::unbounded(lot, 0.04, ContactTime::INSTANT)
+        };
+        let [instant, timed] = rows.map(|row| row.gear.unwrap());
+        let (plan, _) = causes::plan(&feeder, 1).unwrap();
+        assert_eq!((plan.k, plan.share), (timed.k, timed.share));
+        assert!(instant.k != timed.k, "{timed:?}");
+    }
+}

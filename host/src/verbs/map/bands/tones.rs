@@ -1,0 +1,199 @@
+//! Bands on a track of two or three tones.
+
+use kband::feeder::{Restitution, Track, throw_number};
+use kband::impact::Wave;
+use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
+use kband::transport::locked;
+
+use super::{
+    AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along, amplitudes, describe_lot,
+    millimetres, setpoint_in_words,
+};
+use crate::desk::Desk;
+use crate::refusal::Refusal;
+use crate::report::{Printout, fields, span, when};
+
+/// Number of k in each band at which parts start from rest.
+const K_SAMPLES: u32 = 60;
+
+/// Number of impacts within which a part from rest must lock.
+const MAX_IMPACTS_TO_LOCK: usize = 600;
+
+/// A band of one order, and its part in which all parts lock from rest.
+struct Row {
+    order: u32,
+    band: Option<WaveBand>,
+    /// Lowest and highest tried k at which all parts lock from rest, and the share of k that do.
+    from_rest: Option<([f64; 2], f64)>,
+}
+
+pub(super) fn report_of(
+    arguments: &Arguments,
+    wave: &Wave,
+    track: &Track,
+    desk: &Desk,
+) -> Result<Printout, Refusal> {
+    let rows = desk.try_map("bands", arguments.orders, |n| {
+        rows(wave, arguments.restitution, n as u32 + 1)
+    })?;
+    let rows: Vec<Row> = rows.into_iter().flatten().collect();
+    Ok(report(arguments, wave, track, &rows))
+}
+
+fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>, Refusal> {
+    let mut rows = Vec::new();
+    for band in WaveBands::common(wave, lot, order)?.iter() {
+        rows.push(Row {
+            order,
+            band: Some(band),
+            from_rest: from_rest(wave, lot, order, &band)?,
+        });
+    }
+    if rows.is_empty() {
+        rows.push(Row {
+            order,
+            band: None,
+            from_rest: None,
+        });
+    }
+    Ok(rows)
+}
+
+fn from_rest(
+    wave: &Wave,
+    lot: Restitution,
+    order: u32,
+    band: &WaveBand,
+) -> Result<Option<([f64; 2], f64)>, Refusal> {
+    let parts = if lot.low() == lot.high() { 1 } else { PARTS };
+    let mut reached: Vec<f64> = Vec::new();
+    for n in 0..K_SAMPLES {
+        let share = (f64::from(n) + 0.5) / f64::from(K_SAMPLES);
+        let k = band.low.k + (band.high.k - band.low.k) * share;
+        let mut all = true;
+        for part in 0..parts {
+            let along = f64::from(part) / f64::from((parts - 1).max(1));
+            let restitution = lot.low() + (lot.high() - lot.low()) * along;
+            all &= WaveLock::find_attracting(wave, k, restitution, order)?
+                .is_some_and(|lock| lock.is_reached_from_rest(MAX_IMPACTS_TO_LOCK));
+            if !all {
+                break;
+            }
+        }
+        if all {
+            reached.push(k);
+        }
+    }
+    let ends = reached.first().zip(reached.last());
+    Ok(ends.map(|(low, high)| ([*low, *high], reached.len() as f64 / f64::from(K_SAMPLES))))
+}
+
+fn name(bifurcation: Bifurcation) -> &'static str {
+    match bifurcation {
+        Bifurcation::SaddleNode => "birth",
+        Bifurcation::Flip => "flip",
+        Bifurcation::Grazing => "touch",
+    }
+}
+
+impl Row {
+    /// A quantity of the band; `None` without a band.
+    fn map_band<T>(&self, quantity: impl Fn(&WaveBand) -> T) -> Option<T> {
+        self.band.as_ref().map(quantity)
+    }
+
+    fn setpoint(&self) -> Option<f64> {
+        self.map_band(WaveBand::setpoint)
+    }
+
+    /// The margin at the setpoint to both ends, in % of the amplitude.
+    fn margin(&self) -> Option<f64> {
+        self.map_band(|band| 100.0 * (band.setpoint() / band.low.k - 1.0))
+    }
+
+    fn reached(&self) -> String {
+        match self.from_rest {
+            None => "nowhere".into(),
+            Some(([low, high], share)) => {
+                format!("{:.0} % of {}", 100.0 * share, span(low, high, 4))
+            }
+        }
+    }
+}
+
+/// The lot, and the track with its tones.
+struct Feeder<'a> {
+    lot: Restitution,
+    track: &'a Track,
+    wave: &'a Wave,
+}
+
+impl Feeder<'_> {
+    /// Speed in lock in mm/s.
+    fn speed(&self, order: u32, restitution: f64) -> f64 {
+        let unit = 1e3 * self.track.velocity_unit(self.track.amplitude(1.0));
+        unit * locked::velocity_in_phase(order, 1.0, restitution, &along(self.track))
+    }
+
+    fn speeds(&self, order: u32) -> String {
+        let (low, high) = (self.lot.low(), self.lot.high());
+        span(self.speed(order, high), self.speed(order, low), 4)
+    }
+
+    /// Largest acceleration of the track in g.
+    fn peak(&self, k: f64) -> f64 {
+        self.track.acceleration(self.track.amplitude(k)) * self.wave.peak_acceleration()
+    }
+}
+
+fields! {
+    fn tone_view(row: Row, feeder: Feeder<'_>) {
+        all ORDER => row.order;
+        all K2 => row.map_band(|band| band.low.k);
+        all K1 => row.map_band(|band| band.high.k);
+        data EMPTY => row.band.is_none();
+        data K2_END => row.map_band(|band| name(band.low.bifurcation));
+        data K1_END => row.map_band(|band| name(band.high.bifurcation));
+        read SETPOINT => setpoint_in_words(row.setpoint());
+        data SETPOINT => row.setpoint();
+        all MARGIN.digits(3) => row.margin();
+        data FROM_REST_LOW => row.from_rest.map(|([low, _], _)| low);
+        data FROM_REST_HIGH => row.from_rest.map(|([_, high], _)| high);
+        data FROM_REST_SHARE => row.from_rest.map(|(_, share)| share);
+        all B.digits(4) => row.setpoint().map(|k| millimetres(feeder.track, k));
+        data B_AT_K1 => row.map_band(|band| millimetres(feeder.track, band.high.k));
+        data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
+        all THROW.digits(4) => row.setpoint().map(throw_number);
+        all PEAK.digits(4) => row.setpoint().map(|k| feeder.peak(k));
+        read ENDS => row.map_band(|band| [band.low, band.high].map(|end| name(end.bifurcation)).join(", "));
+        read REACHED_FROM_REST.titled("locks from rest") => row.map_band(|_| row.reached());
+        read SPEEDS.titled("speed (mm/s)") => row.map_band(|_| feeder.speeds(row.order));
+        data SPEED_AT_LOW_RESTITUTION => row.map_band(|_| feeder.speed(row.order, feeder.lot.low()));
+        data SPEED_AT_HIGH_RESTITUTION => row.map_band(|_| feeder.speed(row.order, feeder.lot.high()));
+        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| 1e-2 * margin * millimetres(feeder.track, k));
+    }
+}
+
+fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Printout {
+    let feeder = Feeder {
+        lot: arguments.restitution,
+        track,
+        wave,
+    };
+    let (second, third) = (wave.second(), wave.third());
+    let text = || format!(", e3 = {}, th3 = {}", third.amplitude, third.angle);
+    let third = when(third.amplitude > 0.0, text);
+    tone_view(&feeder)
+        .printout(rows)
+        .folded()
+        .heading(format!(
+            "{}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
+             amplitude",
+            describe_lot(feeder.lot), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
+        ))
+        .note(format!(
+            "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
+             {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
+        ))
+}

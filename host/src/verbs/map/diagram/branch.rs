@@ -1,0 +1,319 @@
+//! Branches of the bifurcation diagram: the impacts of every column, from each kind of start.
+//!
+//! A column is a pair of k and restitution. A branch starts every column from rest, or at the final
+//! state of the column before: continuation upwards or downwards. Bisection locates the columns
+//! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
+
+use kband::impact::{ContactTime, Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
+use kband::regime::Lock;
+use kband::regime::classify::Regime;
+use serde::Serialize;
+
+use super::over::Over;
+use super::{Arguments, ColumnStart};
+use crate::desk::Desk;
+use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::picture::Fill;
+use crate::refusal::Refusal;
+
+/// The impacts of one start, column by column.
+pub(super) struct Branch {
+    pub(super) start: ColumnStart,
+    pub(super) columns: Vec<Column>,
+}
+
+impl Branch {
+    /// Stretches of columns with the same ending: first and last column.
+    pub(super) fn regimes(&self) -> Vec<(usize, usize, Ending)> {
+        let mut regimes: Vec<(usize, usize, Ending)> = Vec::new();
+        for (n, column) in self.columns.iter().enumerate() {
+            match regimes.last_mut() {
+                Some((_, last, ending)) if ending.is_one_with(column.ending) => *last = n,
+                _ => regimes.push((n, n, column.ending)),
+            }
+        }
+        regimes
+    }
+}
+
+/// The impacts of one column, and its ending.
+pub(super) struct Column {
+    /// Start of the part; `None` from rest.
+    from: Option<PartState>,
+    /// States after the drawn impacts.
+    pub(super) states: Vec<PartState>,
+    pub(super) ending: Ending,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Ending {
+    /// A regime, for constant restitution.
+    Regime(Regime),
+    /// Share of time in gear, for restitution that scatters.
+    InGear(Option<InGear>),
+}
+
+impl Ending {
+    /// Whether neighbouring columns have the same name: one regime, or shares in gear that round to
+    /// the same tenth.
+    fn is_one_with(self, other: Self) -> bool {
+        let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
+        match (self, other) {
+            (Self::Regime(one), Self::Regime(other)) => one == other,
+            (Self::InGear(one), Self::InGear(other)) => one.map(tenth) == other.map(tenth),
+            _ => false,
+        }
+    }
+
+    pub(super) fn name(self) -> String {
+        match self {
+            Self::Regime(regime) => ending::describe_regime(regime, MAX_ORBIT_IMPACTS),
+            Self::InGear(Some(gear)) => {
+                format!("in gear about {:.1}, r = {}", gear.share, gear.order)
+            }
+            Self::InGear(None) => "rests for ever".into(),
+        }
+    }
+
+    /// Fill of the regime; `None` with scatter.
+    pub(super) fn fill(self) -> Option<Fill> {
+        match self {
+            Self::Regime(regime) => Some(ending::fill(regime)),
+            Self::InGear(_) => None,
+        }
+    }
+}
+
+/// The stretch of columns where the period-1 orbit of an order attracts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(super) struct Stretch {
+    pub(super) order: u32,
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
+/// All branches over columns of k and restitution.
+///
+/// A followed branch is one task, because each column needs the one before. From rest, each column
+/// is a task.
+pub(super) fn follow(
+    arguments: &Arguments,
+    tracks: &[(f64, f64)],
+    contact: ContactTime,
+    starts: &[ColumnStart],
+    desk: &Desk,
+) -> Result<Vec<Branch>, Refusal> {
+    let columns = tracks.len();
+    let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
+    for start in starts {
+        match start {
+            ColumnStart::Rest => tasks.extend((0..columns).map(|column| (*start, column))),
+            ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
+        }
+    }
+    // Threads take tasks from both ends of the list, where the long tasks are.
+    tasks.sort_by_key(|(start, _)| match start {
+        ColumnStart::Up => 0,
+        ColumnStart::Rest => 1,
+        ColumnStart::Down => 2,
+    });
+    let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_, Refusal> {
+        let (start, column) = tasks[task];
+        let mut order: Vec<usize> = (0..columns).collect();
+        match start {
+            ColumnStart::Rest => order = vec![column],
+            ColumnStart::Up => {}
+            ColumnStart::Down => order.reverse(),
+        }
+        let mut simulated = Vec::with_capacity(order.len());
+        let mut state = None;
+        for column in &order {
+            desk.check_stop()?;
+            let stream = (*column as u64) << 2 | start as u64;
+            let track = tracks[*column];
+            simulated.push(simulate_column(
+                arguments, track, contact, stream, &mut state,
+            )?);
+        }
+        if start == ColumnStart::Down {
+            simulated.reverse();
+        }
+        Ok(simulated)
+    })?;
+    let none = |start: &ColumnStart| Branch {
+        start: *start,
+        columns: Vec::new(),
+    };
+    let mut branches: Vec<Branch> = starts.iter().map(none).collect();
+    for ((start, _), columns) in tasks.iter().zip(results) {
+        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+            branch.columns.extend(columns);
+        }
+    }
+    // With scatter there is no final regime.
+    if arguments.scatter.scatter == 0.0 {
+        classify(tracks, contact, &mut branches, desk)?;
+    }
+    Ok(branches)
+}
+
+/// Decides the final regimes of all columns.
+fn classify(
+    tracks: &[(f64, f64)],
+    contact: ContactTime,
+    branches: &mut [Branch],
+    desk: &Desk,
+) -> Result<(), Refusal> {
+    let columns = tracks.len();
+    let endings = desk.spread("regimes", columns, ORBITS_PER_BLOCK, |places| {
+        let group: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
+        Endings::from_tracks(&group, MAX_ORBIT_IMPACTS, contact)
+    })?;
+    // The orbits of all branches share blocks: a full block has the lowest cost per orbit.
+    let mut hopping: Vec<(&mut Column, usize, PartState)> = Vec::new();
+    for branch in branches {
+        for (n, column) in branch.columns.iter_mut().enumerate() {
+            match column.from {
+                Some(from) => hopping.push((column, n, from)),
+                None => column.ending = Ending::Regime(endings[n].from_rest()),
+            }
+        }
+    }
+    let starts: Vec<_> = hopping.iter().map(|(_, n, from)| (*n, *from)).collect();
+    let ends = desk.spread("regimes", starts.len(), ORBITS_PER_BLOCK, |places| {
+        let starts: Vec<_> = places.iter().map(|place| starts[*place]).collect();
+        Ok(ending::of_each(&endings, starts.into_iter()))
+    })?;
+    for ((column, ..), end) in hopping.into_iter().zip(ends) {
+        column.ending = Ending::Regime(end);
+    }
+    Ok(())
+}
+
+/// Simulates the impacts of one column of k and restitution from `state`; `None` is rest. The final
+/// state replaces `state`; `None` after a rest without end.
+fn simulate_column(
+    arguments: &Arguments,
+    (k, restitution): (f64, f64),
+    contact: ContactTime,
+    stream: u64,
+    state: &mut Option<PartState>,
+) -> Result<Column, Refusal> {
+    let map = Map::build(k, restitution)?;
+    let from = *state;
+    let mut orbit = match from {
+        Some(from) => Orbit::new(&map, from),
+        None => Orbit::from_rest(&map),
+    }
+    .with_contact(contact);
+    if let Some(scatter) = arguments.scatter.stream(restitution, stream)? {
+        orbit = orbit.scattering(scatter)?;
+    }
+    let total = arguments.settle + arguments.impacts;
+    let (mut states, mut count, mut last) = (Vec::new(), 0, from);
+    // Without scatter the classifier decides the ending.
+    let scatters = arguments.scatter.scatter > 0.0;
+    let mut gears = scatters.then(Gears::start_now).transpose()?;
+    let mut take = |before: PartState, event: OrbitEvent| {
+        count += usize::from(matches!(event, OrbitEvent::Impact(_)));
+        match event {
+            OrbitEvent::Impact(impact) => {
+                last = Some(impact.next);
+                if count > arguments.settle {
+                    states.push(impact.next);
+                    if let Some(gears) = &mut gears {
+                        gears.impact(before, &impact);
+                    }
+                }
+            }
+            OrbitEvent::Rest { chatter, phase } => {
+                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
+                    gears.rest(before, chatter, phase);
+                }
+            }
+            OrbitEvent::LiftOff { wait, phase } => {
+                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
+                    gears.lift_off(wait, phase);
+                }
+            }
+        }
+        count
+    };
+    // Without scatter, an orbit is periodic once a state returns with all its bits (Brent's
+    // method).
+    let (mut saved, mut save_next, mut since) = (None, 16, Vec::new());
+    let mut done = 0;
+    while done < total
+        && let before = orbit.state()
+        && let Some(event) = orbit.next()
+    {
+        done = take(before, event);
+        if scatters {
+            continue;
+        }
+        since.push((before, event));
+        if let OrbitEvent::Impact(impact) = event {
+            if saved == Some(impact.next) {
+                for (before, event) in since.iter().cycle() {
+                    if done == total {
+                        break;
+                    }
+                    done = take(*before, *event);
+                }
+            } else if done >= save_next {
+                saved = Some(impact.next);
+                save_next = 2 * done;
+                since.clear();
+            }
+        }
+    }
+    let hops = count == total;
+    *state = last.filter(|_| hops);
+    Ok(Column {
+        from,
+        states,
+        ending: Ending::InGear(gears.and_then(|gears| gears.longest()).filter(|_| hops)),
+    })
+}
+
+/// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
+///
+/// Bisection between two columns locates each edge.
+pub(super) fn bands(over: Over, contact: ContactTime, values: &[f64]) -> Vec<Stretch> {
+    let mut bands = Vec::new();
+    for order in 1..=5 {
+        let attracts = |x: f64| {
+            let (k, restitution) = over.at(x);
+            let lock = Lock::with_contact(k, restitution, order, contact).ok();
+            let is_stable = |lock: Lock| lock.attracts() && lock.is_first_return();
+            lock.flatten().is_some_and(is_stable)
+        };
+        let edge = |mut inside: f64, mut outside: f64| {
+            for _ in 0..60 {
+                let middle = 0.5 * (inside + outside);
+                if attracts(middle) {
+                    inside = middle
+                } else {
+                    outside = middle
+                }
+            }
+            inside
+        };
+        let mut start: Option<f64> = None;
+        for (n, x) in values.iter().enumerate() {
+            match (attracts(*x), start) {
+                (true, None) => start = Some(if n == 0 { *x } else { edge(*x, values[n - 1]) }),
+                (false, Some(low)) => {
+                    let high = edge(values[n - 1], *x);
+                    bands.push(Stretch { order, low, high });
+                    start = None;
+                }
+                _ => {}
+            }
+        }
+        if let (Some(low), Some(&high)) = (start, values.last()) {
+            bands.push(Stretch { order, low, high });
+        }
+    }
+    bands
+}

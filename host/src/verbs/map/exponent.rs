@@ -1,0 +1,350 @@
+//! `kband exponent`: Lyapunov exponents.
+
+use kband::feeder::Track;
+use kband::impact::{Kernel, Map, PartState};
+use kband::regime::cascade::Estimate;
+use kband::regime::chaos::ChaoticBand;
+use kband::regime::classify::Regime;
+use kband::regime::exponent::{
+    Dynamics, Exponent, ExponentSettings, measure, measure_scattered, measure_together,
+    start_near_lock,
+};
+use kband::regime::{Lock, Multipliers};
+use kband::transport::SampleMean;
+
+use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range, ScatterArguments};
+use crate::desk::Desk;
+use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Printout, columns, fields, finite, number};
+
+/// Measure Lyapunov exponents with their statistical error.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband exponent --restitution 0.2 --k 0.34
+  kband exponent --restitution 0.2 --k 0.32..0.48:400 --impacts 20000 --out exponent.svg
+  kband exponent --restitution 0.2 --k 0.358 --band
+  kband exponent --restitution 0.2 --b 0.2..0.3:200 --frequency 50 --out exponent.svg
+
+Eight orbits share the impacts. They start next to the locked orbit; --phase and --velocity give \
+one start instead. The standard error is the larger of two estimates: from their scatter and from \
+their autocorrelation. An orbit that comes to rest is not chaotic: its motion is 'rest', with the \
+number of impacts before.")]
+pub struct Arguments {
+    /// Restitution of the part, 0..1.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
+    restitution: f64,
+
+    /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N] [default: 0.34].
+    #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
+    k: Option<Range>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
+
+    /// Number of impacts measured at each k.
+    #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
+    impacts: usize,
+
+    /// Number of impacts discarded first.
+    #[arg(long, value_name = "N", default_value = "2000", value_parser = arguments::count(0, 1_000_000_000))]
+    settle: usize,
+
+    /// Order of the locked orbit next to which the orbits start.
+    #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
+    order: usize,
+
+    /// Phase of the start in rad, with --velocity.
+    #[arg(long, value_name = "T", value_parser = arguments::number, requires = "velocity")]
+    phase: Option<f64>,
+
+    /// Velocity of the start in units of b w, with --phase.
+    #[arg(long, value_name = "PSI", value_parser = arguments::within(0.0, 1000.0, "b w"), requires = "phase")]
+    velocity: Option<f64>,
+
+    #[command(flatten)]
+    scatter: ScatterArguments,
+
+    /// Also measure the chaotic band below the cascade.
+    #[arg(long)]
+    band: bool,
+
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+impl Arguments {
+    /// Largest number of impacts for the final regime: as many as are measured.
+    fn followed(&self) -> usize {
+        MAX_ORBIT_IMPACTS.max(self.settle + self.impacts)
+    }
+}
+
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.output.check()?;
+    let given = arguments.amplitude.or_range(arguments.k)?;
+    let values = given.unwrap_or_else(|| vec![0.34]);
+    let settings = ExponentSettings {
+        settle: arguments.settle as u32,
+        impacts: arguments.impacts as u32,
+    };
+    let rows = desk.try_map("exponent", values.len(), |n| {
+        let map = Map::build(values[n], arguments.restitution)?;
+        let start = match (arguments.phase, arguments.velocity) {
+            (Some(phase), Some(velocity)) => Map::state(phase, velocity)?,
+            _ => start_near_lock(&map, arguments.order as u32),
+        };
+        let scatter = arguments.scatter.stream(map.restitution(), n as u64)?;
+        let scatters = scatter.is_some();
+        // A part that scatters or is elastic has no final regime and no lock.
+        let (mut ending, mut lock) = (None, None);
+        if arguments.restitution < 1.0 && !scatters {
+            let endings = Endings::new(values[n], arguments.restitution, arguments.followed())?;
+            ending = Some(endings.classify(start));
+            lock = Lock::build(values[n], arguments.restitution, arguments.order as u32)?;
+        }
+        let exponent = match (scatter, arguments.phase) {
+            (Some(scatter), _) => measure_scattered(&map, start, settings, scatter)?,
+            (None, Some(_)) => measure(&map, start, settings)?,
+            (None, None) => measure_several(&map, start, settings)?,
+        };
+        Ok(ExponentRow {
+            k: values[n],
+            second: second(&exponent, arguments.restitution).filter(|_| !scatters),
+            multipliers: lock.map(|lock| lock.multipliers()),
+            exponent,
+            ending,
+        })
+    })?;
+    if arguments.band && arguments.scatter.scatter > 0.0 {
+        return Err(Refusal::value(
+            "--scatter",
+            arguments.scatter.scatter,
+            "0 with --band: the band is that of orbits of one restitution",
+            "leave one of the two out",
+        ));
+    }
+    let band = if arguments.band {
+        ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
+    } else {
+        None
+    };
+    let report = report(arguments, &rows, band)?;
+    output.show(&report, || picture(arguments, &values, &rows, band))
+}
+
+/// Number of orbits among which the impacts are divided, unless the user gives a start.
+const DEFAULT_ORBITS: usize = 8;
+
+/// The mean exponent of several orbits from neighbouring starts, with the standard error from their
+/// scatter.
+///
+/// One orbit may stay near a transient for some 100 000 impacts (k = 0.34, R = 0.2). Its own
+/// scatter does not show that. If an orbit comes to rest, the first orbit alone is measured.
+fn measure_several(
+    map: &Map,
+    start: PartState,
+    settings: ExponentSettings,
+) -> Result<Exponent, Refusal> {
+    let share = ExponentSettings {
+        impacts: settings.impacts / DEFAULT_ORBITS as u32,
+        ..settings
+    };
+    if share.impacts < 320 {
+        return Ok(measure(map, start, settings)?);
+    }
+    let near = |n: usize| PartState::new(start.phase + 1e-4 * n as f64, start.velocity);
+    let starts: [PartState; DEFAULT_ORBITS] = std::array::from_fn(near);
+    let Some(orbits) = measure_together(map, starts, share)? else {
+        return Ok(measure(map, start, settings)?);
+    };
+    let mean_of = |value: fn(&Exponent) -> Estimate| {
+        let values = SampleMean::from_values(orbits.iter().map(|one| value(one).value));
+        let squares = orbits.iter().map(|one| value(one).error.powi(2));
+        let own = squares.sum::<f64>().sqrt() / DEFAULT_ORBITS as f64;
+        Estimate {
+            value: values.mean().unwrap_or(f64::NAN),
+            error: values.error().unwrap_or(0.0).max(own),
+        }
+    };
+    let per_impact = mean_of(|one| one.per_impact);
+    let flights = orbits.iter().map(|one| one.flight);
+    Ok(Exponent {
+        per_impact,
+        per_cycle: mean_of(|one| one.per_cycle),
+        flight: flights.sum::<f64>() / DEFAULT_ORBITS as f64,
+        dynamics: Dynamics::from_exponent(per_impact),
+    })
+}
+
+struct ExponentRow {
+    k: f64,
+    exponent: Exponent,
+    /// The orbit's final regime; `None` if its restitution scatters or is 1.
+    ending: Option<Regime>,
+    /// The smaller exponent per impact, of an orbit that never rests.
+    second: Option<f64>,
+    /// Floquet multipliers of the period-1 orbit, if it exists.
+    multipliers: Option<Multipliers>,
+}
+
+impl ExponentRow {
+    fn rest_after(&self) -> Option<u32> {
+        match self.exponent.dynamics {
+            Dynamics::Rest { after } => Some(after),
+            _ => None,
+        }
+    }
+}
+
+/// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope
+/// along an orbit.
+fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
+    let rests = matches!(exponent.dynamics, Dynamics::Rest { .. });
+    let value = 2.0 * restitution.ln() - exponent.per_impact.value;
+    (!rests && value.is_finite()).then_some(value)
+}
+
+/// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
+/// transient has one too, until it comes to rest.
+fn describe_motion(row: &ExponentRow) -> &'static str {
+    match row.exponent.dynamics {
+        Dynamics::Regular => "regular",
+        Dynamics::Chaotic if row.ending.is_none_or(|ending| ending == Regime::Chaotic) => "chaotic",
+        Dynamics::Chaotic if row.ending == Some(Regime::Undecided) => "chaotic so far",
+        Dynamics::Chaotic | Dynamics::Undecided => "undecided",
+        Dynamics::Rest { .. } => "rest",
+    }
+}
+
+fields! {
+    /// The exponents at one k, and its amplitude if the track is given.
+    fn exponents(row: ExponentRow, track: Option<Track>, followed: usize) {
+        all K => row.k;
+        all B => track.map(|track| 1e3 * track.amplitude(row.k));
+        all EXPONENT.titled("exponent").digits(5) => finite(row.exponent.per_impact.value);
+        all EXPONENT_ERROR.titled("error").digits(2) => finite(row.exponent.per_impact.error);
+        all SECOND_EXPONENT.titled("second").digits(5) => row.second;
+        data EXPONENT_PER_CYCLE => finite(row.exponent.per_cycle.value);
+        data EXPONENT_PER_CYCLE_ERROR => finite(row.exponent.per_cycle.error);
+        data MEAN_FLIGHT => finite(row.exponent.flight);
+        read MOTION => match row.rest_after() {
+            Some(after) => format!("rest after {after}"),
+            None => describe_motion(row).into(),
+        };
+        data MOTION => describe_motion(row);
+        data REST_AFTER => row.rest_after();
+        all REGIME => row.ending.map(|ending| ending::describe_regime(ending, *followed));
+        data MULTIPLIERS => row.multipliers.map(spell);
+        data MULTIPLIER_MODULUS => row.multipliers.map(Multipliers::modulus);
+    }
+}
+
+fn report(
+    arguments: &Arguments,
+    rows: &[ExponentRow],
+    band: Option<ChaoticBand>,
+) -> Result<Printout, Refusal> {
+    let track = arguments.amplitude.b.map(|_| arguments.amplitude.track());
+    let track = track.transpose()?;
+    let followed = arguments.followed();
+    let mut view = exponents(&track, &followed);
+    if track.is_none() {
+        view = view.without(columns::B);
+    }
+    let report = view.printout(rows).heading(format!(
+        "R = {}{}, {} impacts after {} to settle; exponents per impact",
+        arguments.restitution,
+        match arguments.scatter.scatter {
+            0.0 => String::new(),
+            scatter => format!(" scattering by {scatter}"),
+        },
+        arguments.impacts,
+        arguments.settle
+    ));
+    let only = match rows {
+        [only] => only.multipliers,
+        _ => None,
+    };
+    let multipliers = only.map(|multipliers| {
+        let attracts = multipliers.modulus() < 1.0;
+        let effect = if attracts { "it attracts" } else { "it repels" };
+        let (order, values) = (arguments.order, spell(multipliers));
+        format!("Floquet multipliers of the period-1 orbit of order {order}: {values} ({effect})")
+    });
+    let band = arguments.band.then(|| match band {
+        Some(band) => format!(
+            "chaotic band, measured: k = {:.4}..{:.4}, {:.0} % of it with a positive exponent, no rest \
+             within {} impacts",
+            band.low,
+            band.high,
+            100.0 * band.chaotic,
+            band.impacts
+        ),
+        None => "no chaotic band: below the cascade the parts come to rest".into(),
+    });
+    Ok(report.notes(multipliers).notes(band))
+}
+
+pub(super) fn spell(multipliers: Multipliers) -> String {
+    let text = |value: f64| number(value, 6);
+    match multipliers {
+        Multipliers::Real(larger, smaller) => format!("{}, {}", text(larger), text(smaller)),
+        Multipliers::Pair { modulus, angle } => {
+            format!("{} exp(+-{} i)", text(modulus), text(angle))
+        }
+    }
+}
+
+fn picture(
+    arguments: &Arguments,
+    values: &[f64],
+    rows: &[ExponentRow],
+    band: Option<ChaoticBand>,
+) -> Picture {
+    let point = |selection: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
+        let selected = rows.iter().filter(|row| selection(describe_motion(row)));
+        let points = selected.map(|row| (row.k, row.exponent.per_impact.value));
+        let is_finite = |(_, exponent): &(f64, f64)| exponent.is_finite();
+        points.filter(is_finite).collect()
+    };
+    let all = point(&|_| true);
+    // The exponent of a superstable orbit is far below.
+    let shown = all.iter().map(|point| point.1.max(-3.0)).chain([-0.5, 0.5]);
+    let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = values.iter().copied().fold(0.0, f64::max);
+    let mut panel = Panel::new(
+        Axis::of_k(lowest, highest),
+        Axis::over_values("Lyapunov exponent per impact", "", shown),
+    )
+    .height(360.0);
+    if let Some(band) = band {
+        panel = panel.strip("chaotic band, measured", band.low, band.high);
+    }
+    let names = [
+        ("chaotic", "chaotic", 1),
+        ("chaotic so far", "chaotic so far", 3),
+        ("regular", "regular", 0),
+        ("undecided", "undecided", 4),
+        ("rest", "transient: until it came to rest", 2),
+    ];
+    for (selection, name, series) in names {
+        let points = point(&|motion| motion == selection);
+        if !points.is_empty() {
+            panel = panel.markers(name, series, points);
+        }
+    }
+    panel = panel.level(0.0, "neighbours part above");
+    Picture::new("Lyapunov exponent over k")
+        .caption(format!(
+            "R = {}, {} impacts at {}",
+            number(arguments.restitution, 6),
+            arguments.impacts,
+            match values {
+                [k] => format!("k = {}", number(*k, 6)),
+                _ => format!("each of {} k", values.len()),
+            }
+        ))
+        .panel(panel)
+}

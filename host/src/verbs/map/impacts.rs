@@ -1,0 +1,360 @@
+//! `kband impacts`: the impact map evaluated impact by impact, in a selected number system.
+//!
+//! A row has phase and flight in rad, and the velocity after the impact in `b w`.
+
+mod portrait;
+pub mod rows;
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum as _;
+use kband::feeder::OutOfRange;
+use kband::impact::{
+    ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
+};
+
+use crate::arguments::{
+    self, AmplitudeArguments, ContactArguments, FileArguments, Output, ScatterArguments,
+    ToneArguments,
+};
+use crate::desk::{Desk, Progress};
+use crate::file;
+use crate::refusal::{Exit, Refusal};
+use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
+use crate::report::rows_file::row_bytes;
+use crate::report::{self, Column, Format, Rows, Value, print_rows};
+use portrait::{States, portrait};
+use rows::{LaunchFile, Row, check_rows, compute_rows};
+
+/// Compute consecutive impacts of one orbit, or one impact for each row of a file.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband impacts --k 0.43 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
+  kband impacts --k 0.35 --restitution 0.2 --phase 0.4 --velocity 0.4 --count 20000 --out portrait.svg
+  kband impacts --k 0.35 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20 --second-tone 0.15,2.356
+  kband impacts --b 0.235 --frequency 50 --restitution 0.2 --phase 0.5 --velocity 0.45 --count 20
+  kband impacts --from states.csv --arithmetic f64 --format csv
+
+A file has the columns k,restitution,phase,velocity; others are ignored. Each row gives \
+flight,next_phase,next_velocity. If only the arithmetic cannot represent a row, they are empty, with \
+a warning on standard error. Phases are in rad, velocities in units of b w. With --contact the flight \
+includes the contact, and phase and velocity are those after it.
+
+Each row is written when it is computed, to standard output and to --out FILE.csv, .json or (if \
+built in) .parquet: memory does not grow with their number. A table has at most 50000 rows, a \
+picture the first 131072 states.
+
+With a second tone the track moves as sin t + e sin(2 t + th), th in rad (135 degrees are 2.356).")]
+pub struct Arguments {
+    /// k = g cos(alpha) / (b w^2).
+    #[arg(long, value_parser = arguments::number, required_unless_present_any = ["from", "b"])]
+    k: Option<f64>,
+
+    #[command(flatten)]
+    amplitude: AmplitudeArguments,
+
+    /// Restitution of the part, 0..1.
+    #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
+    restitution: Option<f64>,
+
+    /// Phase of the drive just after an impact in rad.
+    #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
+    phase: Option<f64>,
+
+    /// Velocity relative to the track just after an impact, in units of b w, at least 0.
+    #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
+    velocity: Option<f64>,
+
+    #[command(flatten)]
+    contact: ContactArguments,
+
+    #[command(flatten)]
+    scatter: ScatterArguments,
+
+    /// Number of consecutive impacts; memory does not grow with it.
+    #[arg(long, value_name = "N", value_parser = arguments::count(1, usize::MAX), default_value = "1", conflicts_with = "from")]
+    count: usize,
+
+    /// CSV file with the columns k,restitution,phase,velocity; `-` for standard input.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "b", "restitution", "phase", "velocity"])]
+    from: Option<PathBuf>,
+
+    #[command(flatten)]
+    tones: ToneArguments,
+
+    /// Number system of the map.
+    #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
+    arithmetic: Arithmetic,
+
+    /// Form of the result on standard output.
+    #[arg(long, value_enum, default_value_t = Format::Csv)]
+    format: Format,
+
+    #[command(flatten)]
+    drawn: FileArguments,
+}
+
+/// The number systems in which the map exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Arithmetic {
+    /// f64, the desk's default.
+    F64,
+    /// Phase in u32, velocity in f32: the board's.
+    F32,
+    /// Fixed point alone; slow.
+    Integer,
+}
+
+impl Arithmetic {
+    fn refuse(self, accepted: &str, next: &str) -> Refusal {
+        let name = self.to_possible_value();
+        let name = name.map_or_else(String::new, |value| value.get_name().to_owned());
+        Refusal::value("--arithmetic", name, accepted, next)
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let output = arguments.drawn.check(Format::Table, true)?;
+    let tones = arguments.tones.upper();
+    let one = tones.iter().all(|tone| tone.amplitude == 0.0);
+    let drive_text = match arguments.amplitude.or_k(arguments.k)? {
+        Some(k) => arguments.amplitude.describe(k)?,
+        None => String::new(),
+    };
+    let task = Task {
+        arguments,
+        desk,
+        output: &output,
+    };
+    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+    let states = if !contact.is_instant() {
+        with_contact(&task, tones, contact)?
+    } else if one {
+        on_one_tone(&task)?
+    } else {
+        on_tones(&task, tones)?
+    };
+    output.draw(|| portrait(arguments, &drive_text, states))
+}
+
+struct Task<'a> {
+    arguments: &'a Arguments,
+    desk: &'a Desk,
+    output: &'a Output,
+}
+
+fn on_one_tone(task: &Task) -> Result<States, Refusal> {
+    match task.arguments.arithmetic {
+        Arithmetic::F64 => task.compute(Map::build, impact),
+        Arithmetic::F32 => task.compute(Single::build, impact),
+        Arithmetic::Integer => task.compute(Integer::build, impact),
+    }
+}
+
+fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
+    match task.arguments.arithmetic {
+        Arithmetic::F64 => task.compute(build_on::<WaveMap>(tones), impact),
+        Arithmetic::F32 => task.compute(build_on::<Single>(tones), impact),
+        other => Err(other.refuse(
+            "f64 or f32 with --second-tone or --third-tone",
+            "choose one of them, or leave out the tones",
+        )),
+    }
+}
+
+fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
+    move |k, restitution| K::on_tones(tones, k, restitution)
+}
+
+/// Impacts with a contact time, also on several tones.
+fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States, Refusal> {
+    let arithmetic = task.arguments.arithmetic;
+    if arithmetic != Arithmetic::F64 {
+        return Err(arithmetic.refuse(
+            "f64 with --contact",
+            "leave out --arithmetic, or leave out --contact",
+        ));
+    }
+    task.compute(build_on::<WaveMap>(tones), |Row { kernel, state }| {
+        let (k, restitution) = (kernel.k(), kernel.restitution());
+        contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
+    })
+}
+
+fn impact<K: Kernel>(row: &Row<K>) -> Impact<K::State> {
+    row.kernel.impact(row.state)
+}
+
+impl Task<'_> {
+    /// Computes the impacts and passes them on one by one, in constant memory.
+    fn compute<K: Kernel>(
+        &self,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        impact: impl Fn(&Row<K>) -> Impact<K::State>,
+    ) -> Result<States, Refusal> {
+        match &self.arguments.from {
+            Some(path) => self.compute_file(path, build, impact),
+            None => self.compute_orbit(build, impact),
+        }
+    }
+
+    fn compute_file<K: Kernel>(
+        &self,
+        path: &Path,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        impact: impl Fn(&Row<K>) -> Impact<K::State>,
+    ) -> Result<States, Refusal> {
+        let scatter = self.arguments.scatter.scatter;
+        if scatter > 0.0 {
+            return Err(Refusal::value(
+                "--scatter",
+                scatter,
+                "0 with --from: each row has a restitution of its own",
+                "draw the restitutions in the file",
+            ));
+        }
+        let launches = LaunchFile::open(path)?;
+        let progress = Progress::beside_rows("checking rows", launches.size()?);
+        let rows = check_rows(path, launches.reader()?, |bytes| {
+            progress.advance(bytes);
+            self.desk.check_stop()
+        })?;
+        progress.finish();
+        self.write(&[FLIGHT, NEXT_PHASE, NEXT_VELOCITY], rows, |sink| {
+            compute_rows(path, launches.reader()?, &build, |row| {
+                let impact = row.map(|row| impact(&row));
+                let flight = impact.map(|impact| impact.flight);
+                let next = impact.map(|impact| K::observe(impact.next));
+                let (phase, velocity) = next.map(|next| (next.phase, next.velocity)).unzip();
+                sink.row(&[flight, phase, velocity].map(Value::from), next)
+            })
+        })
+    }
+
+    fn compute_orbit<K: Kernel>(
+        &self,
+        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+        impact: impl Fn(&Row<K>) -> Impact<K::State>,
+    ) -> Result<States, Refusal> {
+        let arguments = self.arguments;
+        // clap requires all four.
+        let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let k = or_nan(arguments.amplitude.or_k(arguments.k)?);
+        let mut row = Row {
+            kernel: build(k, or_nan(arguments.restitution))?,
+            state: K::state(or_nan(arguments.phase), or_nan(arguments.velocity))?,
+        };
+        let mut scatter = arguments.scatter.stream(or_nan(arguments.restitution), 0)?;
+        self.write(
+            &[N, PHASE, VELOCITY, FLIGHT],
+            arguments.count as u64,
+            |sink| {
+                for n in 1..=arguments.count {
+                    if let Some(scatter) = &mut scatter {
+                        row.kernel = build(k, scatter.draw())?;
+                    }
+                    let impact = impact(&row);
+                    let next = K::observe(impact.next);
+                    // A state out of the kernel's range ends the orbit.
+                    K::state(next.phase, next.velocity).map_err(|refused| {
+                        Refusal::value(
+                            refused.parameter,
+                            refused.value,
+                            format!("{} (arithmetic {})", refused.accepted, K::NAME),
+                            "ask for fewer impacts, or choose another --arithmetic",
+                        )
+                        .at(format!("after impact {n}"))
+                    })?;
+                    row.state = impact.next;
+                    let [phase, velocity, flight] =
+                        [next.phase, next.velocity, impact.flight].map(Value::from);
+                    sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+                }
+                Ok(())
+            },
+        )
+    }
+
+    /// Calls `work` with the receiver of its rows, about as many as `rows`.
+    fn write(
+        &self,
+        columns: &[Column],
+        rows: u64,
+        work: impl FnOnce(&mut Sink) -> Result<(), Refusal>,
+    ) -> Result<States, Refusal> {
+        let columns: Vec<Column> = columns.iter().map(|one| one.digits(17).plain()).collect();
+        self.output.rows(&columns, |file| {
+            print_rows(self.arguments.format, &columns, |printed| {
+                let mut sink = Sink {
+                    task: self,
+                    columns: &columns,
+                    rows,
+                    printed: Some(printed),
+                    file,
+                    states: self.output.draws().then(States::default),
+                    count: 0,
+                    progress: Progress::beside_rows("impacts", rows),
+                };
+                work(&mut sink)?;
+                Ok(sink.states.unwrap_or_default())
+            })
+        })
+    }
+}
+
+/// Receiver of the rows: standard output, a file, and the picture.
+struct Sink<'a, 'p, 'f> {
+    task: &'a Task<'a>,
+    columns: &'a [Column],
+    rows: u64,
+    /// `None` after the reader has closed the pipe.
+    printed: Option<&'p mut (dyn Rows + 'p)>,
+    file: Option<&'f mut (dyn Rows + 'f)>,
+    states: Option<States>,
+    count: u64,
+    progress: Progress,
+}
+
+/// Number of rows between two checks for an interruption by the user.
+const ROWS_AT_ONCE: u64 = 1024;
+
+impl Sink<'_, '_, '_> {
+    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<(), Refusal> {
+        if let Some(printed) = &mut self.printed
+            && let Err(error) = printed.row(row)
+        {
+            if !file::is_reader_closed() || (self.file.is_none() && self.states.is_none()) {
+                return Err(error);
+            }
+            self.printed = None;
+        }
+        if let Some(file) = &mut self.file {
+            file.row(row)?;
+        }
+        if let (Some(states), Some(next)) = (&mut self.states, next) {
+            states.add((next.phase, next.velocity));
+        }
+        self.count += 1;
+        if self.count == 1 {
+            self.state_sizes(row);
+        }
+        if self.count.is_multiple_of(ROWS_AT_ONCE) {
+            self.task.desk.check_stop()?;
+            self.progress.advance(ROWS_AT_ONCE);
+        }
+        Ok(())
+    }
+
+    /// States the size of all rows, by the first one, if it is large.
+    fn state_sizes(&self, row: &[Value]) {
+        let form = match self.task.arguments.format {
+            Format::Json => "json",
+            Format::Csv | Format::Table => "csv",
+        };
+        let bytes = |ending: &str| row_bytes(ending, self.columns, row) * self.rows;
+        report::state_size("standard output", bytes(form));
+        if let Some(target) = self.task.output.rows_target() {
+            report::state_size(target.path().display(), bytes(&target.ending()));
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Launches from a file, one in each row.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::path::Path;
+
+use kband::feeder::OutOfRange;
+use kband::impact::{Kernel, Map};
+
+use crate::file;
+use crate::refusal::Refusal;
+
+/// A map and an initial state.
+pub struct Row<K: Kernel> {
+    /// The map.
+    pub kernel: K,
+    /// The state just after the last impact.
+    pub state: K::State,
+}
+
+const NEXT: &str = "correct or remove this row";
+
+/// A file of launches. It is read twice: first to check every row, then to compute.
+pub(super) struct LaunchFile<'a> {
+    path: &'a Path,
+    file: File,
+}
+
+impl<'a> LaunchFile<'a> {
+    /// Opens a file. A pipe is copied to the disk, because it can be read only once.
+    pub fn open(path: &'a Path) -> Result<Self, Refusal> {
+        let refuse = |error: std::io::Error| unread(path, &error);
+        let mut file = file::open(path, NEXT_READABLE_FILE)?;
+        if !file.metadata().map_err(refuse)?.is_file() {
+            let mut copy = unnamed().map_err(refuse)?;
+            std::io::copy(&mut file, &mut copy).map_err(refuse)?;
+            file = copy;
+        }
+        Ok(Self { path, file })
+    }
+
+    /// Size in bytes.
+    pub fn size(&self) -> Result<u64, Refusal> {
+        let data = self.file.metadata();
+        Ok(data.map_err(|error| unread(self.path, &error))?.len())
+    }
+
+    /// A reader from the first row on.
+    pub fn reader(&self) -> Result<BufReader<&File>, Refusal> {
+        let mut file = &self.file;
+        let start = file.seek(SeekFrom::Start(0));
+        start.map_err(|error| unread(self.path, &error))?;
+        Ok(BufReader::new(file))
+    }
+}
+
+/// A file on the disk that is deleted when closed.
+fn unnamed() -> std::io::Result<File> {
+    let path = std::env::temp_dir().join(format!("kband-rows-{}", std::process::id()));
+    let mut options = File::options();
+    options.read(true).write(true).create_new(true);
+    let file = options.open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
+}
+
+const NEXT_READABLE_FILE: &str = "give the path of a readable text file";
+
+fn unread(path: &Path, error: &std::io::Error) -> Refusal {
+    Refusal::file(path, error, NEXT_READABLE_FILE)
+}
+
+/// Calls `each` with the line number and the values `k, restitution, phase, velocity` of every row.
+///
+/// `check_stop` receives the number of bytes read since its last call.
+fn each_row(
+    path: &Path,
+    mut reader: impl BufRead,
+    mut check_stop: impl FnMut(u64) -> Result<(), Refusal>,
+    mut each: impl FnMut(usize, [f64; 4]) -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
+    let name = path.display();
+    let mut places = None;
+    let mut line = String::new();
+    let mut number = 0_usize;
+    let mut bytes = 0;
+    let mut more = true;
+    while more {
+        line.clear();
+        let read = reader.read_line(&mut line);
+        more = read.map_err(|error| unread(path, &error))? > 0;
+        number += 1;
+        bytes += line.len() as u64;
+        if number.is_multiple_of(1024) {
+            check_stop(std::mem::take(&mut bytes))?;
+        }
+        let mut text = line.trim();
+        if number == 1 {
+            text = text.trim_start_matches('\u{feff}').trim();
+        }
+        // A file without a header is refused.
+        if (text.is_empty() && (more || places.is_some())) || text.starts_with('#') {
+            continue;
+        }
+        let Some(places) = places else {
+            let names = text.split(',');
+            let names: Vec<&str> = names.map(|name| name.trim().trim_matches('"')).collect();
+            let mut indices = [0; 4];
+            for (place, column) in indices.iter_mut().zip(COLUMNS) {
+                let found = names.iter().position(|name| *name == column);
+                *place = found.ok_or_else(|| {
+                    Refusal::value(
+                        format!("header of {name}"),
+                        format!("'{text}'"),
+                        "the columns k,restitution,phase,velocity in any order",
+                        format!("add the column {column}"),
+                    )
+                })?;
+            }
+            places = Some(indices);
+            continue;
+        };
+        let mut values = [0.0; 4];
+        for ((value, place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
+            let field = text.split(',').nth(place).map_or("", str::trim);
+            *value = field.parse().map_err(|_| {
+                Refusal::value(column, format!("'{field}'"), "a number", "correct this row")
+                    .at(format!("{name}, line {number}"))
+            })?;
+        }
+        each(number, values)?;
+    }
+    Ok(())
+}
+
+fn launch<K: Kernel>(
+    [k, restitution, phase, velocity]: [f64; 4],
+    build: &impl Fn(f64, f64) -> Result<K, OutOfRange>,
+) -> Result<Row<K>, OutOfRange> {
+    let kernel = build(k, restitution)?;
+    let state = K::state(phase, velocity)?;
+    Ok(Row { kernel, state })
+}
+
+/// Checks all rows, and returns their number. The first invalid launch is refused with its line.
+/// Launches out of another arithmetic's range pass, because none has a wider range than f64.
+///
+/// `check_stop` receives the number of bytes read since its last call; its refusal ends the check.
+pub fn check_rows(
+    path: &Path,
+    reader: impl BufRead,
+    check_stop: impl FnMut(u64) -> Result<(), Refusal>,
+) -> Result<u64, Refusal> {
+    let mut rows = 0;
+    each_row(path, reader, check_stop, |line, values| {
+        rows += 1;
+        launch(values, &Map::build).map_err(|cause| {
+            let place = format!("{}, line {line}", path.display());
+            Refusal::from(cause).then(NEXT).at(place)
+        })?;
+        Ok(())
+    })?;
+    if rows == 0 {
+        return Err(Refusal::new(
+            format!("{} has no rows", path.display()),
+            "give at least one row below the header k,restitution,phase,velocity",
+        ));
+    }
+    Ok(rows)
+}
+
+/// Calls `each` with every launch of a checked file; `None` is a launch out of the arithmetic's
+/// range. Their number and the line of the first one are reported on standard error.
+pub fn compute_rows<K: Kernel>(
+    path: &Path,
+    reader: impl BufRead,
+    build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
+    mut each: impl FnMut(Option<Row<K>>) -> Result<(), Refusal>,
+) -> Result<(), Refusal> {
+    let mut left_empty: Option<(u64, usize)> = None;
+    let compute = |line, values| {
+        let row = launch(values, &build).ok();
+        if row.is_none() {
+            let (count, first) = left_empty.unwrap_or((0, line));
+            left_empty = Some((count + 1, first));
+        }
+        each(row)
+    };
+    each_row(path, reader, |_| Ok(()), compute)?;
+    if let Some((count, first)) = left_empty {
+        eprintln!(
+            "left empty, because arithmetic {} cannot represent them: {count} row(s), the first in line {first}",
+            K::NAME
+        );
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::Single;
+
+    use super::*;
+
+    #[test]
+    fn a_row_that_only_the_arithmetic_cannot_hold_is_left_empty() {
+        let path = Path::new("a.csv");
+        let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
+        assert_eq!(check_rows(path, text.as_bytes(), |_| Ok(())).unwrap(), 3);
+        let mut held = Vec::new();
+        let each = |row: Option<Row<_>>| {
+            held.push(row.is_some());
+            Ok(())
+        };
+        compute_rows(path, text.as_bytes(), Single::build, each).unwrap();
+        assert_eq!(held, [false, true, false]);
+    }
+}

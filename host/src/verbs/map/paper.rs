@@ -1,0 +1,194 @@
+//! `kband paper`: every equation, number and claim of the paper, printed and recomputed.
+
+mod claims;
+mod engine;
+mod figures;
+mod flight;
+mod hopping;
+mod lock;
+mod motion;
+mod page;
+
+use std::path::PathBuf;
+
+use crate::arguments::{self, FormatArguments};
+use crate::desk::Desk;
+use crate::file::Destination;
+use crate::picture::Theme;
+use crate::refusal::{Exit, Refusal};
+use crate::report::{Printout, fields};
+
+use engine::{Check, Row};
+
+/// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
+/// recomputed, verdict.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:
+  kband paper
+  kband paper --format json
+  kband paper --restitution 0.5 --out report.html
+
+Each row is recomputed from the exact map and compared with an independent reference: an integration \
+of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
+deviation over all cases. If it exceeds tolerance, the row fails and the exit status is 1. \
+printed_error is the same deviation of the literal print. Claims of the text and findings of our \
+own are rows without a number.")]
+pub struct Arguments {
+    /// Restitution of the part in the pictures of the page.
+    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
+    restitution: f64,
+
+    /// Also write one self-contained page with table and pictures; the name ends in .html.
+    #[arg(long, value_name = "FILE.html")]
+    out: Option<PathBuf>,
+
+    /// Colours of the pictures.
+    #[arg(long, value_enum, default_value_t = Theme::Light)]
+    theme: Theme,
+
+    #[command(flatten)]
+    printed: FormatArguments,
+}
+
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+    let out = arguments.out.as_deref();
+    let target = out.map(|path| Destination::output(path, "html"));
+    let target = target.transpose()?;
+    if let Some(target) = &target {
+        target.ends_in("--out", &["html", "htm"])?;
+    }
+    let rows = recompute(desk)?;
+    let failed = rows.iter().filter(|row| !row.holds);
+    let failed = failed.map(|row| format!("{} {}", row.equation, row.subject));
+    let failed: Vec<String> = failed.collect();
+    report(&rows)?.print(arguments.printed.format)?;
+    if let Some(target) = target {
+        let page = page::page(&rows, arguments.restitution, arguments.theme, desk)?;
+        target.write_bytes(page.as_bytes())?;
+        eprintln!("{}", target.describe_write());
+    }
+    if failed.is_empty() {
+        return Ok(Exit::Done);
+    }
+    let failed = failed.join(", ");
+    eprintln!("recomputation disagrees with its reference: {failed}");
+    Ok(Exit::CheckFailed)
+}
+
+fn recompute(desk: &Desk) -> Result<Vec<Row>, Refusal> {
+    let checks: [&[Check]; 4] = [
+        flight::CHECKS,
+        lock::CHECKS,
+        hopping::CHECKS,
+        claims::CHECKS,
+    ];
+    engine::recompute(&checks.concat(), 0.0, desk)
+}
+
+fn summarize(rows: &[Row]) -> String {
+    let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
+    format!(
+        "{} rows: {} agree, {} corrected, {} refuted, {} findings of our own",
+        rows.len(),
+        count("agrees"),
+        count("corrected"),
+        count("refuted"),
+        count("own finding"),
+    )
+}
+
+fields! {
+    /// A row of the table; the JSON is that of [`Row`].
+    fn lines(row: Row) {
+        table EQUATION => row.equation.clone();
+        table SUBJECT => row.subject.clone();
+        table PRINTED => row.printed.clone();
+        table RECOMPUTED => row.recomputed.clone();
+        table VERDICT => row.verdict.clone();
+        table RESIDUAL.digits(2) => row.residual;
+        table TOLERANCE.digits(2) => row.tolerance;
+        table PRINTED_ERROR.digits(2) => row.printed_error;
+        table CASES => row.cases;
+        table HOLDS => row.holds;
+    }
+}
+
+fn report(rows: &[Row]) -> Result<Printout, Refusal> {
+    let end = match rows.iter().filter(|row| !row.holds).count() {
+        0 => "every recomputation agrees with its reference".into(),
+        failed => format!("{failed} recomputations DISAGREE with their reference"),
+    };
+    let cases: u64 = rows.iter().map(|row| row.cases).sum();
+    lines()
+        .printout(rows)
+        .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
+        .note(format!("{}; {cases} cases; {end}", summarize(rows)))
+        .json(&rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::OnceLock;
+
+    use super::*;
+
+    /// The rows, recomputed once for all tests, on two threads.
+    pub(in crate::verbs::map::paper) fn rows() -> &'static [Row] {
+        static ROWS: OnceLock<Vec<Row>> = OnceLock::new();
+        ROWS.get_or_init(|| recompute(&Desk::new(Some(2)).unwrap()).unwrap())
+    }
+
+    /// Number, printed form and verdict of every equation, copied from the paper independently.
+    const PRINTED: &str = include_str!("../../../../tests/reference/paper.tsv");
+
+    #[test]
+    fn the_table_has_each_equation_with_print_and_verdict() {
+        let numbered = rows().iter().filter(|row| row.equation.starts_with('('));
+        let numbered = numbered.map(|row| vec![&*row.equation, &row.printed, &row.verdict]);
+        let numbered: Vec<_> = numbered.collect();
+        let printed = PRINTED.lines().filter(|line| !line.starts_with('#'));
+        let printed: Vec<Vec<&str>> = printed.map(|line| line.split('\t').collect()).collect();
+        assert_eq!(numbered, printed);
+        for number in 1..=38 {
+            let bare = |equation: &str| {
+                let digits = equation[1..].chars().take_while(char::is_ascii_digit);
+                digits.collect::<String>() == number.to_string()
+            };
+            let is_listed = numbered.iter().any(|row| bare(row[0]));
+            assert!(is_listed, "({number}) is missing");
+        }
+    }
+
+    #[test]
+    fn every_row_holds_and_shows_its_evidence() {
+        for row in rows() {
+            assert!(row.holds, "{row:?}");
+            assert!(row.cases > 0 && !row.recomputed.is_empty(), "{row:?}");
+            for n in 1..=9 {
+                let open = format!("{{{n}}}");
+                assert!(!row.printed.contains(&open) && !row.recomputed.contains(&open));
+            }
+            match (row.verdict.as_str(), row.printed_error) {
+                // The recomputed form is the printed form.
+                ("agrees", off) => assert_eq!(off, Some(row.residual), "{row:?}"),
+                // The printed form of a corrected row fails its check.
+                (_, Some(off)) => assert!(off > 10.0 * row.tolerance, "{row:?}"),
+                (_, None) => assert!(!row.equation.starts_with('('), "{row:?}"),
+            }
+            let own = row.verdict == "own finding";
+            assert_eq!(own, row.equation == "finding", "{row:?}");
+            assert_eq!(own, row.printed.is_empty(), "{row:?}");
+        }
+    }
+
+    #[test]
+    fn a_formula_off_by_a_thousandth_fails_its_row() {
+        // Rows that compare with a bound have no exact reference.
+        let bounded = ["(5)", "(12a,b)", "(18)", "finding lead"];
+        let checks = [flight::CHECKS, lock::CHECKS].concat();
+        let off = engine::recompute(&checks, 1e-3, &Desk::new(Some(2)).unwrap()).unwrap();
+        let exact = |row: &&Row| row.cases > 0 && row.tolerance < 1e-3;
+        let failed = off.iter().filter(exact).filter(|row| !row.holds).count();
+        assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());
+    }
+}

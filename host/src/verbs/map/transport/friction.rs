@@ -1,0 +1,693 @@
+//! `kband transport` with friction: conveying speed in mm/s and shares of time over one axis.
+//!
+//! The axis is the throw number, the amplitude (mm), the incline or phase lead (degrees), or the
+//! friction. Each value is an event-driven simulation with Coulomb friction
+//! (docs/theory-real-parts.md#t10.4), from rest and from every attracting lock. Bisection locates
+//! reversals of the speed; golden-section search (Kiefer 1953) finds the best phase lead.
+//!
+//! Regimes have the names of Hongler & Figour 1989: always in contact (S), hop and slide (H-S),
+//! hopping (H).
+
+use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::impact::{Friction, FrictionSettings, Kernel, Map, Tone, Wave, WaveMap};
+use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
+use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
+use serde_json::json;
+
+use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
+use crate::arguments::Range;
+use crate::desk::Desk;
+use crate::picture::{Axis, Fill, Panel, Picture};
+use crate::refusal::Refusal;
+use crate::report::{Column, Field, Printout, View, columns, fields, number};
+
+/// Quantity of the horizontal axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Over {
+    /// The throw number Gamma = 1/k.
+    Throw,
+    /// The amplitude normal to the track, in mm.
+    Amplitude,
+    /// The incline, in degrees.
+    Incline,
+    /// The coefficient of friction.
+    Friction,
+    /// The phase lead of the parallel motion (gamma), in degrees.
+    PhaseLead,
+}
+
+impl Over {
+    fn axis(self, range: Range) -> Axis {
+        let name = match self {
+            Self::Throw => "throw number Γ = 1/k",
+            Self::Amplitude => "amplitude b normal to the track",
+            Self::Incline => "incline",
+            Self::Friction => "friction μ",
+            Self::PhaseLead => "phase lead γ",
+        };
+        Axis::new(name, self.column().unit, range.low, range.high)
+    }
+
+    /// Column of the quantity, its lowest and highest value, and its default range. `unit` is the
+    /// amplitude in mm at a throw number of 1.
+    fn values(self, unit: f64) -> (Column, [f64; 2], (f64, f64, usize)) {
+        match self {
+            Self::Throw => (columns::THROW, [1e-3, 1e3], (0.3, 3.5, 129)),
+            Self::Amplitude => (columns::B, [1e-6, 1e3], (0.3 * unit, 3.5 * unit, 129)),
+            Self::Incline => (columns::INCLINE, [-45.0, 45.0], (-10.0, 30.0, 81)),
+            Self::Friction => (columns::FRICTION, [0.0, 10.0], (0.0, 1.0, 101)),
+            Self::PhaseLead => (columns::PHASE_LEAD, [-180.0, 180.0], (-180.0, 180.0, 145)),
+        }
+    }
+
+    fn column(self) -> Column {
+        self.values(1.0).0
+    }
+}
+
+/// The paper's name of a regime, and its fill.
+fn regime(motion: Motion) -> (&'static str, Fill) {
+    match motion {
+        Motion::Rest => ("S", Fill::Rest),
+        Motion::HopAndRest => ("H-S", Fill::HopAndRest),
+        Motion::Hopping => ("H", Fill::Locked),
+    }
+}
+
+const FILLS: [(Fill, &str); 3] = [
+    (Fill::Rest, "S: always in contact"),
+    (Fill::HopAndRest, "H-S: hops and lies"),
+    (Fill::Locked, "H: hops on"),
+];
+
+/// The track's motion. With several tones also the bands in which parts may lock, each with its
+/// order.
+struct Shape {
+    wave: Wave,
+    bands: Vec<(u32, WaveBand)>,
+}
+
+impl Shape {
+    fn from_arguments(arguments: &Arguments) -> Result<Self, Refusal> {
+        let wave = arguments.tones.wave()?;
+        let mut bands = Vec::new();
+        if !wave.is_sine() {
+            for order in ORDERS {
+                let ranges = WaveBands::find(&wave, arguments.restitution, order)?;
+                bands.extend(ranges.iter().map(|band| (order, band)));
+            }
+        }
+        Ok(Self { wave, bands })
+    }
+
+    /// Throw number above which a part that lies on the track slides up it, or down.
+    fn slides_above(&self, settings: &FrictionSettings, upwards: bool) -> Option<f64> {
+        if self.wave.is_sine() {
+            settings.sliding_throw_number(upwards)
+        } else {
+            settings.sliding_throw_number_on(&self.wave, upwards)
+        }
+    }
+
+    fn describe(&self) -> Vec<String> {
+        let (second, third) = (self.wave.second(), self.wave.third());
+        let named = [(second, "e", "th"), (third, "e3", "th3")];
+        let given = named.iter().filter(|(tone, ..)| tone.amplitude > 0.0);
+        let tone = |(Tone { amplitude, angle }, e, th): &(Tone, &str, &str)| {
+            let (amplitude, angle) = (number(*amplitude, 4), number(*angle, 5));
+            format!("{e} = {amplitude} at {th} = {angle}")
+        };
+        given.map(tone).collect()
+    }
+}
+
+/// One computation: the requested feeder over an axis.
+struct Task<'a> {
+    feeder: Feeder,
+    arguments: &'a Arguments,
+    shape: Shape,
+    over: Over,
+    range: Range,
+    /// Amplitude in mm, unless the axis is amplitude or throw number.
+    amplitude: f64,
+}
+
+impl<'a> Task<'a> {
+    fn new(feeder: &Feeder, arguments: &'a Arguments, over: Over) -> Result<Self, Refusal> {
+        let (range, amplitude) = requested_range(feeder, arguments, over)?;
+        Ok(Self {
+            feeder: *feeder,
+            arguments,
+            shape: Shape::from_arguments(arguments)?,
+            over,
+            range,
+            amplitude,
+        })
+    }
+
+    /// The feeder at a value of a quantity.
+    fn point(&self, over: Over, value: f64) -> Result<Point, Refusal> {
+        let arguments = self.arguments;
+        let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
+        let mut settings = TrackSettings {
+            frequency: arguments.drive.frequency,
+            incline: self.feeder.track.incline().to_degrees(),
+            amplitude_ratio: arguments.amplitude_ratio,
+            phase_lead: arguments.phase_lead,
+            gravity: STANDARD_GRAVITY,
+        };
+        match over {
+            Over::Incline => settings.incline = value,
+            Over::PhaseLead => settings.phase_lead = value,
+            _ => {}
+        }
+        let track = Track::build(settings)?;
+        let k = match over {
+            Over::Throw => 1.0 / value,
+            Over::Amplitude => track.k(1e-3 * value),
+            _ => track.k(1e-3 * self.amplitude),
+        };
+        let (sliding, sticking) = match over {
+            // The ratio of static to sliding friction stays constant.
+            Over::Friction if sliding > 0.0 => (value, value * sticking / sliding),
+            Over::Friction => (value, value),
+            _ => (sliding, sticking),
+        };
+        Ok(Point {
+            track,
+            settings: FrictionSettings::on(&track, sticking, sliding),
+            k,
+        })
+    }
+
+    /// Starts on the locks that attract at `k`.
+    fn locked(&self, k: f64) -> Result<Vec<Origin>, Refusal> {
+        let restitution = self.arguments.restitution;
+        if self.shape.wave.is_sine() {
+            let starts = locks(k, &self.feeder).into_iter();
+            return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
+        }
+        let mut starts = Vec::new();
+        for (order, band) in &self.shape.bands {
+            let lock = WaveLock::find_in_band(band, &self.shape.wave, k, restitution, *order)?;
+            starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
+        }
+        Ok(starts)
+    }
+
+    fn measured(&self, point: &Point, start: Origin) -> Result<Measured, Refusal> {
+        let (k, restitution) = (point.k, self.arguments.restitution);
+        let (wave, effort) = (&self.shape.wave, effort(self.arguments));
+        let along = Friction::on(wave, k, point.settings)?;
+        if wave.is_sine() {
+            let map = Map::build(k, restitution)?;
+            let orbit = start.orbit(&map).with_contact(self.feeder.contact);
+            return Ok(measure(orbit, along, effort, &mut ()));
+        }
+        let map = WaveMap::on(*wave, k, restitution)?;
+        let orbit = start.orbit(&map).with_contact(self.feeder.contact);
+        Ok(measure_on_tones(orbit, along, effort))
+    }
+
+    /// The regime at a value of the axis from one start.
+    fn row(&self, value: f64, start: Origin) -> Result<Row, Refusal> {
+        let point = self.point(self.over, value)?;
+        Ok(Row {
+            value,
+            point,
+            from_rest: start == Origin::Rest,
+            measured: self.measured(&point, start)?,
+        })
+    }
+
+    /// Regimes at one value: from rest, and from each attracting lock with another regime.
+    fn rows(&self, value: f64) -> Result<Vec<Row>, Refusal> {
+        let from_rest = self.row(value, Origin::Rest)?;
+        let starts = self.locked(from_rest.point.k)?;
+        let mut rows = vec![from_rest];
+        for start in starts {
+            let row = self.row(value, start)?;
+            let is_near = |old: &Row| match (old.speed(), row.speed()) {
+                (Some(one), Some(other)) => (one - other).abs() < 1e-6 * (1.0 + one.abs()),
+                (one, other) => one == other,
+            };
+            let motion = row.measured.motion;
+            let mut same = rows.iter().filter(|old| old.measured.motion == motion);
+            if !same.any(is_near) {
+                rows.push(row);
+            }
+        }
+        Ok(rows)
+    }
+
+    /// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
+    fn notes(&self, rows: &[Row]) -> Result<Vec<(f64, String)>, Refusal> {
+        let over = self.over;
+        let mut notes = Vec::new();
+        // In `b w`; `None` where friction cannot hold the part.
+        let velocity = |value: f64| -> Result<Option<f64>, Refusal> {
+            Ok(self.row(value, Origin::Rest)?.mean())
+        };
+        if matches!(over, Over::Throw | Over::Amplitude) {
+            let unit = match over {
+                Over::Throw => 1.0,
+                _ => self.feeder.amplitude(1.0),
+            };
+            let point = self.point(Over::Throw, 1.0)?;
+            let threshold = |upwards: bool| self.shape.slides_above(&point.settings, upwards);
+            let hops = 1.0 / self.shape.wave.highest_throw();
+            for (throw, text) in [
+                (threshold(true), "slides forward"),
+                (threshold(false), "slides backward"),
+                (Some(hops), "hops"),
+            ] {
+                if let Some(throw) = throw.filter(|throw| *throw <= hops) {
+                    notes.push((throw * unit, text.to_string()));
+                }
+            }
+        }
+        let rest = rows.iter().filter(|row| row.from_rest);
+        let rest = rest.map(|row| (row.value, row.mean()));
+        let rest: Vec<(f64, Option<f64>)> = rest.collect();
+        for pair in rest.windows(2) {
+            let [(low, Some(at_low)), (high, Some(at_high))] = *pair else {
+                continue;
+            };
+            let changes_sign = at_low * at_high < 0.0;
+            let root = changes_sign.then(|| bisect(velocity, low, high, at_low));
+            let text = match over {
+                Over::Incline => "just climbs",
+                _ => "reverses",
+            };
+            if let Some(root) = root.transpose()?.flatten() {
+                notes.push((root, text.to_string()));
+            }
+        }
+        let moving = rest
+            .iter()
+            .filter_map(|(value, mean)| mean.map(|mean| (*value, mean)));
+        if over == Over::PhaseLead
+            && let Some((best, _)) = moving.max_by(|a, b| a.1.total_cmp(&b.1))
+        {
+            let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
+            let range = [(best - step).max(-180.0), (best + step).min(180.0)];
+            if let Some(best) = golden_section_maximum(velocity, range)? {
+                notes.push((best, "conveys most".to_string()));
+            }
+        }
+        Ok(notes)
+    }
+
+    fn describe(&self) -> String {
+        let (feeder, arguments, over) = (&self.feeder, self.arguments, self.over);
+        let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
+        let mut terms = vec![format!("R = {}", number(feeder.restitution, 6))];
+        if over != Over::Friction {
+            terms.push(format!("μ = {}", number(sliding, 6)));
+            let at_rest = || format!("at rest {}", number(sticking, 6));
+            terms.extend((sticking > sliding).then(at_rest));
+        }
+        terms.push(format!("η = {}", number(arguments.amplitude_ratio, 6)));
+        if over != Over::PhaseLead {
+            terms.push(format!("γ = {}°", number(arguments.phase_lead, 6)));
+        }
+        if over != Over::Incline {
+            let incline = feeder.track.incline().to_degrees();
+            terms.push(format!("incline {}°", number(incline, 6)));
+        }
+        if !matches!(over, Over::Throw | Over::Amplitude) {
+            let throw = self.amplitude / feeder.amplitude(1.0);
+            let [b, throw] = [self.amplitude, throw].map(|value| number(value, 4));
+            terms.push(format!("b = {b} mm (throw number {throw})"));
+        }
+        let (frequency, contact) = (feeder.track.frequency(), feeder.milliseconds.describe());
+        terms.push(format!("{} Hz{contact}", number(frequency, 6)));
+        terms.extend(self.shape.describe());
+        terms.join(", ")
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    track: Track,
+    settings: FrictionSettings,
+    k: f64,
+}
+
+/// A regime that some start reached.
+pub struct Row {
+    value: f64,
+    point: Point,
+    from_rest: bool,
+    measured: Measured,
+}
+
+impl Row {
+    /// Throw number (symbol Gamma).
+    pub fn throw(&self) -> f64 {
+        1.0 / self.point.k
+    }
+
+    /// Amplitude normal to the track in mm (symbol b).
+    pub fn amplitude(&self) -> f64 {
+        1e3 * self.point.track.amplitude(self.point.k)
+    }
+
+    /// Mean velocity in `b w`; `None` where friction cannot hold the part.
+    fn mean(&self) -> Option<f64> {
+        self.measured.conveyed.time_mean()
+    }
+
+    /// Conveying speed in mm/s; `None` where friction cannot hold the part.
+    pub fn speed(&self) -> Option<f64> {
+        let track = &self.point.track;
+        let unit = track.velocity_unit(track.amplitude(self.point.k));
+        self.mean().map(|mean| 1e3 * mean * unit)
+    }
+
+    /// Regime: S, H-S or H.
+    pub fn regime(&self) -> &'static str {
+        regime(self.measured.motion).0
+    }
+
+    /// One of the shares of time; `None` if no time passes.
+    fn share(&self, part: usize) -> Option<f64> {
+        let share = self.shares()[part];
+        share.is_finite().then_some(share)
+    }
+
+    /// Shares of the time in flight, sliding up, sliding down, lying still.
+    fn shares(&self) -> [f64; 4] {
+        let conveyed = &self.measured.conveyed;
+        let time = conveyed.flying + conveyed.resting;
+        let still = conveyed.resting - conveyed.forward - conveyed.backward;
+        // Rounding may make the difference negative.
+        let still = still.max(0.0);
+        let parts = [conveyed.flying, conveyed.forward, conveyed.backward, still];
+        parts.map(|part| {
+            if part < 1e-12 * time {
+                0.0
+            } else {
+                part / time
+            }
+        })
+    }
+}
+
+/// Regimes from rest over the throw number.
+pub(super) fn from_rest(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Vec<Row>, Refusal> {
+    let task = Task::new(feeder, arguments, Over::Throw)?;
+    let values: Vec<f64> = task.range.values().collect();
+    desk.try_map("conveying", values.len(), |n| {
+        task.row(values[n], Origin::Rest)
+    })
+}
+
+pub(super) fn compute(
+    feeder: Feeder,
+    arguments: &Arguments,
+    desk: &Desk,
+) -> Result<Computed, Refusal> {
+    let over = match (arguments.over, arguments.b) {
+        (Some(over), _) => over,
+        (None, Some(_)) => Over::Amplitude,
+        (None, None) => Over::Throw,
+    };
+    let task = Task::new(&feeder, arguments, over)?;
+    let values: Vec<f64> = task.range.values().collect();
+    let blocks = desk.try_map("conveying", values.len(), |n| task.rows(values[n]))?;
+    let rows: Vec<Row> = blocks.into_iter().flatten().collect();
+    let (range, notes, text) = (task.range, task.notes(&rows)?, task.describe());
+    let report = report(over, &rows, &notes, &text)?;
+    let picture = move || picture(over, range, &rows, &notes, &text);
+    Ok((report, Box::new(picture)))
+}
+
+/// Root of a function between `low` and `high`, by 40 bisections; `at_low` is its value at `low`.
+/// `None` if the function has no value at some point.
+fn bisect(
+    function: impl Fn(f64) -> Result<Option<f64>, Refusal>,
+    mut low: f64,
+    mut high: f64,
+    at_low: f64,
+) -> Result<Option<f64>, Refusal> {
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let Some(value) = function(middle)? else {
+            return Ok(None);
+        };
+        if value * at_low > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(Some(0.5 * (low + high)))
+}
+
+/// Maximum of a function of one maximum, by 30 steps of the golden-section search (Kiefer 1953).
+/// `None` if the function has no value at some point.
+fn golden_section_maximum(
+    function: impl Fn(f64) -> Result<Option<f64>, Refusal>,
+    [mut low, mut high]: [f64; 2],
+) -> Result<Option<f64>, Refusal> {
+    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
+    let [mut a, mut b] = [high - golden * (high - low), low + golden * (high - low)];
+    let (mut at_a, mut at_b) = (function(a)?, function(b)?);
+    for _ in 0..30 {
+        if at_a.is_none() || at_b.is_none() {
+            return Ok(None);
+        }
+        if at_a > at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - golden * (high - low);
+            at_a = function(a)?;
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + golden * (high - low);
+            at_b = function(b)?;
+        }
+    }
+    Ok(Some(0.5 * (low + high)))
+}
+
+/// Requested values of the axis, and the amplitude in mm for the other axes.
+fn requested_range(
+    feeder: &Feeder,
+    arguments: &Arguments,
+    over: Over,
+) -> Result<(Range, f64), Refusal> {
+    let unit = feeder.amplitude(1.0);
+    let throws = match (arguments.throw, arguments.k, arguments.b) {
+        (Some(throw), ..) => Some(throw),
+        (_, Some(k), _) => Some(Range::new(1.0 / k.high, 1.0 / k.low, k.count)),
+        (.., b) => b.map(|b| Range::new(b.low / unit, b.high / unit, b.count)),
+    };
+    let (_, [low, high], (first, last, count)) = over.values(unit);
+    let given = match over {
+        Over::Throw => throws,
+        Over::Amplitude => {
+            throws.map(|range| Range::new(range.low * unit, range.high * unit, range.count))
+        }
+        _ => arguments.values,
+    };
+    let range = given.unwrap_or(Range::new(first, last, count));
+    if range.low < low || range.high > high {
+        let accepted = format!("{low}..{high} over this axis");
+        let next = "give a range within it";
+        return Err(Refusal::value("--values", range, accepted, next));
+    }
+    let amplitude = match (over, throws) {
+        (Over::Throw | Over::Amplitude, _) => unit,
+        // Usual throw number of industrial feeders.
+        (_, None) => 1.5 * unit,
+        (_, Some(range)) if range.count == 1 => range.low * unit,
+        (_, Some(range)) => {
+            return Err(Refusal::value(
+                "--throw, --k or --b",
+                range,
+                "one value with --over incline, friction or phase-lead",
+                "for example --throw 1.5",
+            ));
+        }
+    };
+    Ok((range, amplitude))
+}
+
+fields! {
+    fn motions(row: Row) {
+        json K => row.point.k;
+        all FROM_REST => row.from_rest;
+        all REGIME => row.regime();
+        all SPEED.digits(5) => row.speed();
+        all VELOCITY.digits(6) => row.mean();
+        all IN_FLIGHT.digits(3) => row.share(0);
+        all SLIDING_UP.digits(3) => row.share(1);
+        all SLIDING_DOWN.digits(3) => row.share(2);
+        all STILL.digits(3) => row.share(3);
+    }
+}
+
+fn report(
+    over: Over,
+    rows: &[Row],
+    notes: &[(f64, String)],
+    text: &str,
+) -> Result<Printout, Refusal> {
+    let axis = |axis: Over, value: fn(&Row) -> f64| {
+        if axis == over {
+            Field::json(axis.column(), value)
+        } else {
+            Field::all(axis.column(), value)
+        }
+    };
+    let view = View::from_fields(vec![
+        Field::table(over.column(), |row: &Row| row.value),
+        Field::json(columns::VALUE, |row: &Row| row.value),
+        axis(Over::Throw, Row::throw),
+        axis(Over::Amplitude, Row::amplitude),
+    ])
+    .and(motions());
+    let json: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
+    let unheld = rows.iter().any(|row| row.speed().is_none());
+    let unheld = unheld
+        .then_some("no speed where friction cannot hold the part: it slides down ever faster");
+    let in_words = |(value, what): &(f64, String)| format!("{what} at {}", number(*value, 6));
+    let in_json = |(value, what): &(f64, String)| json!({"value": value, "what": what});
+    let report = view.printout(rows);
+    let report = report.heading(format!("Conveying speed with friction; {text}"));
+    let report = report.notes(notes.iter().map(in_words)).notes(unheld);
+    let notes: Vec<_> = notes.iter().map(in_json).collect();
+    report.json(&json!({"rows": json, "notes": notes}))
+}
+
+fn picture(over: Over, range: Range, rows: &[Row], notes: &[(f64, String)], text: &str) -> Picture {
+    let speeds = rows.iter().filter_map(Row::speed).chain([0.0]);
+    let speed = Axis::over_values("conveying speed", "mm/s", speeds);
+    let mut panel = Panel::new(over.axis(range), speed).height(380.0);
+    let points = |from_rest: bool| -> Vec<(f64, f64)> {
+        let own = rows.iter().filter(|row| row.from_rest == from_rest);
+        let points = own.map(|row| (row.value, row.speed().unwrap_or(f64::NAN)));
+        points.collect()
+    };
+    panel = panel.line("from rest", 0, points(true));
+    let locked = points(false);
+    if !locked.is_empty() {
+        panel = panel.markers("from a lock", 2, locked);
+    }
+    for (value, text) in notes {
+        panel = panel.mark(*value, text);
+    }
+    let rest = || rows.iter().filter(|row| row.from_rest);
+    let fills = rest().map(|row| (row.value, regime(row.measured.motion).1));
+    panel = panel.ribbon_of_points([range.low, range.high], fills, &FILLS);
+    let share = Axis::new("share of the time", "", 0.0, 1.0);
+    let mut below = Panel::new(over.axis(range), share).height(200.0);
+    let names = ["in flight", "sliding up", "sliding down", "still"];
+    for (series, name) in names.into_iter().enumerate() {
+        let points = rest().map(|row| (row.value, row.shares()[series]));
+        below = below.line(name, series, points.collect());
+    }
+    let picture = Picture::new("Conveying speed with friction").caption(text);
+    picture.panel(panel).panel(below)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(options: &str) -> Vec<Row> {
+        let arguments = super::super::read(options).unwrap();
+        let feeder = Feeder::build(&arguments).unwrap();
+        let over = arguments.over.unwrap_or(Over::Throw);
+        let task = Task::new(&feeder, &arguments, over).unwrap();
+        let values = task.range.values();
+        values.flat_map(|value| task.rows(value).unwrap()).collect()
+    }
+
+    #[test]
+    fn a_lock_with_friction_is_the_paper_with_no_speed_kept() {
+        use kband::impact::{ContactTime, TangentialSettings};
+        use kband::regime::Lock;
+        use kband::transport::locked;
+        for milliseconds in [0.0, 0.4] {
+            let rows = run(&format!(
+                "--k 0.43 --friction 0.3 --restitution 0.2 --incline 3 --contact {milliseconds}"
+            ));
+            let mut hopping = rows
+                .iter()
+                .filter(|row| row.measured.motion == Motion::Hopping);
+            let hopping = hopping.next().unwrap();
+            let contact = ContactTime::from_milliseconds(milliseconds, 50.0).unwrap();
+            let lock = Lock::with_contact(0.43, 0.2, 1, contact).unwrap().unwrap();
+            let dead = TangentialSettings::on(&hopping.point.track, 0.0);
+            let expected = locked::velocity(&lock, 0.43, &dead);
+            let mean = hopping.mean().unwrap();
+            assert!((mean - expected).abs() < 1e-9, "{mean} {expected}");
+        }
+    }
+
+    /// Speeds by small time steps and a finite contact time, each with its error:
+    /// tests/reference/friction.py.
+    const STEPPED: &str = include_str!("../../../../../tests/reference/friction.csv");
+    /// Speeds by Siconos, a solver for unilateral contacts, likewise:
+    /// tests/reference/friction_siconos.py.
+    const SICONOS: &str = include_str!("../../../../../tests/reference/friction-siconos.csv");
+    /// Speeds by small time steps on several tones.
+    const ON_TONES: &str = include_str!("../../../../../tests/reference/friction-tones.csv");
+
+    #[test]
+    fn speeds_are_those_of_small_steps_and_of_another_engine() {
+        // The error of STEPPED is that of doubling the contact time. It is first order in that
+        // time, so it equals the distance to the limit. The error of SICONOS is that of its limit.
+        assert_eq!(judged_by(STEPPED, 2.0), 6);
+        assert_eq!(judged_by(SICONOS, 1.0), 8);
+        assert_eq!(judged_by(ON_TONES, 2.0), 7);
+    }
+
+    /// Compares speeds with a reference that states an error; `errors` is the tolerance in units of
+    /// that error. Returns the number of cases.
+    fn judged_by(speeds: &str, errors: f64) -> usize {
+        let mut cases = 0;
+        for line in speeds.lines().skip(1) {
+            let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
+            let (feeder, results) = columns.split_at(columns.len() - 2);
+            let [throw, eta, mu, incline, lead, restitution] = feeder[..6] else {
+                panic!("{line}");
+            };
+            let [velocity, error] = [results[0], results[1]];
+            let tones = match feeder[6..] {
+                [e, th, e3, th3] => format!("--second-tone {e},{th} --third-tone {e3},{th3}"),
+                _ => String::new(),
+            };
+            let rows = run(&format!(
+                "--throw {throw} --amplitude-ratio {eta} --friction {mu} --incline={incline} --phase-lead={lead} \
+                 --restitution {restitution} {tones}"
+            ));
+            let mean = rows[0].mean().unwrap();
+            // After 20 cycles the speed is within 2e-5 of a steady slide.
+            let deviation = (mean - velocity).abs();
+            assert!(deviation < errors * error + 2e-5, "{line}: {mean}");
+            cases += 1;
+        }
+        cases
+    }
+
+    /// Friction holds a slope (tangent) of at most mu. On a steeper one no regime has a steady
+    /// speed.
+    #[test]
+    fn parts_that_friction_cannot_hold_have_no_speed() {
+        for throw in [0.8, 1.5, 2.4] {
+            let options =
+                format!("--throw {throw} --friction 0.3 --over incline --values 10..22:7");
+            for row in run(&options) {
+                let held = row.value.to_radians().tan() <= 0.3;
+                assert_eq!(row.speed().is_some(), held, "{throw} {}", row.value);
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Runs `kband` as a user does, and checks its result.
+#![allow(dead_code)] // Every test program takes what it needs.
+
+use std::fs::File;
+use std::io::{Read, Seek};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use kband_host::provenance;
+
+/// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
+pub const TIMEOUT: &str = "120";
+
+/// Result of a command.
+pub struct Outcome {
+    pub status: Option<i32>,
+    pub out: String,
+    pub stderr: String,
+    args: String,
+}
+
+/// Runs `kband` with these words in `folder`; killed at the limit.
+pub fn kband(folder: impl AsRef<Path>, args: &str) -> Outcome {
+    run(folder, TIMEOUT, &args.split(' ').collect::<Vec<_>>())
+}
+
+/// Runs `kband` in `folder`; killed after a limit in s of wall-clock time.
+pub fn run(folder: impl AsRef<Path>, limit: &str, args: &[&str]) -> Outcome {
+    // Files instead of pipes: a remaining emulator would keep a pipe open.
+    let [mut out, mut stderr] = [(); 2].map(|()| tempfile::tempfile().unwrap());
+    let status = Command::new("timeout")
+        .args(["--kill-after=5", limit])
+        .arg(env!("CARGO_BIN_EXE_kband"))
+        .args(args)
+        .current_dir(folder.as_ref())
+        .stdin(Stdio::null())
+        .stdout(out.try_clone().unwrap())
+        .stderr(stderr.try_clone().unwrap())
+        .status()
+        .unwrap();
+    Outcome {
+        status: status.code(),
+        out: text(&mut out),
+        stderr: text(&mut stderr),
+        args: args.join(" "),
+    }
+}
+
+/// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
+/// its name.
+#[cfg(unix)]
+pub fn port() -> (File, File, String) {
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+    let slave = File::options().read(true).write(true).open(&name).unwrap();
+    let mut modes = tcgetattr(&slave).unwrap();
+    modes.make_raw();
+    tcsetattr(&slave, OptionalActions::Now, &modes).unwrap();
+    (File::from(master), slave, name)
+}
+
+fn text(file: &mut File) -> String {
+    let mut bytes = Vec::new();
+    file.rewind().unwrap();
+    file.read_to_end(&mut bytes).unwrap();
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+impl Outcome {
+    /// The result, after a check of the exit status.
+    #[track_caller]
+    pub fn ended(self, status: i32) -> Self {
+        let Self { args, stderr, .. } = &self;
+        assert_eq!(self.status, Some(status), "kband {args}: {stderr}");
+        self
+    }
+
+    /// The output, after exit status 0.
+    #[track_caller]
+    pub fn done(self) -> String {
+        self.ended(0).out
+    }
+
+    /// Checks that the output contains these words, after exit status 0.
+    #[track_caller]
+    pub fn prints(self, expected: &str) {
+        let stdout = self.done();
+        assert!(stdout.contains(expected), "no '{expected}' in {stdout}");
+    }
+
+    /// The printed JSON, after exit status 0.
+    #[track_caller]
+    pub fn json(self) -> serde_json::Value {
+        provenance::strip(serde_json::from_str(&self.done()).expect("kband prints JSON"))
+    }
+
+    /// Checks for one refusal that contains these words, and no output.
+    #[track_caller]
+    pub fn refused(&self, expected: &[&str]) {
+        let outcome = format!("kband {}: {}{}", self.args, self.out, self.stderr);
+        assert_eq!(self.status, Some(2), "{outcome}");
+        assert_eq!(self.stderr.matches("error:").count(), 1, "{outcome}");
+        for part in expected {
+            assert!(self.stderr.contains(part), "no '{part}' in {outcome}");
+        }
+    }
+}

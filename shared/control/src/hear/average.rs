@@ -1,0 +1,216 @@
+//! Synchronous average of the residual over many cycles, sample by sample.
+//!
+//! It starts at a given phase of the drive. Repeating signals remain, and the noise averages out.
+
+use kband::arithmetic::Phase;
+
+/// Largest number of bins of an average.
+pub const MAX_BINS: usize = 256;
+/// Number of bins that each cycle outputs after the end of an average.
+pub const BINS_PER_CYCLE: usize = 8;
+/// Length of an average, in 2^-32 turns: half a turn.
+const AVERAGED_LENGTH: u32 = 1 << 31;
+
+/// Assignment of the samples of half a turn to bins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BinLayout {
+    /// Number of samples from one bin to the next.
+    pub stride: u32,
+    /// Number of bins in half a turn.
+    pub bins: usize,
+}
+
+impl BinLayout {
+    /// No bins.
+    pub const NONE: Self = Self { stride: 1, bins: 0 };
+
+    /// Layout at an advance of the phase per sample. Each sample has its bin; if half a turn has
+    /// more than [`MAX_BINS`] samples, only every second or third has one.
+    pub fn from_step(step: u32) -> Self {
+        let step = step.max(1);
+        let samples = AVERAGED_LENGTH / step;
+        let stride = samples / MAX_BINS as u32 + 1;
+        Self {
+            stride,
+            bins: (samples / stride) as usize,
+        }
+    }
+}
+
+/// Successive bins of a finished average.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AverageBins {
+    /// Number of the first bin, from 1; 0 without any.
+    pub first: u16,
+    /// Mean residual in each bin, in m/s^2.
+    pub residual: [f32; BINS_PER_CYCLE],
+}
+
+/// Sums of the residual over half a turn from a phase on. An average begins and ends at the end of
+/// a cycle, after its half turn. Its bins are then output, some each cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct SynchronousAverage {
+    from: Phase,
+    step: u32,
+    layout: BinLayout,
+    open: bool,
+    summing: bool,
+    bin: u32,
+    /// Number of samples until that bin.
+    wait: u32,
+    sums: [f32; MAX_BINS],
+    /// Number of half turns summed.
+    count: u16,
+    /// Index of the next bin to output; the end of the layout after the last.
+    next: u16,
+}
+
+impl SynchronousAverage {
+    /// An empty average.
+    pub const EMPTY: Self = Self {
+        from: Phase::ZERO,
+        step: 0,
+        layout: BinLayout::NONE,
+        open: false,
+        summing: false,
+        bin: 0,
+        wait: 0,
+        sums: [0.0; MAX_BINS],
+        count: 0,
+        next: 0,
+    };
+
+    /// Whether no average runs, waits for its transfer, or is requested.
+    pub fn is_idle(&self) -> bool {
+        !self.open && !self.summing && self.count == 0
+    }
+
+    /// Adds a residual (m/s^2) at a phase of the output.
+    #[inline]
+    pub fn add(&mut self, phase: Phase, residual: f32) {
+        if !self.open && !self.summing {
+            return;
+        }
+        let offset = (phase - self.from).bits();
+        if self.open && offset < self.step {
+            self.summing = true;
+            self.bin = 0;
+            self.wait = 0;
+            self.count = self.count.wrapping_add(1);
+        }
+        if offset >= AVERAGED_LENGTH {
+            self.summing = false;
+        } else if self.summing {
+            if self.wait > 0 {
+                self.wait -= 1;
+            } else if let Some(sum) = self.sums.get_mut(self.bin as usize) {
+                *sum += residual;
+                self.bin += 1;
+                self.wait = self.layout.stride - 1;
+            }
+        }
+    }
+
+    /// Ends a cycle: starts (`from` a phase, with the phase's advance `step`), ends or outputs an
+    /// average. `output` keeps its residual without a transfer.
+    #[inline(always)]
+    pub fn finish(&mut self, from: Option<Phase>, step: u32, output: &mut AverageBins) {
+        output.first = 0;
+        // Most cycles need no average at all.
+        if from.is_some() || self.open || self.count != 0 {
+            self.continue_average(from, step, output);
+        }
+    }
+
+    #[inline(never)]
+    fn continue_average(&mut self, from: Option<Phase>, step: u32, output: &mut AverageBins) {
+        if self.open || self.summing {
+            self.open = self.open && from.is_some();
+            return;
+        }
+        let (first, bins) = (usize::from(self.next), self.layout.bins);
+        if self.count == 0 || first >= bins {
+            self.count = 0;
+            if let Some(from) = from {
+                self.from = from;
+                self.step = step;
+                self.layout = BinLayout::from_step(step);
+                self.open = true;
+                self.next = 0;
+            }
+            return;
+        }
+        output.first = self.next + 1;
+        let share = 1.0 / f32::from(self.count);
+        for (n, residual) in output.residual.iter_mut().enumerate() {
+            let sum = self.sums.get_mut(first + n);
+            *residual = sum.map_or(0.0, |sum| core::mem::take(sum) * share);
+        }
+        self.next += BINS_PER_CYCLE as u16;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// Runs drive cycles, averages `count` of them, and returns the output bins.
+    fn output(
+        average: &mut SynchronousAverage,
+        step: u32,
+        from: Phase,
+        count: u32,
+        level: f32,
+    ) -> Vec<f32> {
+        let (mut phase, mut cycles, mut output) = (Phase::ZERO, 0, Vec::new());
+        let mut bins = AverageBins::default();
+        average.finish(Some(from), step, &mut bins);
+        assert_eq!(bins.first, 0);
+        while cycles < count + 40 {
+            let before = phase;
+            phase += Phase::from_bits(step);
+            // A ramp over the turn, with an offset by round.
+            average.add(phase, (phase - from).bits() as f32 + level);
+            if phase.bits() < before.bits() {
+                cycles += 1;
+                let start = Some(from).filter(|_| cycles < count);
+                average.finish(start, step, &mut bins);
+                if bins.first > 0 {
+                    assert_eq!(usize::from(bins.first), output.len() + 1);
+                    output.extend(bins.residual);
+                }
+            }
+        }
+        output
+    }
+
+    #[test]
+    fn means_by_sample_are_output_once_and_emptied() {
+        // 400 and 50 samples a cycle, and 1400 with every third used; also a start just before the
+        // wrap.
+        for (step, stride) in [
+            (u32::MAX / 400, 1),
+            (u32::MAX / 50, 1),
+            (u32::MAX / 1400, 3),
+        ] {
+            for from in [0x2000_0000, 0xf000_0000] {
+                let mut average = SynchronousAverage::EMPTY;
+                let layout = BinLayout::from_step(step);
+                assert_eq!(layout.stride, stride);
+                for level in [0.0, 1e6] {
+                    let output = output(&mut average, step, Phase::from_bits(from), 5, level);
+                    assert!((layout.bins..layout.bins + BINS_PER_CYCLE).contains(&output.len()));
+                    for (bin, mean) in output[..layout.bins].iter().enumerate() {
+                        // The first sample of a half turn lies within a step of its start; rounding
+                        // of f32.
+                        let offset_error = mean - level - (bin as u32 * stride * step) as f32;
+                        let holds = (-1e4..step as f32 + 1e4).contains(&offset_error);
+                        assert!(holds, "{bin}: {offset_error}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Vectors of four f64 in AVX2 registers.
+//!
+//! Its methods are sound only on a CPU with AVX2, which nothing here checks. Only `batch` names the
+//! type, in functions that are called after [`Simd`](super::simd::Simd) has found AVX2.
+
+use core::arch::x86_64::*;
+use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+
+use super::{Column, MAX_LANES, ROUNDING_OFFSET, Vector};
+use crate::arithmetic::node;
+
+/// Four f64.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx2(__m256d);
+
+/// Four conditions: all bits of an f64, set if it holds.
+#[derive(Clone, Copy)]
+pub(crate) struct Mask(__m256d);
+
+macro_rules! operators {
+    ($($operator:ident $method:ident $intrinsic:ident,)*) => {$(
+        impl $operator for Avx2 {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: the CPU has AVX2, see the module.
+                Self(unsafe { $intrinsic(self.0, other.0) })
+            }
+        }
+    )*};
+}
+
+operators! {
+    Add add _mm256_add_pd,
+    Sub sub _mm256_sub_pd,
+    Mul mul _mm256_mul_pd,
+    Div div _mm256_div_pd,
+}
+
+impl Neg for Avx2 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}
+
+impl BitAnd for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_and_pd(self.0, other.0) })
+    }
+}
+
+impl BitOr for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_or_pd(self.0, other.0) })
+    }
+}
+
+impl Not for Mask {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_castsi256_pd(_mm256_set1_epi64x(-1))) })
+    }
+}
+
+impl Avx2 {
+    /// Index of the node in the low bits of each lane.
+    #[inline(always)]
+    fn index(self) -> __m256i {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            _mm256_and_si256(
+                _mm256_castpd_si256(self.0),
+                _mm256_set1_epi64x(node::COUNT as i64 - 1),
+            )
+        }
+    }
+}
+
+impl Vector for Avx2 {
+    type Mask = Mask;
+
+    const WIDTH: usize = 4;
+
+    #[inline(always)]
+    fn splat(value: f64) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_set1_pd(value) })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_sqrt_pd(self.0) })
+    }
+    #[inline(always)]
+    fn rough_sqrt(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_cvtps_pd(_mm_sqrt_ps(_mm256_cvtpd_ps(self.0))) })
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_max_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_min_pd(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn below(self, other: Self) -> Mask {
+        // SAFETY: the CPU has AVX2, see the module.
+        Mask(unsafe { _mm256_cmp_pd::<_CMP_LT_OQ>(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn select(mask: Mask, yes: Self, no: Self) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_blendv_pd(no.0, yes.0, mask.0) })
+    }
+    #[inline(always)]
+    fn keep_where(self, mask: Mask) -> Self {
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_and_pd(self.0, mask.0) })
+    }
+    #[inline(always)]
+    fn bits(mask: Mask) -> u32 {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe { _mm256_movemask_pd(mask.0) as u32 }
+    }
+    #[inline(always)]
+    fn node(rounded: Self) -> (Self, Self) {
+        let (sine, cosine) = fetch(rounded.index());
+        (Self(sine), Self(cosine))
+    }
+    #[inline(always)]
+    fn within_turn(rounded: Self) -> (Self, Self) {
+        // An integer below 2^52 with the exponent bits of 2^52 is 2^52 plus itself.
+        const INTEGER_OFFSET: f64 = 4_503_599_627_370_496.0;
+        const _: () = assert!(ROUNDING_OFFSET > INTEGER_OFFSET);
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            let lift = _mm256_set1_pd(INTEGER_OFFSET);
+            let lifted = _mm256_or_si256(rounded.index(), _mm256_castpd_si256(lift));
+            let count = Self(_mm256_sub_pd(_mm256_castsi256_pd(lifted), lift));
+            (
+                count * Self::splat(node::SPACING_HIGH),
+                count * Self::splat(node::SPACING_LOW),
+            )
+        }
+    }
+    #[inline(always)]
+    fn load(values: &[f64], at: usize) -> Self {
+        let values = &values[at..at + Self::WIDTH];
+        // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
+        Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
+    }
+    #[inline(always)]
+    fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
+        let mut values = [0.0; 4];
+        for (value, number) in values.iter_mut().zip(numbers) {
+            *value = column[usize::from(number)];
+        }
+        let [a, b, c, d] = values;
+        // SAFETY: the CPU has AVX2, see the module.
+        Self(unsafe { _mm256_setr_pd(a, b, c, d) })
+    }
+    #[inline(always)]
+    fn choose(bytes: [u8; MAX_LANES], places: u64) -> [u8; MAX_LANES] {
+        // SAFETY: the CPU has AVX2, see the module.
+        unsafe {
+            let bytes = _mm_cvtsi64_si128(i64::from_le_bytes(bytes));
+            let chosen = _mm_shuffle_epi8(bytes, _mm_cvtsi64_si128(places as i64));
+            _mm_cvtsi128_si64(chosen).to_le_bytes()
+        }
+    }
+    #[inline(always)]
+    fn to_array(self) -> [f64; MAX_LANES] {
+        let mut values = [0.0; MAX_LANES];
+        // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
+        unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
+        values
+    }
+}
+
+/// Sine and cosine of the nodes with these indices, each below the table's length.
+#[inline(always)]
+pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
+    // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
+    unsafe {
+        let (low, high) = (
+            _mm256_castsi256_si128(index),
+            _mm256_extracti128_si256::<1>(index),
+        );
+        let table = node::SINE_COSINE_DOUBLE.as_ptr();
+        let a = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(low) as usize).cast());
+        let b = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(low) as usize).cast());
+        let c = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(high) as usize).cast());
+        let d = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(high) as usize).cast());
+        let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
+        let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
+        (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
+    }
+}
