@@ -11,6 +11,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
+use super::value::shortest;
 use super::{Column, Rows, Value};
 use crate::provenance;
 use crate::refusal::Refusal;
@@ -130,6 +131,10 @@ impl Rows for ParquetRows<'_> {
                     match value {
                         Value::Number(number) | Value::Short(number) => {
                             values.extend(Some(*number).filter(|number| number.is_finite()));
+                        }
+                        Value::Single(number) => {
+                            let number = Some(*number).filter(|number| number.is_finite());
+                            values.extend(number.map(shortest));
                         }
                         Value::Count(count) => values.push(*count as f64),
                         Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
