@@ -71,12 +71,17 @@ struct Candidate {
     runs: u16,
 }
 
-/// A point of the search: k, and amplitude over the first (symbol e) and angle (symbol th, rad) of
-/// two upper tones.
+/// A point of the search.
 #[derive(Clone, Copy, Debug)]
 struct SearchPoint {
     k: f32,
     tones: Tones,
+}
+
+impl SearchPoint {
+    const fn new(k: f32, tones: Tones) -> Self {
+        Self { k, tones }
+    }
 }
 
 /// Runs of a candidate of the first round, with one, two and three tones. A candidate with share 0
@@ -177,24 +182,17 @@ const MAX_IMPACTS: [u32; 3] = [170_000, 101_000, 115_000];
 const PEAK_SEARCH_COST: u32 = 8;
 const RUN_SET_UP_COST: u32 = 30;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A stage of the search, with the results of its runs.
+#[derive(Clone, Debug)]
 enum Stage {
     /// Runs on the grid over the whole range of k.
-    Grid,
+    Grid(Vec<Candidate, MAX_CANDIDATES>),
     /// Runs in the region about the best point.
-    Region,
+    Region(Fit),
     /// Maximization of the fitted share on a grid; holds the next row.
-    Maximization(u8),
+    Maximization(u8, FittedShare),
     /// Verification runs at the chosen point.
     Verification,
-}
-
-/// Results of the runs of the current stage.
-#[derive(Clone, Debug)]
-enum RunResults {
-    Candidates(Vec<Candidate, MAX_CANDIDATES>),
-    Fit(Fit),
-    Share(FittedShare),
 }
 
 /// A box of the search space in k and in amplitude and angle of one upper tone.
@@ -217,22 +215,18 @@ impl Region {
     fn point(&self, [k, ratio, angle]: [f32; 3]) -> SearchPoint {
         let [second, third] = self.centre.tones;
         let varied = [ratio, angle];
-        SearchPoint {
-            k,
-            tones: if self.varies_third {
-                [second, varied]
-            } else {
-                [varied, third]
-            },
-        }
+        let tones = if self.varies_third {
+            [second, varied]
+        } else {
+            [varied, third]
+        };
+        SearchPoint::new(k, tones)
     }
 
     /// Coordinates normalized to -1..1 within the region.
     fn normalize(&self, point: SearchPoint) -> [f32; 3] {
-        let ([k, ratio, angle], centre) = (
-            self.varied_coordinates(point),
-            self.varied_coordinates(self.centre),
-        );
+        let [k, ratio, angle] = self.varied_coordinates(point);
+        let centre = self.varied_coordinates(self.centre);
         // An amplitude below 0 is the same tone with its angle turned by half a turn.
         let point = if self.varies_third && angle < centre[2] - FRAC_PI_2 {
             [k, -ratio, angle + PI]
@@ -262,7 +256,6 @@ impl Region {
 #[derive(Clone, Debug)]
 pub struct GearPlanner {
     settings: GearPlanSettings,
-    results: RunResults,
     /// Number of upper tones searched, 0..=2.
     upper_tones: usize,
     /// Lowest candidate and spacing in k, and largest second and third tone tried.
@@ -276,7 +269,6 @@ pub struct GearPlanner {
     /// Index of the current candidate, and the round of runs.
     candidate: usize,
     round: u16,
-    /// Number of runs begun.
     runs: u32,
     running: Option<(TrackMap, SimulatedPart, Run)>,
     gear: GearDetector<i64>,
@@ -339,12 +331,7 @@ impl GearPlanner {
             }
         }
         let [low, high] = range;
-        let steps = if upper > 0 {
-            GRID_STEPS_UPPER_TONES
-        } else {
-            GRID_STEPS_ONE_TONE
-        };
-        let step = (high - low) / (steps - 1) as f32;
+        let step = (high - low) / (grid_steps(upper) - 1) as f32;
         let max_tones = match upper {
             0 => [0.0; 2],
             1 => [second.min(max_second), 0.0],
@@ -352,18 +339,14 @@ impl GearPlanner {
         };
         Ok(Self {
             settings,
-            results: RunResults::Candidates(Vec::new()),
             upper_tones: upper,
             low,
             step,
             max_tones,
-            stage: Stage::Grid,
+            stage: Stage::Grid(Vec::new()),
             regions: 0,
             region: Region {
-                centre: SearchPoint {
-                    k: low,
-                    tones: [NO_TONE; 2],
-                },
+                centre: SearchPoint::new(low, [NO_TONE; 2]),
                 half_widths: [0.0; 3],
                 varies_third: false,
             },
@@ -404,12 +387,6 @@ impl GearPlanner {
     /// Result so far; `None` before the first round ends.
     pub fn plan(&self) -> Option<&GearPlan> {
         self.plan.as_ref()
-    }
-
-    /// Work done so far, in impacts.
-    #[cfg(test)]
-    pub fn impacts(&self) -> u32 {
-        self.impacts
     }
 
     /// Works for about this number of impacts and returns whether the search continues.
@@ -475,24 +452,21 @@ impl GearPlanner {
             .get(self.regions)
             .or(ends.last())
             .is_none_or(|end| self.used_effort() >= *end);
-        if is_stage_over && !matches!(self.stage, Stage::Maximization(_)) {
-            self.end_stage();
-            return;
-        }
         match self.stage {
-            Stage::Grid => self.begin_candidate_run(),
-            Stage::Region => self.begin_region_run(),
-            Stage::Maximization(row) => self.evaluate_row(row),
-            Stage::Verification => self.begin_verification_run(),
+            Stage::Maximization(row, shape) => self.evaluate_row(row, shape),
+            _ if is_stage_over => self.end_stage(),
+            Stage::Grid(_) => self.begin_candidate_run(),
+            Stage::Region(_) => self.begin_region_run(),
+            Stage::Verification => {
+                if let Some(plan) = self.plan {
+                    self.begin_run(plan.point(), self.runs);
+                }
+            }
         }
     }
 
     fn steps(&self) -> usize {
-        if self.upper_tones > 0 {
-            GRID_STEPS_UPPER_TONES
-        } else {
-            GRID_STEPS_ONE_TONE
-        }
+        grid_steps(self.upper_tones)
     }
 
     fn rows(&self) -> &'static [Tones] {
@@ -520,10 +494,7 @@ impl GearPlanner {
             [third[0] * of_third, third[1]],
         ];
         let k = self.low + self.step * (number % self.steps()) as f32;
-        SearchPoint {
-            k: k.min(self.settings.k[1]),
-            tones: scale_tones(tones, part),
-        }
+        SearchPoint::new(k.min(self.settings.k[1]), scale_tones(tones, part))
     }
 
     /// Begins the next run of the first round.
@@ -537,34 +508,28 @@ impl GearPlanner {
             }
             return;
         }
-        let recorded = |results: &RunResults| match results {
-            RunResults::Candidates(candidates) => candidates.get(number).copied(),
+        let recorded = match &self.stage {
+            Stage::Grid(candidates) => candidates.get(number).copied(),
             _ => None,
         };
-        if recorded(&self.results).is_none() {
-            let amplitude_factor = self.allowed_amplitude_factor(self.point(number, 1.0));
+        let candidate = recorded.unwrap_or_else(|| {
             let candidate = Candidate {
-                amplitude_factor,
+                amplitude_factor: self.allowed_amplitude_factor(self.point(number, 1.0)),
                 sum: 0.0,
                 runs: 0,
             };
-            if let RunResults::Candidates(candidates) = &mut self.results {
+            if let Stage::Grid(candidates) = &mut self.stage {
                 // MAX_CANDIDATES is the largest product of rows and steps.
                 let _ = candidates.push(candidate);
             }
-        }
-        let Some(candidate) = recorded(&self.results) else {
-            self.end_stage();
-            return;
-        };
+            candidate
+        });
         if candidate.runs >= 2 && candidate.sum == 0.0 {
             self.candidate += 1;
             return;
         }
-        self.begin_run(
-            self.point(number, candidate.amplitude_factor),
-            u32::from(self.round),
-        );
+        let point = self.point(number, candidate.amplitude_factor);
+        self.begin_run(point, u32::from(self.round));
     }
 
     /// Begins a run at the next low-discrepancy point of the region.
@@ -572,10 +537,8 @@ impl GearPlanner {
         // R3 sequence, the additive recurrence of M. Roberts (2018), in units of 2^-32.
         const R3_STEPS: [u32; 3] = [0xD1B5_4A33, 0xABC9_8388, 0x8CB9_2BA7];
         let run = self.runs;
-        let (centre, half) = (
-            self.region.varied_coordinates(self.region.centre),
-            self.region.half_widths,
-        );
+        let centre = self.region.varied_coordinates(self.region.centre);
+        let half = self.region.half_widths;
         let varied = core::array::from_fn(|n| {
             centre[n] + half[n] * (2.0 * unit_fraction(run.wrapping_mul(R3_STEPS[n])) - 1.0)
         });
@@ -583,22 +546,12 @@ impl GearPlanner {
         self.begin_run(point, run);
     }
 
-    /// Begins a verification run at the chosen point.
-    fn begin_verification_run(&mut self) {
-        if let Some(plan) = self.plan {
-            self.begin_run(plan.point(), self.runs);
-        }
-    }
-
     /// Clamps a point to the configured ranges and to the drive's limits.
     fn check(&mut self, SearchPoint { k, tones }: SearchPoint) -> SearchPoint {
         let [low, high] = self.settings.k;
         let k = k.max(low).min(high);
         if self.upper_tones == 0 {
-            return SearchPoint {
-                k,
-                tones: [NO_TONE; 2],
-            };
+            return SearchPoint::new(k, [NO_TONE; 2]);
         }
         let ([second, third], maximum) = (tones, self.settings.max_tones);
         let tone = |[ratio, angle]: [f32; 2], max_amplitude: f32| {
@@ -609,11 +562,8 @@ impl GearPlanner {
             tone(second, maximum[0]),
             tone(with_positive_amplitude(third), maximum[1]),
         ];
-        let afforded = self.allowed_amplitude_factor(SearchPoint { k, tones });
-        SearchPoint {
-            k,
-            tones: scale_tones(tones, afforded),
-        }
+        let afforded = self.allowed_amplitude_factor(SearchPoint::new(k, tones));
+        SearchPoint::new(k, scale_tones(tones, afforded))
     }
 
     /// Begins a run; its number gives restitution and amplitude error by the R2 sequence (M.
@@ -621,13 +571,11 @@ impl GearPlanner {
     fn begin_run(&mut self, point: SearchPoint, number: u32) {
         self.runs += 1;
         self.impacts += RUN_SET_UP_COST;
-        let lot = 2.0 * unit_fraction(number.wrapping_mul(0xC13F_A9A9).wrapping_add(1 << 31)) - 1.0;
-        let error =
-            2.0 * unit_fraction(number.wrapping_mul(0x91E1_0DA5).wrapping_add(1 << 31)) - 1.0;
-        let (low, high) = (
-            self.settings.restitution.low() as f32,
-            self.settings.restitution.high() as f32,
-        );
+        let spread =
+            |step| 2.0 * unit_fraction(number.wrapping_mul(step).wrapping_add(1 << 31)) - 1.0;
+        let (lot, error) = (spread(0xC13F_A9A9), spread(0x91E1_0DA5));
+        let restitution = self.settings.restitution;
+        let (low, high) = (restitution.low() as f32, restitution.high() as f32);
         let mean = low + (high - low) * (0.5 + 0.5 * lot);
         let seed = (self.regions as u32) << 24 ^ self.runs;
         let k = point.k * (1.0 + self.settings.amplitude_error * error);
@@ -640,10 +588,9 @@ impl GearPlanner {
         match TrackMap::build(k, point.tones) {
             Ok(map) => {
                 let map = map.with_contact(self.settings.contact.radians() as f32);
-                let scatter_factor = if self.stage == Stage::Verification {
-                    1.0
-                } else {
-                    self.scatter_factor
+                let scatter_factor = match self.stage {
+                    Stage::Verification => 1.0,
+                    _ => self.scatter_factor,
                 };
                 let draw = Draw::new(mean, self.settings.scatter * scatter_factor, seed);
                 let part = SimulatedPart::new(draw, self.gear, Span::from_periods(periods, before));
@@ -655,19 +602,19 @@ impl GearPlanner {
 
     /// Records the share in gear of the run that ended.
     fn record_share(&mut self, share: f32, run: &Run) {
-        match &mut self.results {
-            RunResults::Candidates(candidates) => {
+        match &mut self.stage {
+            Stage::Grid(candidates) => {
                 if let Some(candidate) = candidates.get_mut(self.candidate) {
                     candidate.sum += share;
                     candidate.runs += 1;
                 }
                 self.candidate += 1;
             }
-            RunResults::Fit(fit) => {
+            Stage::Region(fit) => {
                 self.estimate[1] += 1.0;
                 fit.add_run(run.point, run.lot, share);
             }
-            RunResults::Share(_) => {
+            Stage::Maximization(..) | Stage::Verification => {
                 self.estimate[0] += share;
                 self.estimate[1] += 1.0;
             }
@@ -676,9 +623,9 @@ impl GearPlanner {
 
     /// Evaluates the runs of a stage and begins the next stage.
     fn end_stage(&mut self) {
-        match self.stage {
-            Stage::Grid => {
-                let best = self.best_candidate();
+        match &self.stage {
+            Stage::Grid(candidates) => {
+                let best = self.best_candidate(candidates);
                 self.set_plan(best);
                 let half = [
                     REGION_HALF_WIDTHS[0] * self.step,
@@ -687,14 +634,11 @@ impl GearPlanner {
                 ];
                 self.begin_region(best.1, half, false);
             }
-            Stage::Region => {
-                if let RunResults::Fit(fit) = &self.results {
-                    self.results = RunResults::Share(fit.solve());
-                }
+            Stage::Region(fit) => {
+                self.stage = Stage::Maximization(0, fit.solve());
                 self.best = None;
-                self.stage = Stage::Maximization(0);
             }
-            Stage::Maximization(_) => {}
+            Stage::Maximization(..) => {}
             Stage::Verification => {
                 if let Some(plan) = &mut self.plan {
                     plan.settled = true;
@@ -719,42 +663,28 @@ impl GearPlanner {
             half_widths,
             varies_third,
         };
-        self.results = RunResults::Fit(Fit::EMPTY);
         self.estimate = [0.0; 2];
-        self.stage = Stage::Region;
+        self.stage = Stage::Region(Fit::EMPTY);
     }
 
     /// The candidate with the largest share, smoothed over k with weights 1/4, 1/2, 1/4. Smoothing
     /// prefers the middle of a range in which no run left gear. If all shares are 0, it is the
     /// middle of the range of k without tones.
-    fn best_candidate(&self) -> (f32, SearchPoint) {
-        let share = |candidate: &Candidate| {
-            if candidate.runs == 0 {
-                0.0
-            } else {
-                candidate.sum / f32::from(candidate.runs)
-            }
+    fn best_candidate(&self, candidates: &[Candidate]) -> (f32, SearchPoint) {
+        let share = |candidate: &Candidate| match candidate.runs {
+            0 => 0.0,
+            runs => candidate.sum / f32::from(runs),
         };
         let middle = 0.5 * (self.settings.k[0] + self.settings.k[1]);
-        let empty = SearchPoint {
-            k: middle,
-            tones: [NO_TONE; 2],
-        };
-        let mut best = (0.0, empty);
-        let candidates = match &self.results {
-            RunResults::Candidates(candidates) => candidates.as_slice(),
-            _ => &[],
-        };
+        let mut best = (0.0, SearchPoint::new(middle, [NO_TONE; 2]));
         for (first, row) in candidates.chunks(self.steps()).enumerate() {
             for (n, here) in row.iter().enumerate() {
                 let before = n.checked_sub(1).and_then(|n| row.get(n));
                 let neighbours = before.map_or(0.0, share) + row.get(n + 1).map_or(0.0, share);
                 let mean = 0.25 * neighbours + 0.5 * share(here);
                 if mean > best.0 {
-                    best = (
-                        mean,
-                        self.point(first * self.steps() + n, here.amplitude_factor),
-                    );
+                    let number = first * self.steps() + n;
+                    best = (mean, self.point(number, here.amplitude_factor));
                 }
             }
         }
@@ -762,39 +692,21 @@ impl GearPlanner {
     }
 
     /// Evaluates the fitted share at one row of the grid, for each k, and keeps the best point.
-    fn evaluate_row(&mut self, row: u8) {
-        let rows = if self.upper_tones > 0 {
-            TONE_GRID_POINTS * TONE_GRID_POINTS
-        } else {
-            1
+    fn evaluate_row(&mut self, row: u8, shape: FittedShare) {
+        let at = |n: u8, all: u8| 2.0 * f32::from(n) / f32::from(all - 1) - 1.0;
+        let (rows, [y, z]) = match self.upper_tones {
+            0 => (1, [0.0; 2]),
+            _ => (
+                TONE_GRID_POINTS * TONE_GRID_POINTS,
+                [row % TONE_GRID_POINTS, row / TONE_GRID_POINTS].map(|n| at(n, TONE_GRID_POINTS)),
+            ),
         };
         if row >= rows {
-            self.end_maximization();
+            self.end_maximization(&shape);
             return;
         }
-        let (centre, half) = (
-            self.region.varied_coordinates(self.region.centre),
-            self.region.half_widths,
-        );
-        let RunResults::Share(shape) = self.results else {
-            self.end_maximization();
-            return;
-        };
-        let at = |n: u8, all: u8| {
-            if all > 1 {
-                2.0 * f32::from(n) / f32::from(all - 1) - 1.0
-            } else {
-                0.0
-            }
-        };
-        let (y, z) = if self.upper_tones > 0 {
-            (
-                at(row % TONE_GRID_POINTS, TONE_GRID_POINTS),
-                at(row / TONE_GRID_POINTS, TONE_GRID_POINTS),
-            )
-        } else {
-            (0.0, 0.0)
-        };
+        let centre = self.region.varied_coordinates(self.region.centre);
+        let half = self.region.half_widths;
         let (ratio, angle) = (centre[1] + half[1] * y, centre[2] + half[2] * z);
         let ratio = match (self.region.varies_third, ratio) {
             (false, ratio) if ratio < MIN_TONE_AMPLITUDE => 0.0,
@@ -819,26 +731,25 @@ impl GearPlanner {
         for n in 0..K_GRID_POINTS {
             let x = at(n, K_GRID_POINTS);
             let k = centre[0] + half[0] * x;
-            let inside = [x, y, z];
-            let penalty = DISTANCE_PENALTY * inside.iter().map(|x| x * x).sum::<f32>();
-            let share = shape.mean_share(inside, error).min(1.0);
-            let weighed = share - penalty;
-            if inside.iter().map(|x| x * x).sum::<f32>() <= 1.0
+            let square = [x, y, z].iter().map(|x| x * x).sum::<f32>();
+            let share = shape.mean_share([x, y, z], error).min(1.0);
+            let weighed = share - DISTANCE_PENALTY * square;
+            if square <= 1.0
                 && k >= min_k
                 && k <= self.settings.k[1]
                 && ratio.abs() <= maximum
                 && self.best.is_none_or(|(best, _)| weighed > best)
             {
-                self.best = Some((weighed, SearchPoint { k, tones }));
+                self.best = Some((weighed, SearchPoint::new(k, tones)));
             }
         }
-        self.stage = Stage::Maximization(row + 1);
+        self.stage = Stage::Maximization(row + 1, shape);
     }
 
-    fn end_maximization(&mut self) {
+    fn end_maximization(&mut self, shape: &FittedShare) {
         if let Some((_, point)) = self.best.take() {
-            self.set_plan((self.fitted_share(point), point));
-            let band = [-1.0, 1.0].map(|side| self.gear_band_end(point, side));
+            self.set_plan((self.fitted_share(shape, point), point));
+            let band = [-1.0, 1.0].map(|side| self.gear_band_end(shape, point, side));
             if let Some(plan) = &mut self.plan {
                 plan.band = band;
             }
@@ -853,17 +764,12 @@ impl GearPlanner {
             .saturating_sub(self.regions);
         if remaining > 2 {
             let of_third = self.upper_tones > 1 && remaining == 3;
+            let half = self.region.half_widths;
             let half = if of_third {
-                let [k, _, _] = self.region.half_widths;
-                [
-                    THIRD_TONE_HALF_WIDTHS[0] * k,
-                    THIRD_TONE_HALF_WIDTHS[1] * self.max_tones[1],
-                    THIRD_TONE_HALF_WIDTHS[2],
-                ]
+                let [of_k, of_ratio, of_angle] = THIRD_TONE_HALF_WIDTHS;
+                [of_k * half[0], of_ratio * self.max_tones[1], of_angle]
             } else {
-                self.region
-                    .half_widths
-                    .map(|half| half * REGION_SHRINK_FACTOR)
+                half.map(|half| half * REGION_SHRINK_FACTOR)
             };
             let mut centre = plan.point();
             let [_, third] = &mut centre.tones;
@@ -875,7 +781,8 @@ impl GearPlanner {
             self.regions += 1;
             self.stage = Stage::Verification;
             let [_, selection_runs] = self.estimate;
-            let runs = if self.scatter_factor == 1.0 {
+            let is_scatter_true = self.scatter_factor == 1.0;
+            let runs = if is_scatter_true {
                 selection_runs / VERIFICATION_WEIGHT
             } else {
                 0.0
@@ -884,27 +791,21 @@ impl GearPlanner {
         }
     }
 
-    /// Fitted share at a point; 0 before the fit is solved.
-    fn fitted_share(&self, point: SearchPoint) -> f32 {
-        match &self.results {
-            RunResults::Share(shape) => {
-                shape.mean_share(self.region.normalize(point), self.normalized_k_error())
-            }
-            _ => 0.0,
-        }
+    fn fitted_share(&self, shape: &FittedShare, point: SearchPoint) -> f32 {
+        shape.mean_share(self.region.normalize(point), self.normalized_k_error())
     }
 
     /// End of the gear band below (`side` -1) or above (1) a point of the region.
-    fn gear_band_end(&self, point: SearchPoint, side: f32) -> f32 {
+    fn gear_band_end(&self, shape: &FittedShare, point: SearchPoint, side: f32) -> f32 {
         let step = side * self.region.half_widths[0] / f32::from(K_GRID_POINTS);
         let [min_k, max_k] = self.settings.k;
         let min_k = min_k.max(self.settings.limits.min_k(point.tones));
-        let threshold = self.fitted_share(point).min(1.0) - GEAR_BAND_LOSS;
+        let threshold = self.fitted_share(shape, point).min(1.0) - GEAR_BAND_LOSS;
         let is_inside = |k: f32| {
-            let [x, ..] = self.region.normalize(SearchPoint { k, ..point });
+            let there = SearchPoint::new(k, point.tones);
             (min_k..=max_k).contains(&k)
-                && x.abs() <= 1.0
-                && self.fitted_share(SearchPoint { k, ..point }) >= threshold
+                && self.region.normalize(there)[0].abs() <= 1.0
+                && self.fitted_share(shape, there) >= threshold
         };
         let ks = (1..=2 * K_GRID_POINTS).map(|n| point.k + step * f32::from(n));
         ks.take_while(|k| is_inside(*k)).last().unwrap_or(point.k)
@@ -912,13 +813,9 @@ impl GearPlanner {
 
     /// Error of k from the error of the amplitude, in the region's normalized coordinate.
     fn normalized_k_error(&self) -> f32 {
-        let Region {
-            centre,
-            half_widths,
-            ..
-        } = &self.region;
-        if half_widths[0] > 0.0 {
-            self.settings.amplitude_error * centre.k / half_widths[0]
+        let [half, ..] = self.region.half_widths;
+        if half > 0.0 {
+            self.settings.amplitude_error * self.region.centre.k / half
         } else {
             0.0
         }
@@ -945,10 +842,15 @@ impl GearPlanner {
 
 impl GearPlan {
     fn point(&self) -> SearchPoint {
-        SearchPoint {
-            k: self.k,
-            tones: self.tones,
-        }
+        SearchPoint::new(self.k, self.tones)
+    }
+}
+
+/// Grid points in k of a row of the first round, for this number of upper tones.
+fn grid_steps(upper_tones: usize) -> usize {
+    match upper_tones {
+        0 => GRID_STEPS_ONE_TONE,
+        _ => GRID_STEPS_UPPER_TONES,
     }
 }
 
@@ -966,7 +868,7 @@ fn scale_tones(tones: Tones, part: f32) -> Tones {
     tones.map(|[ratio, angle]| [ratio * part, angle])
 }
 
-/// A uniform number in 0..1 from the upper 24 of 32 bits.
+/// Uniform in 0..1, from the upper 24 bits.
 fn unit_fraction(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -1049,7 +951,7 @@ mod tests {
             "{plan:?}"
         );
         let [second, third] = settings.max_tones.map(|tone| usize::from(tone > 0.0));
-        assert!(planner.impacts() <= MAX_IMPACTS[second + third]);
+        assert!(planner.impacts <= MAX_IMPACTS[second + third]);
     }
 
     /// Reference shares: the best over 60 values of k, with 40 parts of 3000 periods each, or over
@@ -1179,10 +1081,10 @@ mod tests {
         let mut sliced = GearPlanner::new(unsliced.settings).unwrap();
         while sliced.advance(7) {}
         assert_eq!(
-            (sliced.plan(), sliced.impacts()),
-            (unsliced.plan(), unsliced.impacts())
+            (sliced.plan(), sliced.impacts),
+            (unsliced.plan(), unsliced.impacts)
         );
-        assert!(unsliced.impacts() <= MAX_IMPACTS[0]);
+        assert!(unsliced.impacts <= MAX_IMPACTS[0]);
     }
 
     #[test]
