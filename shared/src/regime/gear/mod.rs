@@ -91,16 +91,11 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         self.flights >= MIN_FLIGHTS_IN_GEAR
     }
 
-    /// Number of losses of gear.
-    pub(crate) fn losses(&self) -> u64 {
-        self.losses
-    }
-
     /// Adds a flight and returns the time in gear that it adds; the eighth adds the duration of all
     /// eight.
     pub(crate) fn add_flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
-            self.end_gear();
+            self.add_rest();
             return T::default();
         }
         self.flights = self.flights.saturating_add(1);
@@ -114,10 +109,6 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
 
     /// Adds a rest, which ends gear.
     pub(crate) fn add_rest(&mut self) {
-        self.end_gear();
-    }
-
-    fn end_gear(&mut self) {
         self.losses += u64::from(self.is_in_gear());
         self.flights = 0;
         self.duration = T::default();
@@ -215,12 +206,7 @@ impl GearWatch {
     pub fn begin(&mut self, now: f64) {
         self.begin = now;
         self.in_gear = 0.0;
-        self.losses_before = self.gear.losses();
-    }
-
-    /// Ends the count at time `now` in rad of drive phase.
-    pub(crate) fn end(&mut self, now: f64) {
-        self.end = now;
+        self.losses_before = self.gear.losses;
     }
 
     /// Adds a landing at `time` after a `flight`, both in rad of drive phase.
@@ -242,7 +228,7 @@ impl GearWatch {
 
     fn update_losses_before(&mut self, time: f64) {
         if time <= self.begin {
-            self.losses_before = self.gear.losses();
+            self.losses_before = self.gear.losses;
         }
     }
 
@@ -253,7 +239,7 @@ impl GearWatch {
         Share {
             in_gear: self.in_gear / TAU,
             observed: (end - self.begin).max(0.0) / TAU,
-            losses: self.gear.losses() - self.losses_before,
+            losses: self.gear.losses - self.losses_before,
             before: (waited - self.begin).max(0.0) / TAU,
             waited: waited / TAU,
             captured: u64::from(self.captured < end),
@@ -309,7 +295,7 @@ pub(crate) fn watch_from_rest<R: Clone>(
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
     let mut gear_watch = GearWatch::build(order)?;
     gear_watch.begin(begin);
-    gear_watch.end(end);
+    gear_watch.end = end;
     for (n, scatter) in scatters.iter().enumerate() {
         let (mut gear, mut time, mut record) = (gear_watch, 0.0, record.clone());
         orbit.restart(*scatter);
@@ -352,32 +338,35 @@ mod tests {
             }
         }
         assert!(gear.is_in_gear() && gear.add_flight(period) == period);
-        assert!(gear.add_flight(1.41 * period) == 0.0 && !gear.is_in_gear() && gear.losses() == 1);
+        assert!(gear.add_flight(1.41 * period) == 0.0 && !gear.is_in_gear() && gear.losses == 1);
         for _ in 0..20 {
             gear.add_flight(period);
         }
         gear.add_rest();
-        assert!(!gear.is_in_gear() && gear.losses() == 2);
+        assert!(!gear.is_in_gear() && gear.losses == 2);
         gear.add_rest();
-        assert_eq!(gear.losses(), 2);
+        assert_eq!(gear.losses, 2);
+    }
+
+    /// Share of N runs of 1000 periods from successive seeds.
+    fn watched<const N: usize>(
+        map: &WaveMap,
+        contact: ContactTime,
+        deviation: f64,
+        first_seed: u64,
+    ) -> Share {
+        let scatters: [Scatter; N] = core::array::from_fn(|n| {
+            Scatter::build(map.restitution(), deviation, first_seed + n as u64).unwrap()
+        });
+        let mut sum = Share::default();
+        let add = |_, share: Share| sum = sum.plus(&share);
+        shares_from_rest(map, contact, &scatters, 1, 1000.0, add).unwrap();
+        sum
     }
 
     fn share(wave: &Wave, k: f64, restitution: f64, deviation: f64) -> Share {
         let map = WaveMap::on(*wave, k, restitution).unwrap();
-        let scatters: [Scatter; 20] = core::array::from_fn(|seed| {
-            Scatter::build(restitution, deviation, seed as u64).unwrap()
-        });
-        let mut sum = Share::default();
-        shares_from_rest(
-            &map,
-            ContactTime::INSTANT,
-            &scatters,
-            1,
-            1000.0,
-            |_, share| sum = sum.plus(&share),
-        )
-        .unwrap();
-        sum
+        watched::<20>(&map, ContactTime::INSTANT, deviation, 0)
     }
 
     /// Shares from a separate C program with its own map and generator, over 20 runs of 1000
@@ -395,8 +384,7 @@ mod tests {
             (0.5, 0.10, 0.573, [0.23, 2.60, 0.0, 0.0], 0.945),
             (0.5, 0.10, 0.55, [0.274, 2.73, 0.07, 5.74], 0.982),
         ] {
-            let tone = |amplitude, angle| Tone { amplitude, angle };
-            let wave = Wave::build(tone(e, th), tone(e3, th3)).unwrap();
+            let wave = Wave::build(Tone::new(e, th), Tone::new(e3, th3)).unwrap();
             let actual = share(&wave, k, restitution, deviation);
             assert!((actual.share() - expected).abs() < 0.03, "{k} {actual:?}");
         }
@@ -415,14 +403,7 @@ mod tests {
             (0.3, 0.10, 0.44),
         ] {
             let map = WaveMap::on(Wave::sine(), k, restitution).unwrap();
-            let scatters: [Scatter; 40] = core::array::from_fn(|seed| {
-                Scatter::build(restitution, deviation, 100 + seed as u64).unwrap()
-            });
-            let mut double = Share::default();
-            shares_from_rest(&map, contact, &scatters, 1, 1000.0, |_, share| {
-                double = double.plus(&share);
-            })
-            .unwrap();
+            let double = watched::<40>(&map, contact, deviation, 100).share();
             let track = part::TrackMap::build(k as f32, [[0.0; 2]; 2]).unwrap();
             let track = track.with_contact(contact.radians() as f32);
             let span = part::Span::from_periods(1000, 250);
@@ -434,7 +415,6 @@ mod tests {
                 while !part.simulate_flight(&track) {}
                 single += f64::from(part.share()) / 40.0;
             }
-            let double = double.share();
             // Runs scatter by 0.01 to 0.015 if gear is lost every 30 periods.
             assert!((single - double).abs() < 0.035, "{k}: {single} {double}");
         }

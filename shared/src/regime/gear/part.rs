@@ -176,7 +176,8 @@ pub struct SimulatedPart {
     phase: Phase,
     velocity: f32,
     is_at_rest: bool,
-    time: i64,
+    /// Simulated time so far, in steps of 2^-32 turns.
+    pub time: i64,
     in_gear: i64,
 }
 
@@ -205,15 +206,9 @@ impl SimulatedPart {
         }
     }
 
-    /// Simulated time so far, in steps of 2^-32 turns.
-    pub fn time(&self) -> i64 {
-        self.time
-    }
-
     /// Share of the counted time in gear, 0..=1.
     pub fn share(&self) -> f32 {
-        let watched = self.span.end - self.span.begin;
-        self.in_gear as f32 / watched as f32
+        self.in_gear as f32 / (self.span.end - self.span.begin) as f32
     }
 
     /// Simulates one flight, with a rest before it, and returns whether the end is reached.
@@ -302,10 +297,9 @@ impl SimulatedPart {
     /// Sums a decaying chatter if the pull outlasts it; the part is at rest afterwards.
     fn sum_chatter(&mut self, map: &TrackMap) {
         let (pull, slope) = map.pull(self.phase);
-        let Some(chatter) = chatter_duration(self.velocity, [pull, slope], self.draw.mean()) else {
-            return;
-        };
-        self.advance_time((chatter * Phase::STEPS_PER_RADIAN as f32) as i64);
-        self.begin_rest();
+        if let Some(chatter) = chatter_duration(self.velocity, [pull, slope], self.draw.mean) {
+            self.advance_time((chatter * Phase::STEPS_PER_RADIAN as f32) as i64);
+            self.begin_rest();
+        }
     }
 }

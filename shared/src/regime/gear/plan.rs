@@ -372,7 +372,7 @@ impl GearPlanner {
                 break;
             }
             self.impacts += PEAK_SEARCH_COST;
-            if self.settings.limits.allow(point.k, tones) {
+            if point.k >= self.settings.limits.min_k(tones) {
                 return part;
             }
         }
