@@ -5,6 +5,8 @@
 
 use core::f64::consts::TAU;
 
+use heapless::Vec;
+
 use super::cascade::Estimate;
 use super::lock::Lock;
 use super::series::standard_error;
@@ -112,7 +114,7 @@ pub fn measure_together<const N: usize>(
         *state = Map::state(state.phase, state.velocity)?;
         block.put(lane, map, *state)?;
     }
-    let mut measured = [measurement; N];
+    let mut measured: [Measurement; N] = core::array::from_fn(|_| measurement.clone());
     for _ in 0..measurement.impacts() {
         block.advance(1);
         for (lane, (state, one)) in states.iter_mut().zip(&mut measured).enumerate() {
@@ -160,26 +162,23 @@ pub fn start_near_lock(map: &Map, order: u32) -> PartState {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Measurement {
     settle: u32,
-    /// Impacts of a batch.
+    /// Impacts of a batch, and number of batches of the whole measurement.
     batch: u32,
+    requested: u32,
     vector: TangentVector,
     /// Impacts so far.
     count: u32,
     current: Batch,
-    sums: Sums,
+    batches: Vec<Batch, MAX_BATCHES>,
 }
 
 impl Measurement {
     fn build(settings: ExponentSettings) -> Result<Self, OutOfRange> {
-        accept_in(
-            "impacts",
-            f64::from(settings.impacts),
-            f64::from(16 * MIN_BATCHES)..=1e9,
-            "320..1000000000",
-        )?;
+        let range = f64::from(16 * MIN_BATCHES)..=1e9;
+        accept_in("impacts", settings.impacts.into(), range, "320..1000000000")?;
         // A power of two, so that each batch visits the chaotic bands of the cascade equally often.
         let batch = (settings.impacts / MAX_BATCHES as u32)
             .next_power_of_two()
@@ -187,17 +186,20 @@ impl Measurement {
         Ok(Self {
             settle: settings.settle,
             batch,
-            vector: TangentVector::new(),
+            requested: settings.impacts / batch,
+            vector: TangentVector {
+                vector: [1.0, 0.0],
+                growth: 0.0,
+            },
             count: 0,
             current: Batch::default(),
-            sums: Sums::new(settings.impacts / batch),
+            batches: Vec::new(),
         })
     }
 
     /// Impacts of the whole measurement.
     fn impacts(&self) -> u32 {
-        let measured = self.batch * self.sums.requested;
-        self.settle.saturating_add(measured)
+        self.settle.saturating_add(self.batch * self.requested)
     }
 
     /// Adds an impact of `map` from `before`, its restitution `drawn` times the map's.
@@ -223,16 +225,41 @@ impl Measurement {
 
     fn end_batch(&mut self) {
         self.current.growth = self.vector.take_growth();
-        self.sums.add(&self.current);
-        self.current = Batch::default();
+        // Batches beyond the list are left out.
+        let _ = self.batches.push(core::mem::take(&mut self.current));
     }
 
     /// The exponent; `rest` is the number of impacts before a rest.
     fn exponent(mut self, rest: Option<u32>) -> Exponent {
-        if self.sums.count < 2 && self.current.impacts > 0 {
+        if self.batches.len() < 2 && self.current.impacts > 0 {
             self.end_batch();
         }
-        self.sums.exponent(rest)
+        let batches = &self.batches;
+        let sum = |of: fn(&Batch) -> f64| batches.iter().map(of).sum::<f64>();
+        let growth = sum(|batch| batch.growth);
+        let impacts = sum(|batch| f64::from(batch.impacts));
+        let cycles = sum(|batch| batch.cycles);
+        // Ratio estimator: its error is that of the residuals growth - ratio * unit.
+        let estimate = |unit: fn(&Batch) -> f64, units: f64| {
+            let value = growth / units;
+            let deviation = |n: usize| batches[n].growth - value * unit(&batches[n]);
+            let error = standard_error(batches.len(), deviation);
+            Estimate {
+                value,
+                error: error * batches.len() as f64 / units,
+            }
+        };
+        let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
+        let dynamics = match rest {
+            Some(after) => Dynamics::Rest { after },
+            None => Dynamics::from_exponent(per_impact),
+        };
+        Exponent {
+            per_impact,
+            per_cycle: estimate(|batch| batch.cycles, cycles),
+            flight: cycles / impacts,
+            dynamics,
+        }
     }
 }
 
@@ -250,13 +277,6 @@ struct TangentVector {
 const VECTOR_SIZES: core::ops::Range<f64> = 1e-100..1e100;
 
 impl TangentVector {
-    fn new() -> Self {
-        Self {
-            vector: [1.0, 0.0],
-            growth: 0.0,
-        }
-    }
-
     /// Maps the vector by a Jacobian; the drawn restitution over the mean scales velocity
     /// differences like the velocity.
     fn map_by(&mut self, [[a, b], [c, d]]: [[f64; 2]; 2], drawn: f64) {
@@ -290,61 +310,6 @@ struct Batch {
     growth: f64,
     cycles: f64,
     impacts: u32,
-}
-
-/// Successive batches, for the mean growth per impact and per cycle.
-#[derive(Clone, Copy, Debug)]
-struct Sums {
-    batches: [Batch; MAX_BATCHES],
-    count: usize,
-    /// Number of batches of the whole measurement.
-    requested: u32,
-}
-
-impl Sums {
-    fn new(requested: u32) -> Self {
-        Self {
-            batches: [Batch::default(); MAX_BATCHES],
-            count: 0,
-            requested,
-        }
-    }
-
-    fn add(&mut self, batch: &Batch) {
-        if let Some(slot) = self.batches.get_mut(self.count) {
-            *slot = *batch;
-            self.count += 1;
-        }
-    }
-
-    fn exponent(&self, rest: Option<u32>) -> Exponent {
-        let batches = &self.batches[..self.count];
-        let sum = |of: fn(&Batch) -> f64| batches.iter().map(of).sum::<f64>();
-        let growth = sum(|batch| batch.growth);
-        let impacts = sum(|batch| f64::from(batch.impacts));
-        let cycles = sum(|batch| batch.cycles);
-        // Ratio estimator: its error is that of the residuals growth - ratio * unit.
-        let estimate = |unit: fn(&Batch) -> f64, units: f64| {
-            let value = growth / units;
-            let deviation = |n: usize| batches[n].growth - value * unit(&batches[n]);
-            let error = standard_error(batches.len(), deviation);
-            Estimate {
-                value,
-                error: error * batches.len() as f64 / units,
-            }
-        };
-        let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
-        let dynamics = match rest {
-            Some(after) => Dynamics::Rest { after },
-            None => Dynamics::from_exponent(per_impact),
-        };
-        Exponent {
-            per_impact,
-            per_cycle: estimate(|batch| batch.cycles, cycles),
-            flight: cycles / impacts,
-            dynamics,
-        }
-    }
 }
 
 #[cfg(test)]
