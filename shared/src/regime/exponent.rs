@@ -140,7 +140,7 @@ fn measure_along(
         let before = orbit.state();
         match orbit.next() {
             Some(OrbitEvent::Impact(impact)) => {
-                measurement.add(map, before, &impact, orbit.drawn());
+                measurement.add(map, before, &impact, orbit.drawn);
             }
             // A start at rest begins with a lift-off; a later rest ends the orbit.
             Some(OrbitEvent::LiftOff { .. }) if measurement.count == 0 => {}

@@ -79,10 +79,8 @@ impl PhaseMeans {
             ..*settings
         };
         let led = settings.amplitude_ratio * sine * (self.sine + self.chord) / count;
-        (self.impacts > 0)
-            .then(|| impact_mean(k, restitution, &normal, self.flying / count))
-            .flatten()
-            .map(|mean| mean - led)
+        let mean = impact_mean(k, restitution, &normal, self.flying / count)?;
+        (self.impacts > 0).then_some(mean - led)
     }
 }
 

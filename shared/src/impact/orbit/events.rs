@@ -62,17 +62,17 @@ pub(crate) enum StopReason {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Orbit<'a, M = Map> {
-    map: &'a M,
+    pub(crate) map: &'a M,
     state: PartState,
     stage: Stage,
     /// The last release, kept because a part is thrown at few phases.
     release: Option<Release<PartState>>,
     /// Mean restitution, and that of each impact; `None` if it is the mean.
-    restitution: f64,
+    pub(crate) restitution: f64,
     scatter: Option<Scatter>,
-    /// The last factor of [`OrbitMap::restitution_factor`].
-    drawn: f64,
-    contact: ContactTime,
+    /// The last factor of [`OrbitMap::restitution_factor`]; 1 without scatter.
+    pub(crate) drawn: f64,
+    pub(crate) contact: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -159,26 +159,6 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
         Self { contact, ..self }
     }
 
-    /// The map.
-    pub(crate) fn map(&self) -> &M {
-        self.map
-    }
-
-    /// Mean restitution.
-    pub(crate) fn restitution(&self) -> f64 {
-        self.restitution
-    }
-
-    /// Duration of an impact.
-    pub(crate) fn contact(&self) -> ContactTime {
-        self.contact
-    }
-
-    /// The last drawn restitution over that of the map; 1 without scatter.
-    pub(crate) fn drawn(&self) -> f64 {
-        self.drawn
-    }
-
     /// The state after the last event.
     pub fn state(&self) -> PartState {
         self.state
@@ -251,10 +231,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
         }
         self.state = self.release?.launch;
         self.stage = Stage::Released;
-        Some(OrbitEvent::LiftOff {
-            wait,
-            phase: self.state.phase,
-        })
+        let phase = self.state.phase;
+        Some(OrbitEvent::LiftOff { wait, phase })
     }
 }
 
@@ -354,11 +332,8 @@ mod tests {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
             let all: Vec<OrbitEvent> = Orbit::from_rest(&map).skip(1).take(4000).collect();
-            let cycle = all
-                .iter()
-                .position(|event| matches!(event, OrbitEvent::LiftOff { .. }))
-                .unwrap_or_else(|| panic!("k {k} R {restitution} comes to rest"))
-                + 1;
+            let is_lift_off = |event: &OrbitEvent| matches!(event, OrbitEvent::LiftOff { .. });
+            let cycle = all.iter().position(is_lift_off).expect("it comes to rest") + 1;
             for (n, event) in all.iter().enumerate() {
                 assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
             }
@@ -375,10 +350,8 @@ mod tests {
         let map = Map::build(1.5, 0.5).unwrap();
         let mut count = Count::default();
         let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
-        assert_eq!(
-            orbit.watch_period(u64::MAX, &mut count),
-            StopReason::RestsForEver
-        );
+        let ended = orbit.watch_period(u64::MAX, &mut count);
+        assert_eq!(ended, StopReason::RestsForEver);
         assert_eq!(count.0[1..], [1, 0]);
         assert_eq!(Orbit::from_rest(&map).next(), None);
 
@@ -388,10 +361,10 @@ mod tests {
         assert_eq!(orbit.watch_period(2000, &mut ()), StopReason::Counted);
         let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
-        assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");
-        assert!(
-            (velocity - 3.351_032_163_829_11).abs() < 1e-13,
-            "{velocity}"
-        );
+        let errors = [
+            phase - 1.138_585_860_520_52,
+            velocity - 3.351_032_163_829_11,
+        ];
+        assert!(errors.iter().all(|error| error.abs() < 1e-13), "{errors:?}");
     }
 }

@@ -28,24 +28,15 @@ use crate::impact::kernel::{Impact, PartState};
 /// ```
 pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
-    #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let _ = (launch, impact);
-    }
+    fn impact(&mut self, _launch: PartState, _impact: &Impact<PartState>) {}
 
     /// The part chattered to rest in `chatter` rad; it rests from `phase` on.
     ///
     /// `last` is the state after the last computed impact.
-    #[inline]
-    fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
-        let _ = (last, chatter, phase);
-    }
+    fn rest(&mut self, _last: PartState, _chatter: f64, _phase: f64) {}
 
     /// After `wait` rad at rest the track threw the part off at `phase`.
-    #[inline]
-    fn lift_off(&mut self, wait: f64, phase: f64) {
-        let _ = (wait, phase);
-    }
+    fn lift_off(&mut self, _wait: f64, _phase: f64) {}
 }
 
 impl Observer for () {}
