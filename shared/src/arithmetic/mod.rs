@@ -16,6 +16,7 @@ pub(crate) mod vector;
 pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
 pub use noise::Noise;
+pub(crate) use noise::splitmix;
 pub use phase::Phase;
 pub(crate) use root::square_root;
 pub use root::square_root_single;

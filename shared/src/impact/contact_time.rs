@@ -38,22 +38,15 @@ impl ContactTime {
     /// An impact without duration.
     pub const INSTANT: Self = Self { radians: 0.0 };
 
-    /// A contact of this duration in rad of the drive's phase, 0 to 7 % of a cycle (0.44 rad).
-    ///
-    /// Errors: `OutOfRange` if the first order no longer holds.
+    /// A contact of this duration in rad of the drive's phase, 0 to 7 % of a cycle (0.44 rad);
+    /// an error beyond, where the first order no longer holds.
     pub fn build(radians: f64) -> Result<Self, OutOfRange> {
-        accept_in(
-            "contact",
-            radians,
-            0.0..=0.07 * TAU,
-            "0..0.4398 rad, 7 % of a drive cycle",
-        )?;
+        let accepted = "0..0.4398 rad, 7 % of a drive cycle";
+        accept_in("contact", radians, 0.0..=0.07 * TAU, accepted)?;
         Ok(Self { radians })
     }
 
-    /// A contact of this duration in ms, at a drive frequency in Hz.
-    ///
-    /// Errors: `OutOfRange` above 7 % of a drive cycle.
+    /// A contact of this duration in ms, at a drive frequency in Hz; an error above 7 % of a cycle.
     pub fn from_milliseconds(duration: f64, frequency: f64) -> Result<Self, OutOfRange> {
         let radians = duration * 1e-3 * frequency * TAU;
         Self::build(radians).map_err(|_| OutOfRange {
@@ -87,11 +80,9 @@ impl ContactTime {
         wave: Option<&Wave>,
     ) -> PartState {
         let phase = in_turn(impact_state.phase + self.radians);
-        let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.motion(phase)[2]);
-        PartState::new(
-            phase,
-            self.launch_speed(restitution, impact_state.velocity, k - push),
-        )
+        let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
+        let speed = self.launch_speed(restitution, impact_state.velocity, k - push);
+        PartState::new(phase, speed)
     }
 
     /// `impact`, which ends at the touch, with its contact, on a track with this k; `None` is a
@@ -303,10 +294,8 @@ mod tests {
         let (still, k) = (|_: f64| [0.0; 3], 1e-4);
         let spring = Spring::new(restitution, 1.0);
         let [free, pulled] = [0.0, k].map(|k| spring.launch(&still, k, 0.0, 1.0).unwrap().0);
-        assert!(
-            (free.velocity - restitution).abs() < 2e-5,
-            "{restitution} {free:?}"
-        );
+        let error = free.velocity - restitution;
+        assert!(error.abs() < 2e-5, "{restitution} {free:?}");
         assert!((free.phase - 1.0).abs() < 1e-4, "{restitution} {free:?}");
         (free.velocity - pulled.velocity) / k
     }
@@ -337,8 +326,8 @@ mod tests {
             for percent in [0.25, 0.5, 1.0, 2.0, 4.0, 7.0] {
                 let contact = ContactTime::build(percent * 0.01 * TAU).unwrap();
                 let c = contact.radians();
-                let (mut max, mut sum, mut squares, mut delays, mut count) =
-                    (0.0_f64, 0.0, 0.0, 0.0, 0.0);
+                let (mut max, mut count) = (0.0_f64, 0.0);
+                let [mut sum, mut squares, mut delays] = [0.0; 3];
                 for tenth in 1..=6 {
                     let restitution = 0.1 * f64::from(tenth);
                     let spring = Spring::new(restitution, c);
@@ -349,9 +338,9 @@ mod tests {
                             // Arrival speed of a lock.
                             let speed = TAU * k / (1.0 + restitution);
                             let exact = spring.launch(&track, k, phase, speed);
-                            let pull = k - wave.motion(phase + c)[2];
-                            let actual =
-                                contact.launch_speed(restitution, restitution * speed, pull);
+                            let pull = k - wave.push(phase + c);
+                            let touch = restitution * speed;
+                            let actual = contact.launch_speed(restitution, touch, pull);
                             let error = actual - exact.map_or(0.0, |(launch, _)| launch.velocity);
                             let added = exact.map_or(0.0, |(_, duration)| duration - c);
                             max = max.max(error.abs());
@@ -363,17 +352,15 @@ mod tests {
                     }
                 }
                 let [deviation, delay] = [squares, delays].map(|sum| libm::sqrt(sum / count));
-                std::println!(
-                    "{percent} %: speed max {max:.5} rms {deviation:.5} bias {:.5}, phase rms {delay:.5}",
-                    sum / count
-                );
-                let square = c * c;
+                let errors = [max, deviation, (sum / count).abs(), delay];
+                std::println!("{percent} %: speed max, rms, bias, phase rms {errors:.5?}");
+                let bounds = [largest, rms, bias, max_delay].map(|bound| bound * c * c);
                 assert!(
-                    max < largest * square && deviation < rms * square,
-                    "{percent}"
+                    errors
+                        .iter()
+                        .zip(bounds)
+                        .all(|(error, bound)| *error < bound)
                 );
-                assert!((sum / count).abs() < bias * square, "{percent}");
-                assert!(delay < max_delay * square, "{percent}");
             }
         }
     }

@@ -30,9 +30,7 @@ pub(crate) struct SetUp {
 }
 
 impl SetUp {
-    /// The constants for `k` and `restitution`.
-    ///
-    /// Errors: `OutOfRange` outside k 0.005..=4 or restitution 0..=1.
+    /// The constants for `k` and `restitution`; an error outside k 0.005..=4 or restitution 0..=1.
     #[inline(always)]
     pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         // Positive floats compare like their bits; NaN and negative ones are above.
@@ -173,7 +171,7 @@ mod tests {
     use super::*;
 
     /// Phase of lift-off; slope there, inverse and tall in f32.
-    type Constants = (u32, f32, f32, f32);
+    type Constants = (u32, [f32; 3]);
 
     /// The constants in f64, rounded as the kernels round them.
     fn expected(k: f64) -> Constants {
@@ -183,23 +181,18 @@ mod tests {
             1 << 30
         };
         let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-        let min_tall_speed_squared = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
+        let tall = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
         (
             lift_off,
-            cosine as f32,
-            (1.0 / k) as f32,
-            min_tall_speed_squared as f32,
+            [cosine, 1.0 / k, tall].map(|constant| constant as f32),
         )
     }
 
     fn computed(k: f64) -> Constants {
         let set_up = SetUp::build(k, 0.5).unwrap();
-        (
-            set_up.lift_off.bits(),
-            set_up.lift_off_cosine.single(),
-            set_up.inverse(),
-            set_up.min_tall_speed_squared().single(),
-        )
+        let cosine = set_up.lift_off_cosine.single();
+        let tall = set_up.min_tall_speed_squared().single();
+        (set_up.lift_off.bits(), [cosine, set_up.inverse(), tall])
     }
 
     /// Counts: all k, those with another phase step than f64, those with another rounding than f64.
@@ -212,9 +205,7 @@ mod tests {
                 let error = expected.0.abs_diff(computed.0);
                 assert!(error <= 1, "{k:e}: {expected:?} {computed:?}");
                 counts[1] += error;
-                let singles = |c: &Constants| (c.1, c.2, c.3);
-                let other = singles(&expected) != singles(&computed);
-                counts[2] += u32::from(other);
+                counts[2] += u32::from(expected.1 != computed.1);
             }
         }
         counts
@@ -227,15 +218,11 @@ mod tests {
             0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
         });
         let single = (0..200_000_u32).map(|n| f64::from(f32::from_bits(0x3ba3_d70b + 402 * n)));
-        let near_unity = (1..1000).flat_map(|n| {
-            [
-                1.0 - f64::EPSILON * f64::from(n),
-                1.0 + f64::EPSILON * f64::from(n),
-            ]
-        });
+        let distances = (1..1000).map(|n| f64::EPSILON * f64::from(n));
+        let near_unity = distances.flat_map(|distance| [1.0 - distance, 1.0 + distance]);
         let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
-        let [tried, phases, others] =
-            count_differences(random.chain(single).chain(near_unity).chain(ends));
+        let ks = random.chain(single).chain(near_unity).chain(ends);
+        let [tried, phases, others] = count_differences(ks);
         assert_eq!([phases, others], [0, 0]);
         assert!(tried > 400_000);
     }

@@ -3,6 +3,7 @@
 use super::lanes::LANES;
 use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::impact::double::launch::{Launch, Track};
+use crate::impact::kernel::PartState;
 
 /// One quantity of many orbits, aligned to a cache line, so that no register spans two.
 #[derive(Clone, Debug)]
@@ -55,9 +56,9 @@ impl Columns {
         self.flight.0[lane] = 0.0;
     }
 
-    /// Phase and velocity of a lane.
-    pub fn state(&self, lane: usize) -> [f64; 2] {
-        [self.phase.0[lane], self.velocity.0[lane]]
+    /// State of a lane.
+    pub fn state(&self, lane: usize) -> PartState {
+        PartState::new(self.phase.0[lane], self.velocity.0[lane])
     }
 
     /// The last flight of a lane.

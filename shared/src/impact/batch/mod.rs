@@ -112,21 +112,12 @@ impl Block {
         self.resting.put(lane, false);
     }
 
-    /// The state of a lane's orbit; `None` without an orbit.
-    #[inline]
-    fn state(&self, lane: usize) -> Option<PartState> {
-        self.filled.contains(lane).then(|| {
-            let [phase, velocity] = self.columns.state(lane);
-            PartState { phase, velocity }
-        })
-    }
-
     /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
     #[inline]
     pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
-        self.state(lane).map(|next| Impact {
+        self.filled.contains(lane).then(|| Impact {
             flight: self.columns.flight(lane),
-            next,
+            next: self.columns.state(lane),
             grazes: self.grazing.contains(lane),
         })
     }
@@ -272,11 +263,8 @@ fn decide<V: Vector>(
         if bits >> m & 1 == 1
             && let Some((exact, grazes)) = first_impact(&columns.track(all), &columns.launch(all))
         {
-            for (values, value) in
-                landings
-                    .iter_mut()
-                    .zip([exact.flight, exact.phase, exact.arrival])
-            {
+            let exact = [exact.flight, exact.phase, exact.arrival];
+            for (values, value) in landings.iter_mut().zip(exact) {
                 // A register that is not full repeats its last lane.
                 for (place, other) in values.iter_mut().zip(lanes) {
                     *place = if other == lane { value } else { *place };
