@@ -59,7 +59,6 @@ macro_rules! signed {
 macro_rules! constants {
     ($($bits:ty)+) => {$(
         impl<const F: u32> Fixed<F, $bits> {
-            /// Nearest number to a constant.
             pub const fn from_constant(value: f64) -> Self {
                 let scaled = value * steps(F);
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $bits)

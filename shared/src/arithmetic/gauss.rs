@@ -14,9 +14,7 @@ pub(crate) trait Arithmetic:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// Nearest number to a constant.
     fn from_constant(constant: f64) -> Self;
-    /// Absolute value.
     fn size(self) -> Self;
     /// Natural logarithm of a number in 0..1, 0 excluded.
     fn logarithm(self) -> Self;

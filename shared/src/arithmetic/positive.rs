@@ -19,7 +19,6 @@ impl Positive {
         mantissa: 0,
         places: 0,
     };
-    /// Radians in a step of a phase.
     pub const RADIANS_PER_STEP: Self = Self::from_f64(Phase::RADIANS_PER_STEP);
 
     /// Number from a normal f64 above 0, exactly.
@@ -133,7 +132,6 @@ pub(crate) fn root(x: u64) -> u64 {
     better.wrapping_add_signed(i64::from(step))
 }
 
-/// Mask of the lower half of 64 bits.
 const LOW_HALF: u64 = 0xffff_ffff;
 
 /// Upper half of the product, too small by at most 2.

@@ -9,10 +9,8 @@ use super::Phase;
 use super::fixed::Fixed;
 use super::node::{self, Fine};
 
-/// Radians in one step of a phase.
 const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 
-/// 2 pi.
 const RADIANS_PER_TURN: Fixed<28> = Fixed::<28>::from_constant(TAU);
 /// 2 pi, to the last place.
 pub(crate) const RADIANS_PER_TURN_FINE: Fixed<60, i64> = Fixed(7_244_019_458_077_122_842);

@@ -13,7 +13,6 @@ const ONE: u64 = 1 << 61;
 /// Set-up constants of a track and a part, shared by the microcontroller kernels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
-    /// k.
     pub k: Positive,
     /// k, rounded to nearest.
     pub single: f32,
@@ -151,7 +150,6 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     Phase::from_bits(((angle + (1 << 30)) >> 31) as u32)
 }
 
-/// Number of nodes in a quarter turn.
 const QUARTER_NODES: usize = node::COUNT / 4;
 
 /// The node nearest to the arcsine of `x`, plus a half; error 0.002 (Abramowitz & Stegun 4.4.45).

@@ -29,7 +29,6 @@ impl Tone {
     }
 }
 
-/// Motion of the track at a phase.
 #[derive(Clone, Copy)]
 pub(super) struct Motion {
     /// Displacement S.
@@ -208,7 +207,6 @@ impl Wave {
         [m.height, m.speed, m.push, m.jerk]
     }
 
-    /// The track at a phase in 0..2 pi.
     pub(super) fn at(&self, phase: f64) -> Motion {
         let (sine, cosine) = sine_cosine(phase);
         if self.is_of_two() {
@@ -218,7 +216,6 @@ impl Wave {
         }
     }
 
-    /// Whether the third harmonic is absent.
     #[inline(always)]
     pub(super) fn is_of_two(&self) -> bool {
         self.third.amplitude == 0.0

@@ -94,7 +94,6 @@ struct MapSettings {
     restitution: f64,
 }
 
-/// Impact map on the track.
 #[expect(
     clippy::large_enum_variant,
     reason = "one at a time lives, and without an allocator there is no box"
@@ -518,7 +517,6 @@ impl Continuation {
     }
 }
 
-/// One period of an orbit.
 struct ReturnMap {
     /// Closure error in phase (rad) and velocity (`b w`).
     closure_error: [f64; 2],

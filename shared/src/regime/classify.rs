@@ -386,7 +386,6 @@ mod tests {
     use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
     use crate::regime::exponent;
 
-    /// The orbit from a start, or from rest.
     fn orbit(map: &Map, start: Option<PartState>) -> Orbit<'_> {
         start.map_or_else(|| Orbit::from_rest(map), |start| Orbit::new(map, start))
     }

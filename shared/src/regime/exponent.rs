@@ -169,7 +169,6 @@ struct Measurement {
     batch: u32,
     requested: u32,
     vector: TangentVector,
-    /// Impacts so far.
     count: u32,
     current: Batch,
     batches: Vec<Batch, MAX_BATCHES>,
@@ -197,7 +196,6 @@ impl Measurement {
         })
     }
 
-    /// Impacts of the whole measurement.
     fn impacts(&self) -> u32 {
         self.settle.saturating_add(self.batch * self.requested)
     }
@@ -291,7 +289,6 @@ impl TangentVector {
         }
     }
 
-    /// Moves the vector's length to the growth.
     fn normalize(&mut self) {
         let size = libm::hypot(self.vector[0], self.vector[1]);
         self.vector = self.vector.map(|component| component / size);

@@ -112,7 +112,6 @@ impl WaveLock {
         self.lock.state
     }
 
-    /// Trace and determinant of the tangent map.
     fn tangent(&self) -> [f64; 2] {
         let push = self.wave.push(self.lock.state.phase);
         self.lock.tangent_on(push, |phase| {
@@ -121,7 +120,6 @@ impl WaveLock {
         })
     }
 
-    /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     fn attracts(&self) -> bool {
         is_stable(self.tangent())
     }
@@ -130,7 +128,6 @@ impl WaveLock {
         WaveMap::on(self.wave, self.lock.k, self.lock.restitution)
     }
 
-    /// Whether the flight takes r cycles without an earlier contact with the track.
     fn is_first_return(&self) -> bool {
         self.lock.returns_first(self.map())
     }
@@ -211,7 +208,6 @@ impl WaveBand {
     }
 }
 
-/// Largest number of bands of one order.
 const MAX_BANDS: usize = 6;
 
 /// Bands of one order in falling k.

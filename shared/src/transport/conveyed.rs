@@ -46,7 +46,6 @@ impl Conveyed {
         (self.impacts > 0 && self.rests == 0).then(|| self.flying / self.impacts as f64)
     }
 
-    /// Sum of both.
     pub(crate) fn plus(&self, other: &Self) -> Self {
         Self {
             impacts: self.impacts + other.impacts,
@@ -89,7 +88,6 @@ pub struct Conveying<A = Tangential> {
     part: [f64; 2],
     contact: ContactTime,
     pub(super) velocity: f64,
-    /// Phase of the last rest.
     rest_phase: f64,
     /// Sums up to the first lift-off.
     before: Conveyed,
@@ -114,7 +112,6 @@ impl<A: Along> Conveying<A> {
         }
     }
 
-    /// Observer of this orbit.
     pub(super) fn of<M: OrbitMap>(along: A, orbit: &Orbit<'_, M>) -> Self {
         let mut conveying = Self::new(along, orbit.map);
         conveying.part[1] = orbit.restitution;

@@ -8,7 +8,6 @@ use crate::impact::{
 };
 use crate::regime::gear::{Share, watch_from_rest};
 
-/// Largest number of laws that one simulation follows.
 const MAX_LAWS: usize = 64;
 
 /// A law of the motion along a track of several tones.
@@ -56,7 +55,6 @@ type LawStates = [(f64, f64); MAX_LAWS];
 #[derive(Clone, Copy)]
 struct Paths {
     states: LawStates,
-    /// Phase of the last rest.
     rested: f64,
     /// Time and motion where the measurement began.
     begun: Option<(f64, LawStates)>,

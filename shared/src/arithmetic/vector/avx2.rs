@@ -9,7 +9,6 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 use super::{Column, MAX_LANES, ROUNDING_OFFSET, Vector};
 use crate::arithmetic::node;
 
-/// Four f64.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2(__m256d);
 

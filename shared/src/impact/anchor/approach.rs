@@ -40,7 +40,6 @@ pub(super) fn fall(track: &impl Track, phase: u32, height: f32, rise: f32) -> Op
 /// Node nearest to the impact, and the last step from there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Approach {
-    /// Node where the step starts.
     pub node: i32,
     /// Length of the step in rad.
     pub step: f32,

@@ -48,13 +48,17 @@ pub(super) const MAX_LAST_STEP_RATIO: f32 = 4e-3;
 
 /// Result of the cubic near launch.
 pub(super) enum ShortFlight {
-    /// Undecided.
     Open,
     /// The first impact is `near` this flight time, to the accuracy of the cubic. `grazes`: the
     /// flight clears the coming hump except for rounding.
-    Hop { near: f32, grazes: bool },
+    Hop {
+        near: f32,
+        grazes: bool,
+    },
     /// The flight clears the coming hump; `grazes`: by rounding alone.
-    Clears { grazes: bool },
+    Clears {
+        grazes: bool,
+    },
 }
 
 #[inline(always)]

@@ -43,13 +43,10 @@ pub use lanes::LANES;
 pub struct Block {
     simd: Simd,
     columns: Columns,
-    /// Lanes that hold an orbit.
     filled: Set,
     /// Lanes that wait for the caller.
     resting: Set,
-    /// Lanes whose last impact grazes.
     grazing: Set,
-    /// The next flights.
     plan: Plan,
     /// Lanes without a plan; only their state is set.
     unplanned: Set,
@@ -146,7 +143,6 @@ impl Block {
     }
 }
 
-/// Advances every orbit that does not rest by this many impacts.
 #[inline(always)]
 fn advance<V: Vector>(block: &mut Block, impacts: u32) {
     begin::<V>(block);

@@ -7,14 +7,11 @@
 use super::step::Landing;
 use crate::arithmetic::square_root;
 
-/// The gap at some time of the flight.
+/// The gap u at some time of the flight, u' and u''.
 #[derive(Clone, Copy)]
 pub(crate) struct Gap {
-    /// `u`.
     pub value: f64,
-    /// `u'`.
     pub slope: f64,
-    /// `u''`.
     pub curvature: f64,
     /// Phase there, in 0..2 pi.
     pub phase: f64,
@@ -28,7 +25,6 @@ pub(crate) trait Path {
     /// digits.
     const MAX_SHORT_HOP: f64;
 
-    /// The gap `d` after the launch.
     fn at(&self, d: f64) -> Gap;
 
     /// Flight time of a short hop in rad, `2 psi` over the pull at launch; `None` without a pull.

@@ -4,21 +4,16 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::arithmetic::vector::{Vector, sine_cosine};
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Track<V> {
-    /// k.
     pub k: V,
-    /// `1/k`.
     pub per_k: V,
     /// Phase of lift-off, `arcsin k`, in rad; pi/2 if k >= 1. A hump begins here.
     pub lift_off: V,
-    /// Cosine of `lift_off`.
     pub lift_off_cosine: V,
 }
 
 impl Track<f64> {
-    /// The track of `k`.
     pub fn new(k: f64) -> Self {
         Self {
             k,
@@ -30,7 +25,6 @@ impl Track<f64> {
 }
 
 impl<V: Vector> Track<V> {
-    /// Cosine of the phase of lift-off.
     #[inline(always)]
     pub fn lift_off_cosine(k: V) -> V {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
@@ -77,14 +71,11 @@ pub(crate) struct Launch<V> {
     pub phase: V,
     /// Velocity psi relative to the track.
     pub velocity: V,
-    /// `sin t`.
     pub sine: V,
-    /// `cos t`.
     pub cosine: V,
 }
 
 impl<V: Vector> Launch<V> {
-    /// The launch of a state.
     #[inline(always)]
     pub fn new(phase: V, velocity: V) -> Self {
         let (sine, cosine) = sine_cosine(phase);

@@ -175,9 +175,8 @@ fn find_minimum<V: Vector>(
 pub(crate) struct Interval<V: Vector> {
     /// Start in rad after launch: intersection of the ball's and the track's parabola.
     pub start: V,
-    /// Begin of the interval, after launch.
+    /// Begin and end of the interval, after launch.
     pub low: V,
-    /// Its end.
     pub high: V,
     /// Whether the closed forms certify the interval.
     pub certain: V::Mask,

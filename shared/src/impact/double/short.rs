@@ -14,7 +14,6 @@ use crate::arithmetic::vector::Vector;
 pub(crate) const MAX_SHORT_HOP: f64 = 0.5;
 
 impl<V: Vector> Launch<V> {
-    /// Whether the flight, if it is not tall, is short.
     #[inline(always)]
     pub fn is_short(&self, track: &Track<V>) -> V::Mask {
         self.is_over_within(track, MAX_SHORT_HOP)
@@ -41,13 +40,10 @@ pub(in crate::impact) fn ends_within<V: Vector>(psi: V, pull: V, c: V, longest: 
     is_certain | falling
 }
 
-/// `u/d` and `u'` at some flight time.
+/// `u/d`, `u'` and `u''` at some flight time.
 pub(in crate::impact) struct Deflated<V> {
-    /// `u/d`.
     pub value: V,
-    /// `u'`.
     pub slope: V,
-    /// `u''`.
     pub curvature: V,
 }
 

@@ -9,10 +9,8 @@ use crate::arithmetic::node;
 use crate::arithmetic::vector::{Arc, Node, ROUNDING_OFFSET, Vector};
 use crate::impact::kernel::{Impact, PartState};
 
-/// The end of a flight.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Landing<V> {
-    /// Duration of the flight.
     pub flight: V,
     /// Phase of the impact, in 0..2 pi.
     pub phase: V,
@@ -57,9 +55,7 @@ impl<V: Vector> Landing<V> {
 #[derive(Clone, Copy)]
 pub(super) struct Local<V> {
     pub node: Node<V>,
-    /// `u` at the node.
     pub value: V,
-    /// `u'` at the node.
     pub slope: V,
 }
 
@@ -124,7 +120,7 @@ impl<V: Vector> LandingEstimate<V> {
     }
 }
 
-/// The gap near an impact, to rounding.
+/// The gap u near an impact and u', to rounding, with the track's sine and cosine.
 ///
 /// The ball is expanded about the node of the approach, the track about the node next to the
 /// impact. Every sum starts with the terms that are computed first.
@@ -136,18 +132,13 @@ pub(crate) struct GapNearImpact<V> {
     pub step: V,
     /// Time in rad from the node next to the impact.
     pub x: V,
-    /// `u`.
     pub value: V,
-    /// `u'`.
     pub slope: V,
-    /// The track's sine.
     pub sine: V,
-    /// Its cosine.
     pub cosine: V,
 }
 
 impl<V: Vector> GapNearImpact<V> {
-    /// At `estimate`.
     #[inline(always)]
     pub fn new(track: &Track<V>, launch: &Launch<V>, estimate: &LandingEstimate<V>) -> Self {
         let rounded = estimate.next_node_sum();

@@ -21,7 +21,6 @@ use crate::arithmetic::vector::{ROUNDING_OFFSET, Vector};
 pub(crate) const MIN_TALL_SPEED_SQUARED: f64 = 3.0;
 
 impl<V: Vector> Launch<V> {
-    /// Whether the flight is tall.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track<V>) -> V::Mask {
         let bound = V::splat(MIN_TALL_SPEED_SQUARED) + (track.k + track.k);
@@ -34,7 +33,6 @@ impl<V: Vector> Launch<V> {
 struct Crossing<V> {
     /// Phase in node spacings, counted through all turns.
     nodes: V,
-    /// Speed downwards.
     speed: V,
 }
 
@@ -66,7 +64,6 @@ fn approach<V: Vector>(track: &Track<V>, crossing: &Crossing<V>) -> LandingEstim
     LandingEstimate { rounded, step }
 }
 
-/// The end of a tall flight.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Landing<V> {
     let estimate = approach(track, &crossing(track, launch));

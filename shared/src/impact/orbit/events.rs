@@ -77,11 +77,8 @@ pub struct Orbit<'a, M = Map> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Just after an impact.
     Hopping,
-    /// At rest.
     Resting,
-    /// Just thrown off.
     Released,
 }
 

@@ -9,7 +9,6 @@ use crate::impact::wave_map::{Hop, WaveMap};
 
 /// The map of an orbit: [`Map`] on a track of one tone, [`WaveMap`] on one of several.
 pub trait OrbitMap: Kernel<State = PartState> {
-    /// k of the track and restitution of the part.
     fn parameters(&self) -> [f64; 2];
 
     /// Motion of the track; `None` is a sine.

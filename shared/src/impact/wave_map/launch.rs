@@ -16,21 +16,17 @@ pub(super) struct Launch {
     pub phase: f64,
     /// Velocity psi relative to the track.
     pub velocity: f64,
-    /// The tones at the phase.
     pub parts: Parts,
-    /// Motion of the track at the phase.
     pub at: Motion,
 }
 
 impl Launch {
-    /// The launch of a state.
     #[inline(always)]
     pub fn new<const N: usize>(track: &Track, phase: f64, velocity: f64) -> Self {
         let (sine, cosine) = sine_cosine(phase);
         Self::with_sine_cosine::<N>(track, phase, velocity, sine, cosine)
     }
 
-    /// The launch of a state, given its sine and cosine.
     #[inline(always)]
     pub fn with_sine_cosine<const N: usize>(
         track: &Track,

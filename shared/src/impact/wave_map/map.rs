@@ -81,7 +81,6 @@ impl WaveMap {
         build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
     }
 
-    /// The impact of a part with another restitution.
     #[inline(always)]
     pub(in crate::impact) fn impact_with_restitution(
         &self,

@@ -24,7 +24,6 @@ pub(in crate::impact) struct HumpEnd {
 pub(in crate::impact) struct Hump {
     /// Start of the hump: a resting part is thrown off here.
     pub begin: HumpEnd,
-    /// End of the hump.
     pub end: HumpEnd,
     /// Length in rad.
     pub width: f64,
@@ -32,13 +31,10 @@ pub(in crate::impact) struct Hump {
     pub before: f64,
 }
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::impact) struct Track {
     pub wave: Wave,
-    /// k.
     pub k: f64,
-    /// `1/k`.
     pub per_k: f64,
     humps: [Hump; MAX_HUMPS],
     count: usize,
@@ -47,7 +43,6 @@ pub(in crate::impact) struct Track {
 }
 
 impl Track {
-    /// The track of a wave for `k`.
     pub fn new(wave: Wave, k: f64) -> Self {
         let mut track = Self {
             wave,

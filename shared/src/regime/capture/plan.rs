@@ -117,7 +117,6 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Sorts the kept kicks by expected share, largest first.
     fn sort_by_share(&mut self) {
         // Bubble sort: stable and without allocation.
         for end in (1..self.ranked.len()).rev() {

@@ -188,7 +188,6 @@ impl TrialRun {
         (self.envelope.amplitude(time) * AMPLITUDE_STEPS + 0.5) as i32 as f32 / AMPLITUDE_STEPS
     }
 
-    /// Sets the map up for an amplitude over target, if it changed.
     fn set_amplitude(&mut self, amplitude: f32) {
         if amplitude == self.amplitude {
             return;
@@ -204,7 +203,6 @@ impl TrialRun {
         }
     }
 
-    /// k at an amplitude over target.
     fn k_at(&self, amplitude: f32) -> f32 {
         self.k / amplitude
     }

@@ -27,7 +27,6 @@ impl Draw {
         }
     }
 
-    /// Draws the restitution of the next impact.
     #[inline]
     pub fn draw(&mut self) -> f32 {
         if self.deviation == 0.0 {

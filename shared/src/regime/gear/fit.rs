@@ -84,7 +84,6 @@ impl Fit {
         }
     }
 
-    /// Solves for the mean share over the lot.
     pub fn solve(&self) -> FittedShare {
         // Ridge in runs. It keeps coefficients without data at 0, such as those of an absent second
         // tone.
@@ -114,7 +113,6 @@ impl Fit {
     }
 }
 
-/// Coefficients of the fitted share.
 #[derive(Clone, Copy, Debug)]
 pub struct FittedShare([f32; TERMS]);
 
@@ -164,7 +162,6 @@ fn terms([x, y, z]: [f32; 3], lot: Option<f32>) -> [f32; TERMS] {
 mod tests {
     use super::*;
 
-    /// Fit to `runs` points with uniform noise.
     fn fitted(runs: u32, noise: f32, lots: bool) -> FittedShare {
         let mut fit = Fit::EMPTY;
         for n in 0..runs {

@@ -52,7 +52,6 @@ pub(crate) struct GearDetector<T = f64> {
     shortest: T,
     longest: T,
     flights: u32,
-    /// Duration of the current run of flights.
     duration: T,
     losses: u64,
 }
@@ -86,7 +85,6 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         }
     }
 
-    /// Whether the part is in gear.
     pub(crate) fn is_in_gear(&self) -> bool {
         self.flights >= MIN_FLIGHTS_IN_GEAR
     }
@@ -107,7 +105,6 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         }
     }
 
-    /// Adds a rest, which ends gear.
     pub(crate) fn add_rest(&mut self) {
         self.losses += u64::from(self.is_in_gear());
         self.flights = 0;

@@ -13,10 +13,8 @@ use crate::regime::{MAX_SERIES_CHATTER_VELOCITY, chatter_duration};
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
 pub type Tones = [[f32; 2]; 2];
 
-/// The upper tones of a track in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpperTones {
-    /// Amplitudes over the first.
     pub ratios: [f32; 2],
     angles: [Phase; 2],
 }
@@ -116,9 +114,7 @@ const NO_FLIGHT_DELAY_STEPS: i64 = 1 << 20;
 /// Simulated time, in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// Start of the counted time.
     pub begin: i64,
-    /// End of the simulation.
     pub end: i64,
 }
 
@@ -132,7 +128,6 @@ impl Span {
     }
 }
 
-/// An impact of the simulated part.
 #[derive(Clone, Copy, Debug)]
 pub struct SimulatedImpact {
     launch: SingleState,
@@ -142,9 +137,7 @@ pub struct SimulatedImpact {
     velocity: f32,
     /// Flight before the impact with the contact, in steps of 2^-32 turns.
     pub steps: i64,
-    /// Whether the flight began from rest.
     pub from_rest: bool,
-    /// Whether the part is in gear after the impact.
     pub in_gear: bool,
 }
 
@@ -206,7 +199,6 @@ impl SimulatedPart {
         }
     }
 
-    /// Share of the counted time in gear, 0..=1.
     pub fn share(&self) -> f32 {
         self.in_gear as f32 / (self.span.end - self.span.begin) as f32
     }

@@ -58,7 +58,6 @@ pub struct GearPlan {
 /// Loss of the share of time in gear at the ends of the gear band.
 pub const GEAR_BAND_LOSS: f32 = 0.02;
 
-/// Largest number of candidates of the first round.
 const MAX_CANDIDATES: usize = ORDER_1_ROWS.len() * GRID_STEPS_UPPER_TONES;
 
 /// A grid point of the first round; its index gives k and tones.
@@ -71,7 +70,6 @@ struct Candidate {
     runs: u16,
 }
 
-/// A point of the search.
 #[derive(Clone, Copy, Debug)]
 struct SearchPoint {
     k: f32,
@@ -497,7 +495,6 @@ impl GearPlanner {
         SearchPoint::new(k.min(self.settings.k[1]), scale_tones(tones, part))
     }
 
-    /// Begins the next run of the first round.
     fn begin_candidate_run(&mut self) {
         let number = self.candidate;
         if number >= self.steps() * self.rows().len() {
@@ -600,7 +597,6 @@ impl GearPlanner {
         }
     }
 
-    /// Records the share in gear of the run that ended.
     fn record_share(&mut self, share: f32, run: &Run) {
         match &mut self.stage {
             Stage::Grid(candidates) => {
@@ -621,7 +617,6 @@ impl GearPlanner {
         }
     }
 
-    /// Evaluates the runs of a stage and begins the next stage.
     fn end_stage(&mut self) {
         match &self.stage {
             Stage::Grid(candidates) => {

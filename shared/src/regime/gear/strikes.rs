@@ -202,7 +202,6 @@ impl StrikeProfiler {
         low + (high - low) * (group as f32 + 0.5) * (1.0 / GROUPS as f32)
     }
 
-    /// Lowest and highest simulated restitution.
     fn restitution_range(&self) -> [f32; 2] {
         let lot = self.settings.restitution;
         [
@@ -344,7 +343,6 @@ impl StrikeProfiler {
         }
     }
 
-    /// Begins the next part, or ends the count.
     fn begin_part(&mut self) {
         self.part += 1;
         if self.part > SIMULATED_PARTS || self.impacts >= MAX_IMPACTS {

@@ -65,12 +65,10 @@ impl Harmonic {
     }
 }
 
-/// The harmonics of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Harmonics {
     pub second: Harmonic,
     pub third: Harmonic,
-    /// Whether the third harmonic is present.
     pub is_of_three: bool,
 }
 
@@ -96,7 +94,6 @@ impl Harmonics {
         1.0 + self.second.size * power(2) + self.third.size * power(3)
     }
 
-    /// Motion of the track at a node.
     #[inline(always)]
     pub fn at_node(&self, node: i32) -> Motion {
         let at = |node: i32| SINE_COSINE_SINGLE[(node & 255) as usize];

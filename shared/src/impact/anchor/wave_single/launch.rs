@@ -19,7 +19,6 @@ const TYPICAL_PULL_ERROR: f32 = 5e-10;
 /// Pull over its typical error above which rounding does not decide its sign.
 const MAX_PULL_OVER_ERROR: f32 = 20.0;
 
-/// A launch in f32.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Launch {
     /// Phase in steps of 2^-32 turns.
@@ -69,7 +68,6 @@ impl Launch {
         }
     }
 
-    /// Whether the pull was computed in fixed point.
     #[inline(always)]
     pub fn has_fixed_point_pull(&self) -> bool {
         abs(self.pull) < MAX_FIXED_POINT_PULL

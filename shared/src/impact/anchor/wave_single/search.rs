@@ -449,7 +449,6 @@ struct Gap {
     slope: f32,
 }
 
-/// The flight at the edges and over the humps.
 struct Edges<'a> {
     track: &'a Track,
     launch: &'a Launch,
@@ -540,7 +539,6 @@ impl Edges<'_> {
         }
     }
 
-    /// Rounding of the gap after `x`.
     fn rounding(&self, x: f32) -> f32 {
         if x >= self.short {
             return GAP_ROUNDING + Track::GAP_ROUNDING_PER_RADIAN * x;

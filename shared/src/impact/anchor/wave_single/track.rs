@@ -53,7 +53,6 @@ pub(super) struct Limit {
     pub last: i64,
 }
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Track {
     pub tones: Harmonics,
@@ -70,7 +69,6 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// The track of two harmonics for a k.
     pub fn build(second: Tone, third: Tone, k: f64) -> Result<Self, OutOfRange> {
         let tones = Harmonics::build(second, third)?;
         accept_in("k", k, 0.005..=4.0, "0.005..4")?;
@@ -106,7 +104,6 @@ impl Track {
         &self.humps[..self.count.min(MAX_HUMPS)]
     }
 
-    /// Whether the track throws a part at `phase`.
     #[inline(always)]
     pub fn throws(&self, phase: u32) -> bool {
         self.humps()

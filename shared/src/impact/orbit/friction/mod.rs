@@ -188,7 +188,6 @@ impl Friction {
         self.move_in_contact(last.phase, chatter, velocity + excess)
     }
 
-    /// The push on a part that slides in direction c.
     fn sliding_acceleration(&self, c: f64) -> Push {
         self.free.plus(c * self.settings.sliding, &self.normal)
     }

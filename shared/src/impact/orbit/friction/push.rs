@@ -6,7 +6,6 @@
 use crate::impact::orbit::tangential::{sagitta, versine_from_half};
 use crate::impact::wave::Wave;
 
-/// Harmonics of a track's motion.
 const HARMONICS: usize = 3;
 
 /// `sum over n of (sine_n sin(n tau) + cosine_n cos(n tau)) - constant`, in `b w^2`.
@@ -55,7 +54,6 @@ impl Push {
         (0..self.count).map(|n| (n as f64 + 1.0, self.sine[n], self.cosine[n]))
     }
 
-    /// Value at a phase.
     pub(super) fn at(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
@@ -64,7 +62,6 @@ impl Push {
         tones.sum::<f64>() - self.constant
     }
 
-    /// Slope at a phase.
     pub(super) fn slope(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
