@@ -91,13 +91,7 @@ impl ContactTime {
     /// The flight then includes the contact, and the next state is the launch after it. A part that
     /// rests (flight 0) has none.
     #[inline]
-    pub fn hold(
-        self,
-        restitution: f64,
-        impact: Impact<PartState>,
-        k: f64,
-        wave: Option<&Wave>,
-    ) -> Impact<PartState> {
+    pub fn hold(self, restitution: f64, impact: Impact, k: f64, wave: Option<&Wave>) -> Impact {
         if self.is_instant() || impact.flight <= 0.0 {
             return impact;
         }

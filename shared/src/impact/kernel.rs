@@ -21,9 +21,9 @@ impl PartState {
     }
 }
 
-/// One flight and the impact that ends it, in the arithmetic of the state `S`.
+/// One flight and the impact that ends it, in the arithmetic of the state `S`; f64 by default.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Impact<S> {
+pub struct Impact<S = PartState> {
     /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
     pub flight: f64,
     /// The state just after the impact.

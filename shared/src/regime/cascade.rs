@@ -113,14 +113,14 @@ impl MapSettings {
 }
 
 impl TrackMap {
-    fn impact(&self, state: PartState) -> Impact<PartState> {
+    fn impact(&self, state: PartState) -> Impact {
         match self {
             Self::Sine(map) => map.impact(state),
             Self::Tones(map) => map.impact(state),
         }
     }
 
-    fn tangent(&self, state: PartState, impact: &Impact<PartState>) -> Option<Tangent> {
+    fn tangent(&self, state: PartState, impact: &Impact) -> Option<Tangent> {
         match self {
             Self::Sine(map) => Tangent::build(map, state, impact),
             Self::Tones(map) => Tangent::build(map, state, impact),

@@ -202,7 +202,7 @@ impl Measurement {
 
     /// Adds an impact of `map` from `before`, its restitution `drawn` times the map's.
     #[inline]
-    fn add(&mut self, map: &Map, before: PartState, impact: &Impact<PartState>, drawn: f64) {
+    fn add(&mut self, map: &Map, before: PartState, impact: &Impact, drawn: f64) {
         if self.count == self.settle {
             self.vector.take_growth();
         }

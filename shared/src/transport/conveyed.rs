@@ -145,7 +145,7 @@ impl<A: Along> Conveying<A> {
 
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         let (along, contact, [_, restitution]) = (&self.along, self.contact, self.part);
         let (distance, velocity) = if contact.is_instant() {
             along.move_in_flight(launch, impact, self.velocity)

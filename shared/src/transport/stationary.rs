@@ -86,7 +86,7 @@ impl PhaseMeans {
 
 impl Observer for PhaseMeans {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         let half = 0.5 * impact.flight;
         self.impacts += 1;
         self.flying += impact.flight;

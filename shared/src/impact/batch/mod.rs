@@ -111,7 +111,7 @@ impl Block {
 
     /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
     #[inline]
-    pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
+    pub fn impact(&self, lane: usize) -> Option<Impact> {
         self.filled.contains(lane).then(|| Impact {
             flight: self.columns.flight(lane),
             next: self.columns.state(lane),

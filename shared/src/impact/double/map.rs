@@ -94,7 +94,7 @@ impl Kernel for Map {
     }
 
     #[inline]
-    fn impact(&self, state: PartState) -> Impact<PartState> {
+    fn impact(&self, state: PartState) -> Impact {
         let launch = Launch::new(state.phase, state.velocity);
         build_impact(self.restitution, state, first_impact(&self.track, &launch))
     }

@@ -24,7 +24,7 @@ pub(crate) fn build_impact(
     restitution: f64,
     state: PartState,
     landing: Option<(Landing<f64>, bool)>,
-) -> Impact<PartState> {
+) -> Impact {
     let Some((landing, grazes)) = landing else {
         return Impact {
             flight: 0.0,

@@ -18,7 +18,7 @@ const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OrbitEvent {
     /// The part flew and struck the track.
-    Impact(Impact<PartState>),
+    Impact(Impact),
     /// The part chattered to rest.
     Rest {
         /// Duration of the chatter in rad, from its closed form.
@@ -274,7 +274,7 @@ mod tests {
     struct Count([u64; 3]);
 
     impl Observer for Count {
-        fn impact(&mut self, _: PartState, _: &Impact<PartState>) {
+        fn impact(&mut self, _: PartState, _: &Impact) {
             self.0[0] += 1;
         }
 

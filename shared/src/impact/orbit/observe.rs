@@ -15,7 +15,7 @@ use crate::impact::kernel::{Impact, PartState};
 /// struct Longest(f64);
 ///
 /// impl Observer for Longest {
-///     fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
+///     fn impact(&mut self, _: PartState, impact: &Impact) {
 ///         self.0 = self.0.max(impact.flight);
 ///     }
 /// }
@@ -28,7 +28,7 @@ use crate::impact::kernel::{Impact, PartState};
 /// ```
 pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
-    fn impact(&mut self, _launch: PartState, _impact: &Impact<PartState>) {}
+    fn impact(&mut self, _launch: PartState, _impact: &Impact) {}
 
     /// The part chattered to rest in `chatter` rad; it rests from `phase` on.
     ///
@@ -43,7 +43,7 @@ impl Observer for () {}
 
 impl<O: Observer> Observer for &mut O {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         O::impact(self, launch, impact);
     }
 
@@ -60,7 +60,7 @@ impl<O: Observer> Observer for &mut O {
 
 impl<A: Observer, B: Observer> Observer for (A, B) {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         self.0.impact(launch, impact);
         self.1.impact(launch, impact);
     }

@@ -83,7 +83,7 @@ impl Tangential {
     /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
     /// The form `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
     /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
-    pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
+    pub fn distance(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
         let acceleration: f64 = self
@@ -100,22 +100,12 @@ impl Tangential {
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
-    pub fn velocity_after_impact(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
+    pub fn velocity_after_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         self.settings.restitution * self.velocity_before_impact(launch, impact, velocity)
     }
 
     /// Velocity along the track at the end of a flight.
-    fn velocity_before_impact(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
+    fn velocity_before_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
         // S'(t+d+gamma) - S'(t+gamma), without cancellation.
@@ -137,12 +127,7 @@ impl Along for Tangential {
     const REST_ERASES_HISTORY: bool = true;
 
     #[inline]
-    fn move_in_flight(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> (f64, f64) {
+    fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
         let distance = self.distance(launch, impact, velocity);
         (
             distance,
@@ -150,14 +135,14 @@ impl Along for Tangential {
         )
     }
 
-    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+    fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
         (
             self.distance(launch, flight, velocity),
             self.velocity_before_impact(launch, flight, velocity),
         )
     }
 
-    fn rebound(&self, _: PartState, _: &Impact<PartState>, arriving: f64, _: f64) -> f64 {
+    fn rebound(&self, _: PartState, _: &Impact, arriving: f64, _: f64) -> f64 {
         self.settings.restitution * arriving
     }
 

@@ -72,11 +72,7 @@ impl WaveMap {
     }
 
     #[inline(always)]
-    fn impact_after<const N: usize>(
-        &self,
-        restitution: f64,
-        state: PartState,
-    ) -> Impact<PartState> {
+    fn impact_after<const N: usize>(&self, restitution: f64, state: PartState) -> Impact {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
     }
@@ -86,7 +82,7 @@ impl WaveMap {
         &self,
         restitution: f64,
         state: PartState,
-    ) -> Impact<PartState> {
+    ) -> Impact {
         if self.track.wave.is_of_two() {
             self.impact_after::<2>(restitution, state)
         } else {
@@ -132,7 +128,7 @@ pub enum Hop {
     /// It chatters to rest within this time, in rad.
     Rest(f64),
     /// It flies and strikes the track; the velocity is the arrival speed.
-    Impact(Impact<PartState>),
+    Impact(Impact),
 }
 
 impl Kernel for WaveMap {
@@ -154,7 +150,7 @@ impl Kernel for WaveMap {
     }
 
     #[inline]
-    fn impact(&self, state: PartState) -> Impact<PartState> {
+    fn impact(&self, state: PartState) -> Impact {
         self.impact_with_restitution(self.restitution, state)
     }
 }

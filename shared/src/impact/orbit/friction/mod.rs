@@ -169,7 +169,7 @@ impl Friction {
     }
 
     /// Speed normal to the track at the end of a flight, in `b w`.
-    fn arrival_speed(&self, launch: PartState, flight: &Impact<PartState>) -> f64 {
+    fn arrival_speed(&self, launch: PartState, flight: &Impact) -> f64 {
         let arrival = -(launch.velocity + self.normal.velocity(launch.phase, flight.flight));
         arrival.max(0.0)
     }
@@ -332,29 +332,18 @@ impl Friction {
 impl Along for Friction {
     const REST_ERASES_HISTORY: bool = false;
 
-    fn move_in_flight(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> (f64, f64) {
+    fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
         let (distance, arriving) = self.arrive(launch, impact, velocity);
         let impulse = self.arrival_speed(launch, impact) + impact.next.velocity;
         let after = self.settings.velocity_after_impact(arriving, impulse);
         (distance, after)
     }
 
-    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+    fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
         self.motion_before_impact(launch.phase, flight.flight, velocity)
     }
 
-    fn rebound(
-        &self,
-        launch: PartState,
-        flight: &Impact<PartState>,
-        arriving: f64,
-        restitution: f64,
-    ) -> f64 {
+    fn rebound(&self, launch: PartState, flight: &Impact, arriving: f64, restitution: f64) -> f64 {
         let impulse = (1.0 + restitution) * self.arrival_speed(launch, flight);
         self.settings.velocity_after_impact(arriving, impulse)
     }
