@@ -152,21 +152,16 @@ mod tests {
                 let (x, y) = (Fixed::<28>::from_constant(a), Fixed::<28>::from_constant(b));
                 let exact = number(x) * number(y);
                 let upper: Fixed<22> = x.times(y);
-                assert_eq!(
-                    f64::from(upper.0),
-                    libm::floor(exact * steps(22)),
-                    "{a} {b}"
-                );
+                let expected = libm::floor(exact * steps(22));
+                assert_eq!(f64::from(upper.0), expected, "{a} {b}");
                 let whole: Fixed<56, i64> = x.whole(y);
                 assert_eq!(whole.0 as f64, exact * steps(56), "{a} {b}");
                 let widened = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
                 assert_eq!(widened(x).times::<58, 56>(widened(y)), whole, "{a} {b}");
             }
             let x = Fixed::<28>::from_constant(a);
-            assert_eq!(
-                f64::from(x.to::<20>().0),
-                libm::floor(number(x) * steps(20))
-            );
+            let expected = libm::floor(number(x) * steps(20));
+            assert_eq!(f64::from(x.to::<20>().0), expected);
             assert_eq!(x.scaled::<27>().to::<28>(), x + x);
         }
         for value in [PI, -PI] {

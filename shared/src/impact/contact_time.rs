@@ -349,12 +349,8 @@ mod tests {
                 let errors = [max, deviation, (sum / count).abs(), delay];
                 std::println!("{percent} %: speed max, rms, bias, phase rms {errors:.5?}");
                 let bounds = [largest, rms, bias, max_delay].map(|bound| bound * c * c);
-                assert!(
-                    errors
-                        .iter()
-                        .zip(bounds)
-                        .all(|(error, bound)| *error < bound)
-                );
+                let mut pairs = errors.into_iter().zip(bounds);
+                assert!(pairs.all(|(error, bound)| error < bound));
             }
         }
     }

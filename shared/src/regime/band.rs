@@ -383,10 +383,7 @@ mod tests {
                     let restitution = low + (high - low) * f64::from(step) / 10.0;
                     for k in [band.low() * (1.0 + 1e-9), k, band.high() * (1.0 - 1e-9)] {
                         let lock = lock(k, restitution, order);
-                        assert!(
-                            lock.attracts() && lock.is_first_return(),
-                            "{restitution} {k}"
-                        );
+                        assert!(lock.attracts() && lock.is_first_return(), "{lock:?}");
                     }
                 }
             }

@@ -586,10 +586,8 @@ mod tests {
                 let error = (measured.value - larger).abs();
                 // Complex multipliers rotate the tangent vector, so its growth is averaged over the
                 // rotation.
-                assert!(
-                    error < 2e-3 + 5.0 * measured.error,
-                    "{orbit:?} {measured:?}"
-                );
+                let bound = 2e-3 + 5.0 * measured.error;
+                assert!(error < bound, "{orbit:?} {measured:?}");
             }
         }
     }
@@ -597,11 +595,11 @@ mod tests {
     /// docs/theory-real-parts.md#t10.2
     #[test]
     fn phase_of_a_locked_part_scatters_by_the_closed_form() {
-        for (k, expected) in [
-            (0.40, 0.0552),
-            (0.41, 0.0368),
-            (0.43, 0.0274),
-            (0.46, 0.0256),
+        for [k, expected] in [
+            [0.40, 0.0552],
+            [0.41, 0.0368],
+            [0.43, 0.0274],
+            [0.46, 0.0256],
         ] {
             let map = Map::build(k, 0.2).unwrap();
             let lock = Lock::build(k, 0.2, 1).unwrap().unwrap();
@@ -634,9 +632,11 @@ mod tests {
             let limit = best.k_infinity().unwrap();
             for doublings in 2..8 {
                 let estimate = located(doublings).k_infinity().unwrap();
+                let error = (estimate.value - limit.value).abs();
+                let stated = estimate.error + limit.error;
                 assert!(
-                    (estimate.value - limit.value).abs() <= estimate.error + limit.error,
-                    "R {restitution} r {order}: {doublings} flips {estimate:?} {limit:?}"
+                    error <= stated,
+                    "{restitution} {order} {doublings} {estimate:?}"
                 );
             }
         }

@@ -186,13 +186,8 @@ mod tests {
             }
         }
         let bounds = [5e-4, 2e-3, 5e-3];
-        assert!(
-            worst
-                .iter()
-                .zip(bounds)
-                .all(|(worst, bound)| *worst < bound),
-            "{worst:?}"
-        );
+        let mut pairs = worst.iter().zip(bounds);
+        assert!(pairs.all(|(worst, bound)| *worst < bound), "{worst:?}");
     }
 
     fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {

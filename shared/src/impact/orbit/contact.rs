@@ -143,15 +143,11 @@ mod tests {
                         summed += impact.flight;
                         hop = impact.next;
                     }
-                    summed += map
-                        .time_to_rest(hop)
-                        .unwrap_or_else(|| panic!("{k} {restitution} {state:?} {hop:?}"));
+                    summed += map.time_to_rest(hop).expect("a shorter chatter closes");
                     // The remainder, and the rounding of phases of 2 pi to which tiny hops are
                     // added.
-                    assert!(
-                        (summed - closed).abs() < MAX_CHATTER_REMAINDER + 1e-9 * closed,
-                        "{k} {restitution} {phase}: {summed} {closed}"
-                    );
+                    let bound = MAX_CHATTER_REMAINDER + 1e-9 * closed;
+                    assert!((summed - closed).abs() < bound, "{map:?} {phase}");
                     assert!(libm::sin(phase + closed) < k);
                 }
             }

@@ -873,7 +873,7 @@ mod tests {
     use super::*;
     use crate::impact::{Scatter, Tone, Wave, WaveMap};
     use crate::regime::band;
-    use crate::regime::gear::{Share, shares_from_rest};
+    use crate::regime::gear::{Share, peaks, shares_from_rest};
 
     /// Share in f64 from other random draws, over 20 parts of 2000 periods.
     fn reference_share(order: u32, plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
@@ -882,30 +882,17 @@ mod tests {
             .map(|[amplitude, angle]| Tone::new(f64::from(amplitude), f64::from(angle)));
         let wave = Wave::build(second, third).unwrap();
         let map = WaveMap::on(wave, f64::from(plan.k), lot.middle()).unwrap();
-        let part = |n: u64| {
+        let parts: [Scatter; 20] = core::array::from_fn(|n| {
             let mean = lot.low() + (lot.high() - lot.low()) * (n as f64 + 0.5) / 20.0;
-            Scatter::build(mean, f64::from(scatter), n + 1000).unwrap()
-        };
-        let parts: [Scatter; 20] = core::array::from_fn(|n| part(n as u64));
+            Scatter::build(mean, f64::from(scatter), n as u64 + 1000).unwrap()
+        });
         let mut sum = Share::default();
-        shares_from_rest(
-            &map,
-            ContactTime::INSTANT,
-            &parts,
-            order,
-            2000.0,
-            |_, share| sum = sum.plus(&share),
-        )
-        .unwrap();
+        let add = |_, share: Share| sum = sum.plus(&share);
+        shares_from_rest(&map, ContactTime::INSTANT, &parts, order, 2000.0, add).unwrap();
         sum.share()
     }
 
-    fn settings(
-        order: u32,
-        lot: Restitution,
-        scatter: f32,
-        max_tones: [f32; 2],
-    ) -> GearPlanSettings {
+    fn settings(order: u32, lot: Restitution, scatter: f32, tones: [f32; 2]) -> GearPlanSettings {
         let birth = band::birth(lot.high(), order).unwrap();
         GearPlanSettings {
             restitution: lot,
@@ -913,7 +900,7 @@ mod tests {
             amplitude_error: 0.02,
             order,
             k: [0.28 / order as f32, (1.02 * birth).min(0.98) as f32],
-            max_tones,
+            max_tones: tones,
             limits: GearLimits::NONE,
             contact: ContactTime::INSTANT,
         }
@@ -931,20 +918,13 @@ mod tests {
         let planner = plan(settings);
         let plan = planner.plan().unwrap();
         let exact = reference_share(settings.order, plan, settings.restitution, settings.scatter);
-        assert!(
-            plan.settled && exact > best - 0.03,
-            "{exact} of {best}: {plan:?}"
-        );
+        assert!(plan.settled && exact > best - 0.03, "{exact} {plan:?}");
         let error = (f64::from(plan.share) - exact).abs();
-        assert!(
-            error < 0.04 + 0.01 * f64::from(settings.order - 1),
-            "{exact} {plan:?}"
-        );
-        let [_, pushed] = super::super::limits::peaks(plan.tones);
-        assert!(
-            settings.limits.acceleration * pushed < plan.k * 1.001,
-            "{plan:?}"
-        );
+        let bound = 0.04 + 0.01 * f64::from(settings.order - 1);
+        assert!(error < bound, "{exact} {plan:?}");
+        let [_, pushed] = peaks(plan.tones);
+        let min_k = settings.limits.acceleration * pushed;
+        assert!(min_k < plan.k * 1.001, "{plan:?}");
         let [second, third] = settings.max_tones.map(|tone| usize::from(tone > 0.0));
         assert!(planner.impacts <= MAX_IMPACTS[second + third]);
     }
@@ -1028,9 +1008,8 @@ mod tests {
             (0.1, 0.4, 0.03, 0.0),
         ] {
             let lot = Restitution::interval(low, high).unwrap();
-            let plan = *plan(settings(1, lot, scatter, [second, 0.0]))
-                .plan()
-                .unwrap();
+            let planner = plan(settings(1, lot, scatter, [second, 0.0]));
+            let plan = *planner.plan().unwrap();
             let [below, above] = plan.band;
             assert!(below <= plan.k && plan.k <= above && below < 0.99 * above);
             let share = |k: f32| reference_share(1, &GearPlan { k, ..plan }, lot, scatter);
@@ -1075,10 +1054,8 @@ mod tests {
         let unsliced = plan(settings(1, lot, 0.05, [0.0; 2]));
         let mut sliced = GearPlanner::new(unsliced.settings).unwrap();
         while sliced.advance(7) {}
-        assert_eq!(
-            (sliced.plan(), sliced.impacts),
-            (unsliced.plan(), unsliced.impacts)
-        );
+        assert_eq!(sliced.plan(), unsliced.plan());
+        assert_eq!(sliced.impacts, unsliced.impacts);
         assert!(unsliced.impacts <= MAX_IMPACTS[0]);
     }
 

@@ -93,11 +93,8 @@ impl Push {
             let (sine, cosine) = libm::sincos(n * phase + half);
             gained += 2.0 / n * chord * (p * sine + q * cosine);
         }
-        let constant = self.constant;
-        (
-            d * d * (displacement - 0.5 * constant),
-            gained - constant * d,
-        )
+        let distance = d * d * (displacement - 0.5 * self.constant);
+        (distance, gained - self.constant * d)
     }
 
     /// Maximum in a turn, within 1e-12 of its size.
@@ -200,20 +197,14 @@ mod tests {
             let actual = first_zero(20.0, push.bound(2), |d| {
                 (push.at(from + d), push.slope(from + d))
             });
-            let scanned = (1..200_000)
-                .map(|n| 1e-4 * f64::from(n))
-                .find(|d| push.at(from + d) <= 0.0)
-                .unwrap();
+            let mut scan = (1..200_000).map(|n| 1e-4 * f64::from(n));
+            let scanned = scan.find(|d| push.at(from + d) <= 0.0).unwrap();
             let actual = actual.unwrap();
-            assert!(
-                (0.0..1e-4).contains(&(scanned - actual)),
-                "{from}: {actual} {scanned}"
-            );
+            let difference = scanned - actual;
+            assert!((0.0..1e-4).contains(&difference), "{from}: {actual}");
             assert!(push.at(from + actual).abs() < 1e-12);
         }
-        assert_eq!(
-            first_zero(20.0, 1.0, |d| (2.0 + libm::sin(d), libm::cos(d))),
-            None
-        );
+        let above_zero = |d| (2.0 + libm::sin(d), libm::cos(d));
+        assert_eq!(first_zero(20.0, 1.0, above_zero), None);
     }
 }
