@@ -48,10 +48,8 @@ impl SetUp {
         } else {
             Positive::from_f64(restitution).nearest(32)
         };
-        Ok(Self::new(
-            k,
-            Fixed(u32::try_from(restitution).unwrap_or(u32::MAX)),
-        ))
+        let restitution = u32::try_from(restitution).unwrap_or(u32::MAX);
+        Ok(Self::new(k, Fixed(restitution)))
     }
 
     #[inline(always)]

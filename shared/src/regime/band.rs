@@ -5,6 +5,7 @@ use core::f64::consts::PI;
 use core::fmt;
 
 use super::lock::{ContactTerms, accept_order, accept_restitution};
+use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::ContactTime;
 
@@ -243,12 +244,18 @@ impl Band {
         if low < high {
             return Ok(Self { order, low, high });
         }
+        let flips_below = |r| flip(r, order).is_ok_and(|flip| flip < high);
+        let (lowest, highest) = (restitution.low(), restitution.high());
+        let [high_bound, _] = bisect(lowest, highest, 60, flips_below);
+        // Equation 15 solved for R.
+        let launch = PI * f64::from(order) * low;
+        let low_bound = ((launch - 1.0) / (launch + 1.0)).max(0.0);
         Err(BandError::Empty(NoBand {
             order,
             flip: low,
             birth: high,
-            high_bound: max_high_bound(restitution, order, high)?,
-            low_bound: min_low_bound(order, low)?,
+            high_bound,
+            low_bound,
         }))
     }
 
@@ -285,30 +292,6 @@ impl Band {
             high: distance(self.high - k, 1.0 - k / self.high),
         }
     }
-}
-
-/// Restitution whose k2 is `edge`, by bisection: the limit of a high bound that shares a band with
-/// the low bound.
-fn max_high_bound(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
-    let (mut low, mut high) = (restitution.low(), restitution.high());
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high {
-            break;
-        }
-        if flip(middle, order)? < edge {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    Ok(low)
-}
-
-/// Restitution whose k1 is `edge` (equation 15 solved for R).
-fn min_low_bound(order: u32, edge: f64) -> Result<f64, OutOfRange> {
-    let launch = PI * accept_order(order)? * edge;
-    Ok(((launch - 1.0) / (launch + 1.0)).max(0.0))
 }
 
 #[cfg(test)]
@@ -404,15 +387,12 @@ mod tests {
                 let k1 = birth(restitution, order).unwrap();
                 let flown = |k| lock(k, restitution, order).is_first_return();
                 // Closer to k1 the rounding of t0 dominates.
-                let (mut low, mut high) = (flip(restitution, order).unwrap(), k1 * (1.0 - 1e-9));
+                let (low, high) = (flip(restitution, order).unwrap(), k1 * (1.0 - 1e-9));
                 if flown(high) {
                     assert!(edge > high, "R {restitution} order {order}");
                     continue;
                 }
-                for _ in 0..60 {
-                    let middle = 0.5 * (low + high);
-                    *(if flown(middle) { &mut low } else { &mut high }) = middle;
-                }
+                let [low, _] = bisect(low, high, 60, flown);
                 touching += 1;
                 worst = worst.max((edge / low - 1.0).abs());
             }

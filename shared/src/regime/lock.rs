@@ -54,15 +54,11 @@ impl Multipliers {
         } else {
             let root = libm::sqrt(discriminant);
             let larger = if half < 0.0 { half - root } else { half + root };
-            let has_inverse = larger != 0.0;
-            Self::Real(
-                larger,
-                if has_inverse {
-                    determinant / larger
-                } else {
-                    0.0
-                },
-            )
+            let smaller = match larger {
+                0.0 => 0.0,
+                _ => determinant / larger,
+            };
+            Self::Real(larger, smaller)
         }
     }
 

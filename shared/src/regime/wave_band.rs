@@ -6,6 +6,7 @@
 use core::f64::consts::{PI, TAU};
 
 use super::lock::{ContactTerms, Lock, accept_order, accept_restitution, is_stable};
+use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{ContactTime, Orbit, PartState, Wave, WaveMap};
 
@@ -95,15 +96,12 @@ impl WaveLock {
         if !band.contains(k) {
             return Ok(None);
         }
-        // Bisection: k falls with the phase.
-        let (mut first, mut last) = band.phases();
-        for _ in 0..60 {
-            let middle = 0.5 * (first + last);
-            match at(middle)? {
-                Some(found) if found.lock.k < k => last = middle,
-                _ => first = middle,
-            }
-        }
+        // k falls with the phase.
+        let (first, last) = band.phases();
+        let [_, last] = bisect(first, last, 60, |phase| {
+            let found = at(phase).ok().flatten();
+            found.is_none_or(|found| found.lock.k >= k)
+        });
         at(last)
     }
 
@@ -245,9 +243,8 @@ impl WaveBands {
         let square = restitution * restitution;
         let steepest = 2.0 * (1.0 + square) / (PI * r * (1.0 - square));
         let lock = |phase: f64| {
-            WaveLock::with_impact_phase(wave, phase, restitution, order, contact)
-                .ok()
-                .flatten()
+            let lock = WaveLock::with_impact_phase(wave, phase, restitution, order, contact);
+            lock.ok().flatten()
         };
         let attracts = |phase: f64| {
             if !contact.is_instant() {
@@ -259,15 +256,8 @@ impl WaveBands {
         let holds =
             |phase: f64| attracts(phase) && lock(phase).is_some_and(|lock| lock.is_first_return());
         // Bisection for the edge between a phase inside and one outside a band.
-        let end = |mut inside: f64, mut outside: f64| {
-            for _ in 0..60 {
-                let middle = 0.5 * (inside + outside);
-                if holds(middle) {
-                    inside = middle;
-                } else {
-                    outside = middle;
-                }
-            }
+        let end = |inside: f64, outside: f64| {
+            let [inside, outside] = bisect(inside, outside, 60, holds);
             let [_, speed, push, _] = wave.motion(outside);
             lock(inside).map(|WaveLock { lock, .. }| BandEdge {
                 k: lock.k,
@@ -285,9 +275,8 @@ impl WaveBands {
         let mut result = Self::default();
         let mut count = 0;
         // Start outside any band, so that none spans the ends of the scan.
-        let start = (0..SCANNED_PHASES)
-            .find(|&n| !holds(f64::from(n) * step))
-            .unwrap_or(0);
+        let mut scan = 0..SCANNED_PHASES;
+        let start = scan.find(|&n| !holds(f64::from(n) * step)).unwrap_or(0);
         let mut begin = None;
         for n in start..=start + SCANNED_PHASES {
             let phase = f64::from(n) * step;
@@ -329,9 +318,8 @@ impl WaveBands {
             let share = f64::from(part) / f64::from(COMPARED_RESTITUTIONS - 1);
             let other = find(lot.low() + (lot.high() - lot.low()) * share)?;
             let mut both = Self::default();
-            let pairs = shared
-                .iter()
-                .flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
+            let bands = shared.iter();
+            let pairs = bands.flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
             for (slot, band) in both.bands.iter_mut().zip(pairs.flatten()) {
                 *slot = Some(band);
             }

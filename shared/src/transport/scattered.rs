@@ -3,9 +3,7 @@
 use core::f64::consts::TAU;
 
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{
-    Along, ContactTime, Friction, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
-};
+use crate::impact::{Along, Friction, Orbit, OrbitEvent, PartState, Scatter, Tangential, WaveMap};
 use crate::regime::gear::{Share, watch_from_rest};
 
 const MAX_LAWS: usize = 64;
@@ -112,22 +110,15 @@ pub fn convey_from_rest(
         }
         each(n, share, &speeds[..laws.len()]);
     };
-    watch_from_rest(
-        map,
-        ContactTime::INSTANT,
-        scatters,
-        order,
-        periods,
-        Paths::NONE,
-        watch,
-        each,
-    )
+    let map = map.with_coarse_chatter();
+    let (orbit, record) = (Orbit::from_rest(&map), Paths::NONE);
+    watch_from_rest(orbit, scatters, order, periods, record, watch, each)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{FrictionSettings, Orbit, TangentialSettings, Tone, Wave};
+    use crate::impact::{FrictionSettings, TangentialSettings, Tone, Wave};
     use crate::transport::{Effort, Motion, measure_on_tones};
 
     fn waves() -> [Wave; 2] {

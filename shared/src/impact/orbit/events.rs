@@ -3,7 +3,7 @@
 use super::observe::Observer;
 use super::orbit_map::OrbitMap;
 use super::release::Release;
-use crate::feeder::{OutOfRange, accept};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
@@ -89,12 +89,8 @@ impl Orbit<'_> {
     /// restitution below 1e-6.
     pub fn scattering(self, scatter: Scatter) -> Result<Self, OutOfRange> {
         let mean = scatter.mean();
-        accept(
-            "restitution",
-            mean,
-            mean >= MIN_SCATTERED_RESTITUTION,
-            "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
-        )?;
+        let accepted = "0.000001..1 where it scatters: what is left of no speed cannot be drawn";
+        accept_in("restitution", mean, MIN_SCATTERED_RESTITUTION.., accepted)?;
         Ok(self.drawing(scatter))
     }
 }

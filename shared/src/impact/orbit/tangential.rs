@@ -53,19 +53,11 @@ impl Tangential {
     /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
     /// whole.
     pub fn on(wave: &Wave, k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
-        let TangentialSettings {
-            restitution,
-            amplitude_ratio,
-            phase_lead,
-            incline_tangent,
-        } = settings;
-        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept_in(
-            "tangential restitution",
-            restitution,
-            0.0..1.0,
-            "0..1, 1 itself excluded: without loss the speed never settles",
-        )?;
+        let (restitution, incline_tangent) = (settings.restitution, settings.incline_tangent);
+        let (eta, lead) = (settings.amplitude_ratio, settings.phase_lead);
+        accept_motion(k, eta, lead, incline_tangent)?;
+        let accepted = "0..1, 1 itself excluded: without loss the speed never settles";
+        accept_in("tangential restitution", restitution, 0.0..1.0, accepted)?;
         Ok(Self {
             settings,
             wave: *wave,
@@ -86,16 +78,12 @@ impl Tangential {
     pub fn distance(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
-        let acceleration: f64 = self
-            .wave
-            .tones()
-            .map(|(n, tone)| {
-                let (sine, cosine) = libm::sincos(n * lead + tone.angle);
-                let x = n * d;
-                n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
-            })
-            .sum();
-        let push = self.settings.amplitude_ratio * acceleration - 0.5 * self.gravity;
+        let terms = self.wave.tones().map(|(n, tone)| {
+            let (sine, cosine) = libm::sincos(n * lead + tone.angle);
+            let x = n * d;
+            n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
+        });
+        let push = self.settings.amplitude_ratio * terms.sum::<f64>() - 0.5 * self.gravity;
         d * (velocity + d * push)
     }
 
@@ -109,16 +97,12 @@ impl Tangential {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
         // S'(t+d+gamma) - S'(t+gamma), without cancellation.
-        let change: f64 = self
-            .wave
-            .tones()
-            .map(|(n, tone)| {
-                let half = 0.5 * n * d;
-                let middle = n * lead + tone.angle + half;
-                -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
-            })
-            .sum();
-        velocity - self.settings.amplitude_ratio * change - self.gravity * d
+        let changes = self.wave.tones().map(|(n, tone)| {
+            let half = 0.5 * n * d;
+            let middle = n * lead + tone.angle + half;
+            -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
+        });
+        velocity - self.settings.amplitude_ratio * changes.sum::<f64>() - self.gravity * d
     }
 }
 
@@ -128,18 +112,13 @@ impl Along for Tangential {
 
     #[inline]
     fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
-        let distance = self.distance(launch, impact, velocity);
-        (
-            distance,
-            self.velocity_after_impact(launch, impact, velocity),
-        )
+        let after = self.velocity_after_impact(launch, impact, velocity);
+        (self.distance(launch, impact, velocity), after)
     }
 
     fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
-        (
-            self.distance(launch, flight, velocity),
-            self.velocity_before_impact(launch, flight, velocity),
-        )
+        let arriving = self.velocity_before_impact(launch, flight, velocity);
+        (self.distance(launch, flight, velocity), arriving)
     }
 
     fn rebound(&self, _: PartState, _: &Impact, arriving: f64, _: f64) -> f64 {

@@ -42,20 +42,14 @@ impl DriveLag {
     /// Builds the drive; an error names the parameter out of range.
     pub fn build(settings: DriveLagSettings) -> Result<Self, OutOfRange> {
         let cycles = settings.time_constant;
-        accept_in(
-            "time_constant",
-            cycles,
-            0.0..=1000.0,
-            "0..1000 drive cycles",
-        )?;
+        let accepted = "0..1000 drive cycles";
+        accept_in("time_constant", cycles, 0.0..=1000.0, accepted)?;
         accept_in("start", settings.start, 0.0..=1.0, "0..1")?;
         accept_in("limit", settings.limit, 1.0..=10.0, "1..10")?;
-        let lags = cycles > 0.0;
         Ok(Self {
-            decay: if lags {
-                libm::exp(-1.0 / cycles) as f32
-            } else {
-                0.0
+            decay: match cycles {
+                0.0 => 0.0,
+                _ => libm::exp(-1.0 / cycles) as f32,
             },
             start: settings.start as f32,
             limit: settings.limit as f32,

@@ -144,10 +144,8 @@ impl Plan {
     /// each further cycle holds the kick one drive cycle longer, so no attempt repeats.
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
         let mut settings = self.scored(attempt)?.kick.settings();
-        settings.hold = settings
-            .hold
-            .saturating_add((attempt / self.ranked.len() as u32).min(1000) as u16)
-            .min(10_000);
+        let longer = (attempt / self.ranked.len() as u32).min(1000) as u16;
+        settings.hold = settings.hold.saturating_add(longer).min(10_000);
         Kick::build(settings).ok()
     }
 
@@ -326,9 +324,8 @@ impl Planner {
             entry.filter(|scored| scored.tried < RECOUNTED_PARTS)
         };
         let Some(scored) = open(rank) else {
-            let next = (1..=MAX_KICKS)
-                .map(|ahead| (rank + ahead) % MAX_KICKS)
-                .find(|rank| open(*rank).is_some());
+            let mut others = (1..=MAX_KICKS).map(|ahead| (rank + ahead) % MAX_KICKS);
+            let next = others.find(|rank| open(*rank).is_some());
             self.recounted = next.or(self.recounted);
             return next.is_some();
         };
@@ -406,9 +403,9 @@ impl Planner {
             }
         };
         let set_ups = trial_run.set_ups;
-        let outcome = trial_run
-            .simulate_impact()
-            .or((trial_run.steps() >= MAX_TRIAL_IMPACTS).then_some(Outcome::Missed));
+        let outcome = trial_run.simulate_impact();
+        let ends = trial_run.steps() >= MAX_TRIAL_IMPACTS;
+        let outcome = outcome.or(ends.then_some(Outcome::Missed));
         self.plan.impacts += 1;
         self.plan.set_ups += trial_run.set_ups - set_ups;
         let Some(outcome) = outcome else {

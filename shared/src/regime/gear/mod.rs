@@ -68,9 +68,8 @@ impl GearDetector<i64> {
     /// Detector of an order, 1..=100 drive periods a flight, with times in steps of 2^-32 turns.
     pub(crate) fn build_in_steps(order: u32) -> Result<Self, OutOfRange> {
         let period = Phase::TURN * accept_order(order)?;
-        Ok(Self::from_range(
-            FLIGHT_RANGE.map(|share| (share * period) as i64),
-        ))
+        let range = FLIGHT_RANGE.map(|share| (share * period) as i64);
+        Ok(Self::from_range(range))
     }
 }
 
@@ -257,28 +256,17 @@ pub fn shares_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
+    let map = map.with_coarse_chatter();
+    let orbit = Orbit::from_rest(&map).with_contact(contact);
     let each = |n, share, _, ()| each(n, share);
-    watch_from_rest(
-        map,
-        contact,
-        scatters,
-        order,
-        periods,
-        (),
-        |(), _, _, _| {},
-        each,
-    )
+    watch_from_rest(orbit, scatters, order, periods, (), |_, _, _, _| {}, each)
 }
 
 /// As [`shares_from_rest`]. `watch` receives the time before each event, the state there and the
-/// event; `each` also receives the time at the end. Both have a `record` of each part.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the inputs of a simulation and its two observers"
-)]
+/// event; `each` also receives the time at the end. Both have a `record` of each part. The map of
+/// the orbit sums chatters coarsely.
 pub(crate) fn watch_from_rest<R: Clone>(
-    map: &WaveMap,
-    contact: ContactTime,
+    mut orbit: Orbit<'_, WaveMap>,
     scatters: &[Scatter],
     order: u32,
     periods: f64,
@@ -287,8 +275,6 @@ pub(crate) fn watch_from_rest<R: Clone>(
     mut each: impl FnMut(usize, Share, f64, R),
 ) -> Result<(), OutOfRange> {
     accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
-    let map = map.with_coarse_chatter();
-    let mut orbit = Orbit::from_rest(&map).with_contact(contact);
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
     let mut gear_watch = GearWatch::build(order)?;
     gear_watch.begin(begin);

@@ -42,12 +42,8 @@ impl FrictionSettings {
     ///
     /// Errors: `OutOfRange` with the parameter.
     fn check(&self, k: f64) -> Result<(), OutOfRange> {
-        accept_motion(
-            k,
-            self.amplitude_ratio,
-            self.phase_lead,
-            self.incline_tangent,
-        )?;
+        let (eta, lead) = (self.amplitude_ratio, self.phase_lead);
+        accept_motion(k, eta, lead, self.incline_tangent)?;
         accept_in("friction", self.sliding, 0.0..=10.0, "0..10")?;
         let (range, accepted) = (
             self.sliding..=10.0,

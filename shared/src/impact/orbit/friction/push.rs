@@ -3,6 +3,7 @@
 //! The first zero is found by steps that a bound of the second derivative limits, see
 //! docs/theory-impacts.md#t3.3.
 
+use crate::arithmetic::bisect;
 use crate::impact::orbit::tangential::{sagitta, versine_from_half};
 use crate::impact::wave::Wave;
 
@@ -105,34 +106,22 @@ impl Push {
         let step = core::f64::consts::TAU / f64::from(SCANNED_PHASES);
         let mut highest = f64::NEG_INFINITY;
         for n in 0..SCANNED_PHASES {
-            let (mut low, mut high) = (f64::from(n) * step, f64::from(n + 1) * step);
+            let (low, high) = (f64::from(n) * step, f64::from(n + 1) * step);
             highest = highest.max(self.at(low));
-            if self.slope(low) <= 0.0 || self.slope(high) > 0.0 {
-                continue;
+            if self.slope(low) > 0.0 && self.slope(high) <= 0.0 {
+                let [top, _] = bisect(low, high, 40, |phase| self.slope(phase) > 0.0);
+                highest = highest.max(self.at(top));
             }
-            for _ in 0..40 {
-                let middle = 0.5 * (low + high);
-                if self.slope(middle) > 0.0 {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
-            }
-            highest = highest.max(self.at(low));
         }
         highest
     }
 
     /// Bound of the derivative of this order.
     pub(super) fn bound(&self, order: i32) -> f64 {
-        self.tones()
-            .map(|(n, p, q)| powi(n, order) * libm::hypot(p, q))
-            .sum()
+        let power = |n: f64| (0..order).fold(1.0, |power, _| power * n);
+        let sizes = self.tones().map(|(n, p, q)| power(n) * libm::hypot(p, q));
+        sizes.sum()
     }
-}
-
-fn powi(n: f64, order: i32) -> f64 {
-    (0..order).fold(1.0, |power, _| power * n)
 }
 
 /// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0.
