@@ -2,10 +2,9 @@
 
 use core::ops::{Add, Neg, Sub};
 
-/// A number in steps of 2^-`F`, held in `T`.
-///
-/// The compiler checks the binary places of each sum, product and quotient and derives the shifts.
-/// The code states the arithmetic only; the instructions equal hand-written ones.
+/// A number in steps of 2^-`F`, held in `T`. The compiler checks the binary places of each sum,
+/// product and quotient and derives the shifts. The code states the arithmetic only; the
+/// instructions equal hand-written ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Fixed<const F: u32, T = i32>(pub T);
 

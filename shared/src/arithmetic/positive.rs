@@ -4,9 +4,8 @@
 use super::Phase;
 use super::square_root_single;
 
-/// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0.
-///
-/// The mantissa of a factor is in 2^63..2^64. All numbers have such mantissas except those from
+/// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0. The mantissa
+/// of a factor is in 2^63..2^64. All numbers have such mantissas except those from
 /// [`many`](Self::from_many_steps).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Positive {

@@ -102,9 +102,8 @@ impl ContactTime {
         }
     }
 
-    /// Launch speed in `b w` at the end of the contact; 0 if the part rests.
-    ///
-    /// `speed` is R s in `b w`, `pull` is `k - A` at the end of the contact in `b w^2`.
+    /// Launch speed in `b w` at the end of the contact; 0 if the part rests. `speed` is R s in `b
+    /// w`, `pull` is `k - A` at the end of the contact in `b w^2`.
     #[inline]
     fn launch_speed(self, restitution: f64, speed: f64, pull: f64) -> f64 {
         (speed - self.gain(restitution) * pull).max(0.0)
@@ -127,9 +126,8 @@ impl ContactTime {
     }
 }
 
-/// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1.
-///
-/// A rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
+/// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1. A
+/// rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
 /// equation.
 #[inline]
 pub(crate) fn speed_gain(restitution: f32) -> f32 {
@@ -154,7 +152,6 @@ pub(crate) mod spring {
 
     impl Spring {
         /// The contact with this restitution (0.01..1) and duration in rad, without other forces.
-        ///
         /// Let x be the decay rate over the frequency. The force ends after `pi - 2 atan x` of the
         /// oscillation, `-ln R = x (pi - 2 atan x)`. The part is back at 0 after `2 x/(1 + x^2)`
         /// more. Below `R = exp(-2)` the contact is overdamped; then q is the ratio of its rates,
@@ -193,7 +190,6 @@ pub(crate) mod spring {
 
         /// The launch after an arrival with `speed` at `phase`, and the contact's duration; `None`
         /// if the part stays for three contact times. `track` gives S, S' and A at a phase.
-        ///
         /// Fourth-order Runge-Kutta steps of 1/400 of the contact, then the free flight back to 0.
         pub(crate) fn launch(
             &self,

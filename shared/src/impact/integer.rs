@@ -219,10 +219,8 @@ impl Place {
         slope * slope - ((i128::from(quadratic.0) * i128::from(self.height.0)) >> 4)
     }
 
-    /// Time in rad, at most [`STRIDE`], for which the height surely stays above 0.
-    ///
-    /// Within a stride the bound is above a parabola. The stride is shortened until it is near the
-    /// parabola's zero.
+    /// Time in rad, at most [`STRIDE`], for which the height surely stays above 0. Within a stride
+    /// the bound is above a parabola. The stride is shortened until it is near the parabola's zero.
     fn clear_time(&self) -> Fixed<60, i64> {
         let (height, slope) = (i128::from(self.height.0), i128::from(self.slope.0));
         let (mut stride, mut clear) = (STRIDE.0, 0);

@@ -28,9 +28,8 @@ pub struct Scatter {
 
 impl Scatter {
     /// Restitutions with a `mean` in -1..=1 before clipping, a standard deviation (symbol s) in
-    /// 0..=0.5 and a seed. With a mean below 0 most impacts do not bounce, as of bodies that tumble.
-    ///
-    /// Errors: `OutOfRange` for a mean or a deviation out of range.
+    /// 0..=0.5 and a seed; an error names the one out of range. With a mean below 0 most impacts do
+    /// not bounce, as of bodies that tumble.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
         let scatter = Self {
             mean,

@@ -90,9 +90,8 @@ impl SetUp {
         }
     }
 
-    /// Smallest squared speed at height 0 of a tall flight, with a margin for rounding.
-    ///
-    /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
+    /// Smallest squared speed at height 0 of a tall flight, with a margin for rounding. Above it
+    /// the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
     pub fn min_tall_speed_squared(&self) -> Positive {
         const TALL_ROUNDING_MARGIN: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
         let lower = if self.hump > 0 {
@@ -110,10 +109,8 @@ impl SetUp {
 }
 
 /// Phase of a `sine` < 1 in steps of 2^-61, given approximately as f32 and with its cosine in steps
-/// of 2^-62.
-///
-/// From the nearest node by `sin(a - b) = sin a cos b - cos a sin b`; the error before rounding is
-/// below 5e-7 steps.
+/// of 2^-62. From the nearest node by `sin(a - b) = sin a cos b - cos a sin b`; the error before
+/// rounding is below 5e-7 steps.
 #[inline(always)]
 fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     /// `x` in steps of 2^-`places`.

@@ -80,10 +80,8 @@ pub(super) const MAX_HUMPS: usize = MAX_ZEROS / 2;
 const BOUND_ROUNDING: f64 = 1e-12;
 
 impl Wave {
-    /// The wave with these second and third harmonics.
-    ///
-    /// Errors: `OutOfRange` with the tone that is out of range (amplitude 0..=0.5, angle -2 pi..=2
-    /// pi).
+    /// The wave with these second and third harmonics; an error names the tone out of range
+    /// (amplitude 0..=0.5, angle -2 pi..=2 pi).
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         let names = [
             ("second tone, amplitude", "second tone, angle"),
@@ -263,10 +261,9 @@ impl Wave {
     }
 
     /// Zeros of a derivative of S in a turn, in order; `of` gives it with its own derivative,
-    /// `bound` bounds the next one.
-    ///
-    /// It starts where the function is large and takes steps too short to pass a zero. It may miss
-    /// pairs of zeros between which the function is below 1e-14 of `bound`.
+    /// `bound` bounds the next one. It starts where the function is large and takes steps too short
+    /// to pass a zero. It may miss pairs of zeros between which the function is below 1e-14 of
+    /// `bound`.
     fn zeros(&self, of: impl Fn(&Motion) -> [f64; 2], bound: f64) -> Vec<f64, MAX_ZEROS> {
         const MIN_STEP: f64 = 1e-7;
         /// Share of `bound` below which rounding decides the sign.
@@ -335,9 +332,8 @@ pub(super) fn in_turn(angle: f64) -> f64 {
     if turned < TAU { turned } else { 0.0 }
 }
 
-/// Zero of a function between two places of opposite sign, by safeguarded Newton steps.
-///
-/// `at` gives the value and its derivative.
+/// Zero of a function between two places of opposite sign, by safeguarded Newton steps. `at` gives
+/// the value and its derivative.
 pub(super) fn crossing(at: &impl Fn(f64) -> [f64; 2], low: f64, high: f64) -> f64 {
     let (mut low, mut high) = (low, high);
     let negative = at(low)[0] < 0.0;
@@ -383,9 +379,8 @@ mod tests {
         Wave::build(Tone::new(0.2, PI), Tone::new(0.2 / 9.0, 0.0)).unwrap()
     }
 
-    /// Direct sines, without a search for extrema.
-    ///
-    /// Bounds hold on a fine grid and are reached on it to second order.
+    /// Direct sines, without a search for extrema. Bounds hold on a fine grid and are reached on it
+    /// to second order.
     #[test]
     fn bounds_hold_and_are_reached() {
         for wave in waves().chain([flat_wave()]) {

@@ -261,9 +261,8 @@ impl Measurement {
     }
 }
 
-/// A tangent vector that the Jacobians carry along an orbit.
-///
-/// It is normalized only if it has grown or shrunk a lot.
+/// A tangent vector that the Jacobians carry along an orbit. It is normalized only if it has grown
+/// or shrunk a lot.
 #[derive(Clone, Copy)]
 struct TangentVector {
     vector: [f64; 2],

@@ -231,10 +231,9 @@ pub(super) fn is_stable([trace, determinant]: [f64; 2]) -> bool {
     libm::fabs(trace) < 1.0 + determinant
 }
 
-/// Terms of the lock with a contact time c (docs/theory-real-parts.md#t10.6).
-///
-/// The flight lasts `d = 2 pi r - c`. With the launch at t0 and the strike at `t0 - c` the height
-/// vanishes at both, and `psi = R s + rho c (A(t0) - k)`.
+/// Terms of the lock with a contact time c (docs/theory-real-parts.md#t10.6). The flight lasts `d =
+/// 2 pi r - c`. With the launch at t0 and the strike at `t0 - c` the height vanishes at both, and
+/// `psi = R s + rho c (A(t0) - k)`.
 #[derive(Clone, Copy)]
 pub(super) struct ContactTerms {
     restitution: f64,
@@ -317,9 +316,8 @@ impl ContactTerms {
         libm::sqrt(p * p + q * q)
     }
 
-    /// k2: the flip on a sine, where trace = -(1 + determinant).
-    ///
-    /// Times the arrival speed that is a sum of a cosine and a sine of t0.
+    /// k2: the flip on a sine, where trace = -(1 + determinant). Times the arrival speed that is a
+    /// sum of a cosine and a sine of t0.
     #[inline(never)]
     pub(super) fn flip(&self) -> f64 {
         let (r, d) = (self.restitution, self.flight);

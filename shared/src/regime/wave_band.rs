@@ -18,11 +18,10 @@ pub struct WaveLock {
 }
 
 impl WaveLock {
-    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
-    /// `psi = 2 pi r k R/(1+R)`, with the terms of a contact time.
-    ///
-    /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
-    /// [`WaveLock::is_first_return`] decide whether a part can follow it.
+    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`, `psi = 2 pi r
+    /// k R/(1+R)`, with the terms of a contact time. `None` if the track moves downwards at t0.
+    /// [`WaveLock::attracts`] and [`WaveLock::is_first_return`] decide whether a part can follow
+    /// it.
     fn with_impact_phase(
         wave: &Wave,
         phase: f64,

@@ -106,10 +106,8 @@ pub(crate) struct Node<V> {
 }
 
 impl<V: Vector> Node<V> {
-    /// Node nearest to phase `origin + ahead`.
-    ///
-    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns). The phase
-    /// is reduced by an integer mask.
+    /// Node nearest to phase `origin + ahead`. Its distance from `origin` is exact to an ulp for up
+    /// to 2^24 nodes (6 600 turns). The phase is reduced by an integer mask.
     #[inline(always)]
     pub fn near(origin: V, ahead: V) -> Self {
         let rounded = node_sum(origin + ahead);

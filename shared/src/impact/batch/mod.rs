@@ -79,10 +79,7 @@ impl Block {
         }
     }
 
-    /// Puts an orbit into a lane and replaces any other there.
-    ///
-    /// # Errors
-    /// `OutOfRange` for a lane that does not exist.
+    /// Puts an orbit into a lane and replaces any other there; an error if the lane does not exist.
     #[inline]
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
@@ -191,9 +188,8 @@ fn begin<V: Vector>(block: &mut Block) {
     block.unplanned = Set::EMPTY;
 }
 
-/// One impact of the lanes of a register, of which `count` are valid, and their next plan.
-///
-/// Lanes of a low flight whose interval is not certain are added to `open` instead.
+/// One impact of the lanes of a register, of which `count` are valid, and their next plan. Lanes of
+/// a low flight whose interval is not certain are added to `open` instead.
 #[inline(always)]
 fn fly<V: Vector>(
     columns: &mut Columns,

@@ -31,12 +31,10 @@ pub(crate) trait Path {
     fn hop(&self) -> Option<f64>;
 }
 
-/// The impact before or within the hump `begin..end`, if any. The interval before it starts
-/// at `low`.
-///
-/// Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is convex, so
-/// the sign of its minimum decides; there is none while the ball `passes` high above. `grazes`
-/// keeps whether a touch is within rounding.
+/// The impact before or within the hump `begin..end`, if any. The interval before it starts at
+/// `low`. Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is
+/// convex, so the sign of its minimum decides; there is none while the ball `passes` high above.
+/// `grazes` keeps whether a touch is within rounding.
 pub(crate) fn impact_at_hump<P: Path>(
     path: &P,
     at_begin: Gap,

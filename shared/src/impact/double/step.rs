@@ -79,10 +79,8 @@ impl<V: Vector> Local<V> {
     }
 }
 
-/// Step of Householder's method of order 4, backwards to the root, with one division.
-///
-/// `f` is the value, `g` to `g4` are the derivatives. The sign of the whole function does not
-/// matter.
+/// Step of Householder's method of order 4, backwards to the root, with one division. `f` is the
+/// value, `g` to `g4` are the derivatives. The sign of the whole function does not matter.
 #[inline(always)]
 pub(crate) fn householder<V: Vector>(f: V, g: V, g2: V, g3: V, g4: V) -> V {
     let (gg, ff, curved) = (g * g, f * f, g2 * f);
@@ -120,10 +118,9 @@ impl<V: Vector> LandingEstimate<V> {
     }
 }
 
-/// The gap u near an impact and u', to rounding, with the track's sine and cosine.
-///
-/// The ball is expanded about the node of the approach, the track about the node next to the
-/// impact. Every sum starts with the terms that are computed first.
+/// The gap u near an impact and u', to rounding, with the track's sine and cosine. The ball is
+/// expanded about the node of the approach, the track about the node next to the impact. Every sum
+/// starts with the terms that are computed first.
 #[derive(Clone, Copy)]
 pub(crate) struct GapNearImpact<V> {
     /// The node next to the impact; its distance is that of the approach's node from the launch.

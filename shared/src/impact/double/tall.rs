@@ -14,7 +14,6 @@ use crate::arithmetic::node;
 use crate::arithmetic::vector::{ROUNDING_OFFSET, Vector};
 
 /// Smallest squared speed at height 1 of a tall flight, in `(b w)^2`; the certificate holds from 1.
-///
 /// At 3 one step comes within 1.4e-3 of the root, at 4 within 4.4e-4, at 6 within 9.4e-5. Measured
 /// over 300 000 states or more in each of five ranges, k in 0.02..0.98. The golden data bound the
 /// residual after the second step.

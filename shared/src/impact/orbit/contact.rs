@@ -114,10 +114,8 @@ mod tests {
         }
     }
 
-    /// The closed form against the hops that it sums.
-    ///
-    /// It hops on until the closed form is 100 times shorter, with a remainder of 1e-6 of the
-    /// tested one.
+    /// The closed form against the hops that it sums. It hops on until the closed form is 100 times
+    /// shorter, with a remainder of 1e-6 of the tested one.
     #[test]
     fn chatter_time_is_the_sum_of_its_hops() {
         for k in [0.05, 0.43, 0.9, 1.0, 1.5] {

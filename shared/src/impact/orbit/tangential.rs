@@ -43,9 +43,8 @@ pub struct Tangential {
 }
 
 impl Tangential {
-    /// The motion along a sinusoidal track of these settings at `k`, 0.001..=1000.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The motion along a sinusoidal track of these settings at `k`, 0.001..=1000; an error names
+    /// the parameter out of range.
     pub fn build(k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
         Self::on(&Wave::sine(), k, settings)
     }
@@ -130,10 +129,9 @@ impl Along for Tangential {
         self.settings.amplitude_ratio * acceleration - self.gravity
     }
 
-    /// The velocity decays geometrically over hops that shrink geometrically: the distance is
-    /// `2 phi psi / (A (1 - R Rt))`, to first order in psi.
-    ///
-    /// The drive's effect is of second order in a chatter of at most 1e-4 rad.
+    /// The velocity decays geometrically over hops that shrink geometrically: the distance is `2
+    /// phi psi / (A (1 - R Rt))`, to first order in psi. The drive's effect is of second order in a
+    /// chatter of at most 1e-4 rad.
     fn move_in_chatter(
         &self,
         [k, restitution]: [f64; 2],

@@ -83,9 +83,8 @@ impl Launch {
         6e-14 * (2.0 + v * v * track.per_k)
     }
 
-    /// Whether the ball leaves the track's reach faster than the track's top speed.
-    ///
-    /// It returns equally fast, so it meets the track once, in one monotone interval.
+    /// Whether the ball leaves the track's reach faster than the track's top speed. It returns
+    /// equally fast, so it meets the track once, in one monotone interval.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track) -> bool {
         let leaving = self.speed_at(track, track.wave.top());
@@ -99,9 +98,8 @@ impl Launch {
         if ahead > 0.0 { ahead } else { ahead + TAU }
     }
 
-    /// Whether the part rests: its velocity is 0 and the track does not throw it.
-    ///
-    /// Within rounding of lift-off (A rising through k) the part is thrown.
+    /// Whether the part rests: its velocity is 0 and the track does not throw it. Within rounding
+    /// of lift-off (A rising through k) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track) -> bool {
         let rounding = if self.at.jerk > 0.0 {
@@ -168,9 +166,8 @@ impl ChatterLimits {
         pull_change: MAX_PULL_CHANGE,
     };
 
-    /// The duration is within 1e-4 rad, as in the board's plan.
-    ///
-    /// The pull lasts, so that the part comes to rest and is thrown off at the same phase.
+    /// The duration is within 1e-4 rad, as in the board's plan. The pull lasts, so that the part
+    /// comes to rest and is thrown off at the same phase.
     pub const COARSE: Self = Self {
         remainder: 1e-4,
         pull_change: 0.1,

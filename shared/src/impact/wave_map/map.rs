@@ -38,9 +38,8 @@ pub struct WaveMap {
 }
 
 impl WaveMap {
-    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1; an error names the
+    /// parameter out of range.
     pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         Map::build(k, restitution)?;
         Ok(Self {

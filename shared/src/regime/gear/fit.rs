@@ -52,9 +52,8 @@ fn back_substitute(triangle: &[f32], rhs: &mut [f32; TERMS]) {
 }
 
 /// Normal equations of the fit over k and one tone's amplitude and angle about a centre. The
-/// coordinates are normalized to half-widths of the region; an amplitude error may exceed them.
-///
-/// The restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
+/// coordinates are normalized to half-widths of the region; an amplitude error may exceed them. The
+/// restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
 /// effect of the random restitutions.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {

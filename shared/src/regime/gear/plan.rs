@@ -152,10 +152,9 @@ const THIRD_TONE_ANGLE: f32 = 5.3;
 
 /// Largest second tone tried, over the first tone: TRIED_SECOND_TONE_AT_R_0 plus
 /// TRIED_SECOND_TONE_SLOPE times the mean restitution R. The best for order 1 was between 0.13 at R
-/// = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15.
-///
-/// With a third tone the slope is [`THREE_TONE_TRIED_SLOPE`]. The third tone is at most
-/// [`MAX_THIRD_TONE`], the bound of the random search.
+/// = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15. With a third tone the slope is
+/// [`THREE_TONE_TRIED_SLOPE`]. The third tone is at most [`MAX_THIRD_TONE`], the bound of the
+/// random search.
 const TRIED_SECOND_TONE_AT_R_0: f32 = 0.08;
 const TRIED_SECOND_TONE_SLOPE: f32 = 0.3;
 const THREE_TONE_TRIED_SLOPE: f32 = 0.4;

@@ -77,9 +77,7 @@ pub(super) struct Harmonics {
 pub(super) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
-    /// The harmonics of a wave.
-    ///
-    /// Errors: `OutOfRange` with the tone out of range.
+    /// The harmonics of a wave. Errors: `OutOfRange` with the tone out of range.
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         Ok(Self {
             second: Harmonic::build(second, "second tone, amplitude", "second tone, angle")?,

@@ -38,9 +38,7 @@ impl FrictionSettings {
         }
     }
 
-    /// Checks `k` and the settings.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// Checks `k` and the settings. Errors: `OutOfRange` with the parameter.
     fn check(&self, k: f64) -> Result<(), OutOfRange> {
         let (eta, lead) = (self.amplitude_ratio, self.phase_lead);
         accept_motion(k, eta, lead, self.incline_tangent)?;
@@ -138,9 +136,8 @@ enum FrictionState {
 }
 
 impl Friction {
-    /// The motion along a sinusoidal track at `k`, 0.001..=1000.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The motion along a sinusoidal track at `k`, 0.001..=1000; an error names the parameter out
+    /// of range.
     pub fn build(k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         Self::on(&Wave::sine(), k, settings)
     }
@@ -292,9 +289,8 @@ impl Friction {
     /// `None` without a steady motion (friction cannot hold the incline) and if the track
     /// throws.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
-        /// Drive cycles before the motion counts as unsteady.
-        ///
-        /// A slide that stops erases the history; one that never stops settles by its own damping.
+        /// Drive cycles before the motion counts as unsteady. A slide that stops erases the
+        /// history; one that never stops settles by its own damping.
         const MAX_CYCLES: usize = 20_000;
         if !self.can_be_steady() || (self.normal.bound(0) > 0.0 && self.throws()) {
             return None;

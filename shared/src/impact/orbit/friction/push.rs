@@ -124,12 +124,11 @@ impl Push {
     }
 }
 
-/// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0.
-///
-/// `None` without a zero within `limit`. `at` gives value and slope; `bound` bounds the second
-/// derivative. The step is the smallest positive root of `value + slope h - bound h^2/2`, so it
-/// never passes a zero. It converges like Newton's method. A function that begins at 0 and rises
-/// counts as having left 0.
+/// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0. `None`
+/// without a zero within `limit`. `at` gives value and slope; `bound` bounds the second derivative.
+/// The step is the smallest positive root of `value + slope h - bound h^2/2`, so it never passes a
+/// zero. It converges like Newton's method. A function that begins at 0 and rises counts as having
+/// left 0.
 pub(super) fn first_zero(limit: f64, bound: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
     /// Steps after which the current `d` counts as the zero; most zeros need some ten.
     const MAX_STEPS: usize = 10_000;
