@@ -65,9 +65,10 @@ pub struct Wave {
     /// Every extremum of A, in the order of their phases: phase and value.
     extrema: [[f64; 2]; MAX_ZEROS],
     count: usize,
-    top: f64,
-    bottom: f64,
-    steepest: f64,
+    /// max S, -min S and max |S'|.
+    pub(super) top: f64,
+    pub(super) bottom: f64,
+    pub(super) steepest: f64,
 }
 
 /// Largest number of zeros in a turn, of a trigonometric polynomial of three tones.
@@ -217,21 +218,6 @@ impl Wave {
     #[inline(always)]
     pub(super) fn is_of_two(&self) -> bool {
         self.third.amplitude == 0.0
-    }
-
-    /// max S.
-    pub(super) fn top(&self) -> f64 {
-        self.top
-    }
-
-    /// -min S.
-    pub(super) fn bottom(&self) -> f64 {
-        self.bottom
-    }
-
-    /// max |S'|.
-    pub(super) fn steepest(&self) -> f64 {
-        self.steepest
     }
 
     /// Every extremum of A: phase and value, in the order of their phases.

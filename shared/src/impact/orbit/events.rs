@@ -1,8 +1,7 @@
 //! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
 use super::observe::Observer;
-use super::orbit_map::OrbitMap;
-use super::release::Release;
+use super::orbit_map::{OrbitMap, Release};
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;

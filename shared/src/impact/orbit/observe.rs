@@ -42,36 +42,30 @@ pub trait Observer {
 impl Observer for () {}
 
 impl<O: Observer> Observer for &mut O {
-    #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact) {
         O::impact(self, launch, impact);
     }
 
-    #[inline]
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         O::rest(self, last, chatter, phase);
     }
 
-    #[inline]
     fn lift_off(&mut self, wait: f64, phase: f64) {
         O::lift_off(self, wait, phase);
     }
 }
 
 impl<A: Observer, B: Observer> Observer for (A, B) {
-    #[inline]
     fn impact(&mut self, launch: PartState, impact: &Impact) {
         self.0.impact(launch, impact);
         self.1.impact(launch, impact);
     }
 
-    #[inline]
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         self.0.rest(last, chatter, phase);
         self.1.rest(last, chatter, phase);
     }
 
-    #[inline]
     fn lift_off(&mut self, wait: f64, phase: f64) {
         self.0.lift_off(wait, phase);
         self.1.lift_off(wait, phase);

@@ -245,7 +245,7 @@ fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Inter
         return Some(Interval {
             start: launch.falls_to(track, 0.0),
             low: 0.0,
-            high: launch.falls_to(track, -track.wave.bottom()) + 1e-9,
+            high: launch.falls_to(track, -track.wave.bottom) + 1e-9,
         });
     }
     let (k, v) = (track.k, launch.rise());
@@ -295,7 +295,7 @@ fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Inter
         if round == 0 {
             // No hump meets the part while it is above the track's highest point. Two turns cover
             // the rounding and the first hump.
-            let square = launch.speed_at(track, track.wave.top()) - ROUNDING_MARGIN;
+            let square = launch.speed_at(track, track.wave.top) - ROUNDING_MARGIN;
             let leaving = square_root(square.max(0.0));
             let above_to = ((v + leaving) * track.per_k * (1.0 - 1e-12)).min(1e12);
             let last = floor(above_to * (1.0 / TAU)) - 2.0;

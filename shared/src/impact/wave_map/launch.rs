@@ -87,7 +87,7 @@ impl Launch {
     /// equally fast, so it meets the track once, in one monotone interval.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track) -> bool {
-        let leaving = self.speed_at(track, track.wave.top());
+        let leaving = self.speed_at(track, track.wave.top);
         1.2 * track.fastest + ROUNDING_MARGIN < leaving && 0.0 < self.rise()
     }
 

@@ -52,7 +52,7 @@ impl Track {
             per_k: 1.0 / k,
             humps: [Hump::default(); MAX_HUMPS],
             count: 0,
-            fastest: wave.steepest() * wave.steepest(),
+            fastest: wave.steepest * wave.steepest,
         };
         let in_turn = |phase: f64| if phase < TAU { phase } else { phase - TAU };
         let excess = |phase: f64| {

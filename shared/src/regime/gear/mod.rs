@@ -22,10 +22,8 @@ use crate::impact::{ContactTime, Orbit, OrbitEvent, PartState, Scatter, WaveMap}
 pub use limits::{GearLimits, peaks};
 pub use part::Tones;
 pub use plan::{GEAR_BAND_LOSS, GearPlan, GearPlanSettings, GearPlanner};
-pub use strikes::StrikeCount;
-pub use strikes::{
-    GROUPS, PHASE_BINS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
-};
+pub use strikes::{GROUPS, PHASE_BINS, RESTITUTION_MARGIN};
+pub use strikes::{StrikeCount, StrikeProfile, StrikeProfiler, StrikeSettings};
 
 /// Shortest and longest flight in gear, over r drive periods.
 pub const FLIGHT_RANGE: [f64; 2] = [0.6, 1.4];
