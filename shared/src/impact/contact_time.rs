@@ -212,34 +212,30 @@ pub(crate) mod spring {
         ) -> Option<(PartState, f64)> {
             let step = self.duration / 400.0;
             let pull = |time: f64| k - track(phase + time)[2];
-            let force = |u: f64, v: f64| -self.stiffness * u - self.damping * v;
-            let (mut u, mut v, mut time) = (0.0, -speed, 0.0);
+            let force = |[u, v]: [f64; 2]| -self.stiffness * u - self.damping * v;
+            let (mut at, mut time) = ([0.0, -speed], 0.0);
             while time < 3.0 * self.duration {
                 let [pull_0, pull_1, pull_2] = [0.0, 0.5, 1.0].map(|part| pull(time + part * step));
-                let (u1, v1) = (v, force(u, v) - pull_0);
-                let half = |du: f64, dv: f64| (u + 0.5 * step * du, v + 0.5 * step * dv);
-                let (ua, va) = half(u1, v1);
-                let (u2, v2) = (va, force(ua, va) - pull_1);
-                let (ub, vb) = half(u2, v2);
-                let (u3, v3) = (vb, force(ub, vb) - pull_1);
-                let (uc, vc) = (u + step * u3, v + step * v3);
-                let (u4, v4) = (vc, force(uc, vc) - pull_2);
-                let next = (
-                    u + step / 6.0 * (u1 + 2.0 * (u2 + u3) + u4),
-                    v + step / 6.0 * (v1 + 2.0 * (v2 + v3) + v4),
-                );
-                let (before, after) = (force(u, v), force(next.0, next.1));
+                let rate = |at: [f64; 2], pull: f64| [at[1], force(at) - pull];
+                let ahead = |by: [f64; 2], step: f64| [0, 1].map(|n| at[n] + step * by[n]);
+                let first = rate(at, pull_0);
+                let second = rate(ahead(first, 0.5 * step), pull_1);
+                let third = rate(ahead(second, 0.5 * step), pull_1);
+                let fourth = rate(ahead(third, step), pull_2);
+                let sum = [0, 1].map(|n| first[n] + 2.0 * (second[n] + third[n]) + fourth[n]);
+                let next = ahead(sum, step / 6.0);
+                let (before, after) = (force(at), force(next));
                 if after <= 0.0 {
                     let part = before / (before - after);
-                    (u, v) = (u + part * (next.0 - u), v + part * (next.1 - v));
+                    let end = [0, 1].map(|n| at[n] + part * (next[n] - at[n]));
                     watch(phase + time, part * step, 0.5 * before);
                     time += part * step;
-                    let (launch, duration) = self.fly_free(track, k, phase, time, [u, v])?;
+                    let (launch, duration) = self.fly_free(track, k, phase, time, end)?;
                     watch(phase + time, duration - time, 0.0);
                     return Some((launch, duration));
                 }
                 watch(phase + time, step, 0.5 * (before + after));
-                (u, v) = next;
+                at = next;
                 time += step;
             }
             None

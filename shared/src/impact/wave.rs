@@ -137,18 +137,14 @@ impl Wave {
     pub const fn sine() -> Self {
         const NO_TONE: Tone = Tone::new(0.0, 0.0);
         // The same bits as the search in `from_tones`: a plant uses this at every impact.
+        let mut extrema = [[0.0; 2]; MAX_ZEROS];
+        extrema[0] = [FRAC_PI_2, 1.0];
+        extrema[1] = [3.0 * FRAC_PI_2, -1.0];
         Self {
             second: NO_TONE,
             third: NO_TONE,
             mixed: [[0.0; 2]; 2],
-            extrema: [
-                [FRAC_PI_2, 1.0],
-                [3.0 * FRAC_PI_2, -1.0],
-                [0.0; 2],
-                [0.0; 2],
-                [0.0; 2],
-                [0.0; 2],
-            ],
+            extrema,
             count: 2,
             top: 1.0 + BOUND_ROUNDING,
             bottom: 1.0 + BOUND_ROUNDING,
@@ -235,11 +231,8 @@ impl Wave {
         };
         let second = mix(self.mixed[0], double, turned);
         let third = if N > 2 {
-            mix(
-                self.mixed[1],
-                double * cosine + turned * sine,
-                turned * cosine - double * sine,
-            )
+            let triple = double * cosine + turned * sine;
+            mix(self.mixed[1], triple, turned * cosine - double * sine)
         } else {
             [0.0; 2]
         };

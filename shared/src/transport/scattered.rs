@@ -37,7 +37,7 @@ impl WaveLaw {
                 return law.move_in_flight(before, impact, velocity);
             }
             (Self::Friction(law), OrbitEvent::Rest { chatter, .. }) => {
-                law.integrate_chatter(before, *chatter, velocity)
+                law.move_in_chatter([0.0; 2], before, *chatter, velocity)
             }
             (Self::Friction(law), OrbitEvent::LiftOff { wait, .. }) => {
                 law.move_in_contact(rested, *wait, velocity)

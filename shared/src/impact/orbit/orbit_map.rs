@@ -15,7 +15,11 @@ pub trait OrbitMap: Kernel<State = PartState> {
     fn wave(&self) -> Option<&Wave>;
 
     /// Downward acceleration of the track (symbol A) at a phase in 0..2 pi, in `b w^2`.
-    fn push(&self, phase: f64) -> f64;
+    #[inline]
+    fn push(&self, phase: f64) -> f64 {
+        self.wave()
+            .map_or_else(|| sine_cosine(phase).0, |wave| wave.push(phase))
+    }
 
     /// The tones of the track, each with its number.
     fn tones(&self) -> impl Iterator<Item = (f64, Tone)>;
@@ -45,11 +49,6 @@ impl OrbitMap for Map {
     #[inline]
     fn wave(&self) -> Option<&Wave> {
         None
-    }
-
-    #[inline]
-    fn push(&self, phase: f64) -> f64 {
-        sine_cosine(phase).0
     }
 
     #[inline]
@@ -90,10 +89,6 @@ impl OrbitMap for WaveMap {
     #[inline]
     fn wave(&self) -> Option<&Wave> {
         Some(WaveMap::wave(self))
-    }
-
-    fn push(&self, phase: f64) -> f64 {
-        WaveMap::wave(self).push(phase)
     }
 
     fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {

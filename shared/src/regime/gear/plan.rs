@@ -58,7 +58,7 @@ pub struct GearPlan {
 /// Loss of the share of time in gear at the ends of the gear band.
 pub const GEAR_BAND_LOSS: f32 = 0.02;
 
-const MAX_CANDIDATES: usize = ORDER_1_ROWS.len() * GRID_STEPS_UPPER_TONES;
+const MAX_CANDIDATES: usize = ORDER_1_ROWS.len() * GRID_STEPS[1];
 
 /// A grid point of the first round; its index gives k and tones.
 #[derive(Clone, Copy, Debug)]
@@ -115,9 +115,8 @@ const REGION_HALF_WIDTHS: [f32; 3] = [1.3, 0.25, 0.2];
 const THIRD_TONE_HALF_WIDTHS: [f32; 3] = [0.7, 0.6, 0.6];
 const REGION_SHRINK_FACTOR: f32 = 0.75;
 
-/// Grid points in k of the first round: with one tone, and in each row with two or three.
-const GRID_STEPS_ONE_TONE: usize = 20;
-const GRID_STEPS_UPPER_TONES: usize = 12;
+/// Grid points in k of each row of the first round, with one, two and three tones.
+const GRID_STEPS: [usize; 3] = [20, 12, 12];
 
 /// Upper tones of the rows of the first round: e over the largest tried, th in rad. For order 1 the
 /// best of 32 angles was between these for each lot tried (docs/theory-real-parts.md#t10.2). From
@@ -151,13 +150,11 @@ const THREE_TONE_ROWS: [Tones; 3] = [
 const THIRD_TONE_ANGLE: f32 = 5.3;
 
 /// Largest second tone tried, over the first tone: TRIED_SECOND_TONE_AT_R_0 plus
-/// TRIED_SECOND_TONE_SLOPE times the mean restitution R. The best for order 1 was between 0.13 at R
-/// = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15. With a third tone the slope is
-/// [`THREE_TONE_TRIED_SLOPE`]. The third tone is at most [`MAX_THIRD_TONE`], the bound of the
-/// random search.
+/// TRIED_SECOND_TONE_SLOPES, with one, two and three tones, times the mean restitution R. The best
+/// for order 1 was between 0.13 at R = 0.15 and 0.25 at R = 0.6, for scatter of 0.03 to 0.15. The
+/// third tone is at most [`MAX_THIRD_TONE`], the bound of the random search.
 const TRIED_SECOND_TONE_AT_R_0: f32 = 0.08;
-const TRIED_SECOND_TONE_SLOPE: f32 = 0.3;
-const THREE_TONE_TRIED_SLOPE: f32 = 0.4;
+const TRIED_SECOND_TONE_SLOPES: [f32; 3] = [0.3, 0.3, 0.4];
 const MAX_THIRD_TONE: f32 = 0.07;
 
 /// Grid points at which the fitted share is evaluated: in each of e and th, and in k.
@@ -303,17 +300,10 @@ impl GearPlanner {
         }
         let accepts = 0.005 <= low && low <= high && high <= 4.0;
         accept("k", low.into(), accepts, "0.005..4, the lowest first")?;
-        let upper = match (second >= MIN_TONE_AMPLITUDE, third >= MIN_TONE_AMPLITUDE) {
-            (false, _) => 0,
-            (true, false) => 1,
-            (true, true) => 2,
-        };
+        let tones = settings.max_tones.into_iter();
+        let upper = tones.take_while(|e| *e >= MIN_TONE_AMPLITUDE).count();
         let middle = settings.restitution.middle() as f32;
-        let slope = if upper > 1 {
-            THREE_TONE_TRIED_SLOPE
-        } else {
-            TRIED_SECOND_TONE_SLOPE
-        };
+        let slope = TRIED_SECOND_TONE_SLOPES[upper];
         let mut max_second = TRIED_SECOND_TONE_AT_R_0 + slope * middle;
         let mut range = settings.k;
         if upper > 0 && settings.order <= 2 {
@@ -328,12 +318,9 @@ impl GearPlanner {
             }
         }
         let [low, high] = range;
-        let step = (high - low) / (grid_steps(upper) - 1) as f32;
-        let max_tones = match upper {
-            0 => [0.0; 2],
-            1 => [second.min(max_second), 0.0],
-            _ => [second.min(max_second), third.min(MAX_THIRD_TONE)],
-        };
+        let step = (high - low) / (GRID_STEPS[upper] - 1) as f32;
+        let mut max_tones = [second.min(max_second), third.min(MAX_THIRD_TONE)];
+        max_tones[upper..].fill(0.0);
         Ok(Self {
             settings,
             upper_tones: upper,
@@ -404,12 +391,8 @@ impl GearPlanner {
     }
 
     /// Selects the entry for the number of upper tones.
-    fn by_tone_count<T: Copy>(&self, [one, two, three]: [T; 3]) -> T {
-        match self.upper_tones {
-            0 => one,
-            1 => two,
-            _ => three,
-        }
+    fn by_tone_count<T: Copy>(&self, values: [T; 3]) -> T {
+        values[self.upper_tones.min(2)]
     }
 
     /// Work done over [`MAX_IMPACTS`].
@@ -445,10 +428,8 @@ impl GearPlanner {
     fn advance_once(&mut self) {
         self.impacts += 1;
         let ends = self.by_tone_count(STAGE_END_EFFORT);
-        let is_stage_over = ends
-            .get(self.regions)
-            .or(ends.last())
-            .is_none_or(|end| self.used_effort() >= *end);
+        let end = ends.get(self.regions).or(ends.last());
+        let is_stage_over = end.is_none_or(|end| self.used_effort() >= *end);
         match self.stage {
             Stage::Maximization(row, shape) => self.evaluate_row(row, shape),
             _ if is_stage_over => self.end_stage(),
@@ -463,7 +444,7 @@ impl GearPlanner {
     }
 
     fn steps(&self) -> usize {
-        grid_steps(self.upper_tones)
+        self.by_tone_count(GRID_STEPS)
     }
 
     fn rows(&self) -> &'static [Tones] {
@@ -646,10 +627,9 @@ impl GearPlanner {
     }
 
     fn begin_region(&mut self, centre: SearchPoint, half_widths: [f32; 3], varies_third: bool) {
-        let half_widths = if self.upper_tones > 0 {
-            half_widths
-        } else {
-            [half_widths[0], 0.0, 0.0]
+        let half_widths = match self.upper_tones {
+            0 => [half_widths[0], 0.0, 0.0],
+            _ => half_widths,
         };
         self.regions += 1;
         self.region = Region {
@@ -752,10 +732,8 @@ impl GearPlanner {
         let Some(plan) = self.plan else {
             return;
         };
-        let remaining = self
-            .by_tone_count(STAGE_END_EFFORT)
-            .len()
-            .saturating_sub(self.regions);
+        let stages = self.by_tone_count(STAGE_END_EFFORT).len();
+        let remaining = stages.saturating_sub(self.regions);
         if remaining > 2 {
             let of_third = self.upper_tones > 1 && remaining == 3;
             let half = self.region.half_widths;
@@ -775,11 +753,9 @@ impl GearPlanner {
             self.regions += 1;
             self.stage = Stage::Verification;
             let [_, selection_runs] = self.estimate;
-            let is_scatter_true = self.scatter_factor == 1.0;
-            let runs = if is_scatter_true {
-                selection_runs / VERIFICATION_WEIGHT
-            } else {
-                0.0
+            let runs = match self.scatter_factor {
+                1.0 => selection_runs / VERIFICATION_WEIGHT,
+                _ => 0.0,
             };
             self.estimate = [runs * plan.share, runs];
         }
@@ -840,14 +816,6 @@ impl GearPlan {
     }
 }
 
-/// Grid points in k of a row of the first round, for this number of upper tones.
-fn grid_steps(upper_tones: usize) -> usize {
-    match upper_tones {
-        0 => GRID_STEPS_ONE_TONE,
-        _ => GRID_STEPS_UPPER_TONES,
-    }
-}
-
 /// The same tone with an amplitude of at least 0.
 fn with_positive_amplitude([ratio, angle]: [f32; 2]) -> [f32; 2] {
     if ratio < 0.0 {
@@ -876,9 +844,8 @@ mod tests {
 
     /// Share in f64 from other random draws, over 20 parts of 2000 periods.
     fn reference_share(order: u32, plan: &GearPlan, lot: Restitution, scatter: f32) -> f64 {
-        let [second, third] = plan
-            .tones
-            .map(|[amplitude, angle]| Tone::new(f64::from(amplitude), f64::from(angle)));
+        let tone = |[amplitude, angle]: [f32; 2]| Tone::new(amplitude.into(), angle.into());
+        let [second, third] = plan.tones.map(tone);
         let wave = Wave::build(second, third).unwrap();
         let map = WaveMap::on(wave, f64::from(plan.k), lot.middle()).unwrap();
         let parts: [Scatter; 20] = core::array::from_fn(|n| {

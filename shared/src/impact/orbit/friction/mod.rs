@@ -167,20 +167,6 @@ impl Friction {
         arrival.max(0.0)
     }
 
-    /// A chatter of `chatter` rad that brings a part to rest after `last`.
-    pub(crate) fn integrate_chatter(
-        &self,
-        last: PartState,
-        chatter: f64,
-        velocity: f64,
-    ) -> ContactMotion {
-        // Over its duration the impacts push like a contact, except for the part's initial normal
-        // velocity. Their impulses sum to the integral of N less psi.
-        let settings = &self.settings;
-        let excess = settings.chatter_velocity_excess(velocity, last.velocity);
-        self.move_in_contact(last.phase, chatter, velocity + excess)
-    }
-
     fn sliding_acceleration(&self, c: f64) -> Push {
         self.free.plus(c * self.settings.sliding, &self.normal)
     }
@@ -265,11 +251,12 @@ impl Friction {
                     if stopped {
                         motion.velocity = 0.0;
                     }
-                    if c > 0.0 {
-                        motion.forward += d;
+                    let is_forward = c > 0.0;
+                    *(if is_forward {
+                        &mut motion.forward
                     } else {
-                        motion.backward += d;
-                    }
+                        &mut motion.backward
+                    }) += d;
                     (at, remaining) = (at + d, remaining - d);
                     if stopped {
                         state = self.friction_state_at_rest(at);
@@ -351,7 +338,11 @@ impl Along for Friction {
         chatter: f64,
         velocity: f64,
     ) -> ContactMotion {
-        self.integrate_chatter(last, chatter, velocity)
+        // Over its duration the impacts push like a contact, except for the part's initial normal
+        // velocity. Their impulses sum to the integral of N less psi.
+        let settings = &self.settings;
+        let excess = settings.chatter_velocity_excess(velocity, last.velocity);
+        self.move_in_contact(last.phase, chatter, velocity + excess)
     }
 
     fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion {
