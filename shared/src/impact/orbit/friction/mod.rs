@@ -251,12 +251,11 @@ impl Friction {
                     if stopped {
                         motion.velocity = 0.0;
                     }
-                    let is_forward = c > 0.0;
-                    *(if is_forward {
-                        &mut motion.forward
+                    if c > 0.0 {
+                        motion.forward += d;
                     } else {
-                        &mut motion.backward
-                    }) += d;
+                        motion.backward += d;
+                    }
                     (at, remaining) = (at + d, remaining - d);
                     if stopped {
                         state = self.friction_state_at_rest(at);
