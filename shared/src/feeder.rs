@@ -81,12 +81,8 @@ impl Restitution {
     pub fn interval(low: f64, high: f64) -> Result<Self, OutOfRange> {
         accept_in("restitution", low, 0.0..=1.0, "0..1")?;
         accept_in("restitution", high, 0.0..=1.0, "0..1")?;
-        accept(
-            "restitution (high bound)",
-            high,
-            low <= high,
-            "low bound..1: the interval is reversed",
-        )?;
+        let accepted = "low bound..1: the interval is reversed";
+        accept("restitution (high bound)", high, low <= high, accepted)?;
         Ok(Self { low, high })
     }
 
@@ -162,16 +158,20 @@ impl Track {
             phase_lead,
             gravity,
         } = settings;
-        accept_in("frequency", frequency, 1.0..=1000.0, "1..1000 Hz")?;
-        accept_in("incline", incline, -60.0..=60.0, "-60..60 degrees")?;
-        accept_in("amplitude_ratio", amplitude_ratio, 0.0..=100.0, "0..100")?;
-        accept_in(
-            "phase_lead",
-            phase_lead,
-            -180.0..=180.0,
-            "-180..180 degrees",
-        )?;
-        accept_in("gravity", gravity, 0.1..=30.0, "0.1..30 m/s^2")?;
+        for (parameter, value, range, accepted) in [
+            ("frequency", frequency, 1.0..=1000.0, "1..1000 Hz"),
+            ("incline", incline, -60.0..=60.0, "-60..60 degrees"),
+            ("amplitude_ratio", amplitude_ratio, 0.0..=100.0, "0..100"),
+            (
+                "phase_lead",
+                phase_lead,
+                -180.0..=180.0,
+                "-180..180 degrees",
+            ),
+            ("gravity", gravity, 0.1..=30.0, "0.1..30 m/s^2"),
+        ] {
+            accept_in(parameter, value, range, accepted)?;
+        }
         Ok(Self {
             angular_frequency: TAU * frequency,
             incline: incline * (PI / 180.0),

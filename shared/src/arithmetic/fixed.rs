@@ -2,10 +2,9 @@
 
 use core::ops::{Add, Neg, Sub};
 
-/// A number in steps of 2^-`F`, held in `T`.
-///
-/// The compiler checks the binary places of each sum, product and quotient and derives the shifts.
-/// The code states the arithmetic only; the instructions equal hand-written ones.
+/// A number in steps of 2^-`F`, held in `T`. The compiler checks the binary places of each sum,
+/// product and quotient and derives the shifts. The code states the arithmetic only; the
+/// instructions equal hand-written ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct Fixed<const F: u32, T = i32>(pub T);
 
@@ -59,7 +58,6 @@ macro_rules! signed {
 macro_rules! constants {
     ($($bits:ty)+) => {$(
         impl<const F: u32> Fixed<F, $bits> {
-            /// Nearest number to a constant.
             pub const fn from_constant(value: f64) -> Self {
                 let scaled = value * steps(F);
                 Self(if scaled < 0.0 { scaled - 0.5 } else { scaled + 0.5 } as $bits)
@@ -153,21 +151,16 @@ mod tests {
                 let (x, y) = (Fixed::<28>::from_constant(a), Fixed::<28>::from_constant(b));
                 let exact = number(x) * number(y);
                 let upper: Fixed<22> = x.times(y);
-                assert_eq!(
-                    f64::from(upper.0),
-                    libm::floor(exact * steps(22)),
-                    "{a} {b}"
-                );
+                let expected = libm::floor(exact * steps(22));
+                assert_eq!(f64::from(upper.0), expected, "{a} {b}");
                 let whole: Fixed<56, i64> = x.whole(y);
                 assert_eq!(whole.0 as f64, exact * steps(56), "{a} {b}");
                 let widened = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
                 assert_eq!(widened(x).times::<58, 56>(widened(y)), whole, "{a} {b}");
             }
             let x = Fixed::<28>::from_constant(a);
-            assert_eq!(
-                f64::from(x.to::<20>().0),
-                libm::floor(number(x) * steps(20))
-            );
+            let expected = libm::floor(number(x) * steps(20));
+            assert_eq!(f64::from(x.to::<20>().0), expected);
             assert_eq!(x.scaled::<27>().to::<28>(), x + x);
         }
         for value in [PI, -PI] {

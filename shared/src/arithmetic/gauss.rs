@@ -14,9 +14,7 @@ pub(crate) trait Arithmetic:
     + Div<Output = Self>
     + Neg<Output = Self>
 {
-    /// Nearest number to a constant.
     fn from_constant(constant: f64) -> Self;
-    /// Absolute value.
     fn size(self) -> Self;
     /// Natural logarithm of a number in 0..1, 0 excluded.
     fn logarithm(self) -> Self;
@@ -55,7 +53,6 @@ impl Arithmetic for f32 {
 }
 
 /// Gaussian number with mean 0 and standard deviation 1, from uniform numbers in 0..1, 0 excluded.
-///
 /// The ratio of uniforms is exact except for the steps of the uniform numbers. Two quadratic curves
 /// decide all but 1.2 % of the pairs without a logarithm (J. L. Leva, ACM Trans. Math. Softw. 18
 /// (1992) 449, with its constants).

@@ -1,6 +1,8 @@
 //! Number systems: binary angles with sine and cosine, fixed-point and double-double (twofold)
-//! numbers, SIMD vectors; square roots and random numbers with the same bits on every CPU.
+//! numbers, SIMD vectors; square roots, bisection and random numbers with the same bits on every
+//! CPU.
 
+mod bisection;
 pub(crate) mod fixed;
 mod gauss;
 pub(crate) mod node;
@@ -13,9 +15,11 @@ pub(crate) mod trigonometry;
 pub(crate) mod twofold;
 pub(crate) mod vector;
 
+pub(crate) use bisection::bisect;
 pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
 pub use noise::Noise;
+pub(crate) use noise::splitmix;
 pub use phase::Phase;
 pub(crate) use root::square_root;
 pub use root::square_root_single;

@@ -9,7 +9,6 @@ use core::f64::consts::TAU;
 use super::fixed::Fixed;
 use super::twofold::Twofold;
 
-/// Number of nodes in a turn.
 pub(crate) const COUNT: usize = 256;
 
 /// Spacing of the nodes in rad.

@@ -7,10 +7,7 @@ pub struct Noise(u64);
 impl Noise {
     /// Stream of a seed; splitmix64 separates the streams of neighbouring seeds.
     pub fn new(seed: u64) -> Self {
-        let mut z = seed.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        Self((z ^ (z >> 31)) | 1)
+        Self(splitmix(seed) | 1)
     }
 
     /// Next 32 bits.
@@ -36,6 +33,16 @@ impl Noise {
         // The sum of four uniform bytes has mean 510 and variance 4 (256^2 - 1) / 12 = 147.8^2.
         (sum as f32 - 510.0) * (1.0 / 147.801)
     }
+}
+
+/// Next number of splitmix64 (Steele, Lea & Flood 2014); each adds 0x9E37_79B9_7F4A_7C15 to the
+/// state.
+#[inline]
+pub(crate) fn splitmix(state: u64) -> u64 {
+    let mut z = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
 }
 
 #[cfg(test)]

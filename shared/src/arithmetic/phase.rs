@@ -26,9 +26,7 @@ impl Phase {
     pub const TURN: f64 = 4_294_967_296.0;
     /// [`Phase::TURN`] as an integer.
     pub(crate) const STEPS: i64 = 1 << 32;
-    /// Radians in a step.
     pub(crate) const RADIANS_PER_STEP: f64 = TAU / Self::TURN;
-    /// Steps in a radian.
     pub(crate) const STEPS_PER_RADIAN: f64 = Self::TURN / TAU;
 
     /// Phase from its bits, in units of 2^-32 turns.

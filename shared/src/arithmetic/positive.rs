@@ -4,9 +4,8 @@
 use super::Phase;
 use super::square_root_single;
 
-/// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0.
-///
-/// The mantissa of a factor is in 2^63..2^64. All numbers have such mantissas except those from
+/// A number above 0, with a mantissa of at least 2^58 in steps of 2^-`places`; or 0. The mantissa
+/// of a factor is in 2^63..2^64. All numbers have such mantissas except those from
 /// [`many`](Self::from_many_steps).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Positive {
@@ -19,7 +18,6 @@ impl Positive {
         mantissa: 0,
         places: 0,
     };
-    /// Radians in a step of a phase.
     pub const RADIANS_PER_STEP: Self = Self::from_f64(Phase::RADIANS_PER_STEP);
 
     /// Number from a normal f64 above 0, exactly.
@@ -133,7 +131,6 @@ pub(crate) fn root(x: u64) -> u64 {
     better.wrapping_add_signed(i64::from(step))
 }
 
-/// Mask of the lower half of 64 bits.
 const LOW_HALF: u64 = 0xffff_ffff;
 
 /// Upper half of the product, too small by at most 2.

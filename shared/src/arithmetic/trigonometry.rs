@@ -9,10 +9,8 @@ use super::Phase;
 use super::fixed::Fixed;
 use super::node::{self, Fine};
 
-/// Radians in one step of a phase.
 const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 
-/// 2 pi.
 const RADIANS_PER_TURN: Fixed<28> = Fixed::<28>::from_constant(TAU);
 /// 2 pi, to the last place.
 pub(crate) const RADIANS_PER_TURN_FINE: Fixed<60, i64> = Fixed(7_244_019_458_077_122_842);
@@ -65,9 +63,8 @@ pub(crate) fn arcsine_single(x: f32) -> f32 {
     core::f32::consts::FRAC_PI_2 - super::square_root_single(1.0 - x) * sum
 }
 
-/// Cosine of a phase, by products of 32 bits into 64.
-///
-/// Measured over 2^20 spread phases and all nodes: error at most 3.2e-11, RMS 6.4e-12.
+/// Cosine of a phase, by products of 32 bits into 64. Measured over 2^20 spread phases and all
+/// nodes: error at most 3.2e-11, RMS 6.4e-12.
 #[inline(always)]
 pub(crate) fn cosine_fine(phase: Phase) -> Fixed<48, i64> {
     let (index, distance) = nearest(phase);

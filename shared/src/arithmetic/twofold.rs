@@ -79,11 +79,8 @@ impl Twofold {
 
     /// `self other`.
     pub const fn times(self, other: Self) -> Self {
-        let product = Self::product(self.high, other.high);
-        Self::normal(
-            product.high,
-            product.low + (self.high * other.low + self.low * other.high),
-        )
+        let Self { high, low } = Self::product(self.high, other.high);
+        Self::normal(high, low + (self.high * other.low + self.low * other.high))
     }
 
     /// Division by a number with few bits.

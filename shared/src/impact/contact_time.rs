@@ -38,22 +38,15 @@ impl ContactTime {
     /// An impact without duration.
     pub const INSTANT: Self = Self { radians: 0.0 };
 
-    /// A contact of this duration in rad of the drive's phase, 0 to 7 % of a cycle (0.44 rad).
-    ///
-    /// Errors: `OutOfRange` if the first order no longer holds.
+    /// A contact of this duration in rad of the drive's phase, 0 to 7 % of a cycle (0.44 rad);
+    /// an error beyond, where the first order no longer holds.
     pub fn build(radians: f64) -> Result<Self, OutOfRange> {
-        accept_in(
-            "contact",
-            radians,
-            0.0..=0.07 * TAU,
-            "0..0.4398 rad, 7 % of a drive cycle",
-        )?;
+        let accepted = "0..0.4398 rad, 7 % of a drive cycle";
+        accept_in("contact", radians, 0.0..=0.07 * TAU, accepted)?;
         Ok(Self { radians })
     }
 
-    /// A contact of this duration in ms, at a drive frequency in Hz.
-    ///
-    /// Errors: `OutOfRange` above 7 % of a drive cycle.
+    /// A contact of this duration in ms, at a drive frequency in Hz; an error above 7 % of a cycle.
     pub fn from_milliseconds(duration: f64, frequency: f64) -> Result<Self, OutOfRange> {
         let radians = duration * 1e-3 * frequency * TAU;
         Self::build(radians).map_err(|_| OutOfRange {
@@ -87,11 +80,9 @@ impl ContactTime {
         wave: Option<&Wave>,
     ) -> PartState {
         let phase = in_turn(impact_state.phase + self.radians);
-        let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.motion(phase)[2]);
-        PartState::new(
-            phase,
-            self.launch_speed(restitution, impact_state.velocity, k - push),
-        )
+        let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
+        let speed = self.launch_speed(restitution, impact_state.velocity, k - push);
+        PartState::new(phase, speed)
     }
 
     /// `impact`, which ends at the touch, with its contact, on a track with this k; `None` is a
@@ -100,13 +91,7 @@ impl ContactTime {
     /// The flight then includes the contact, and the next state is the launch after it. A part that
     /// rests (flight 0) has none.
     #[inline]
-    pub fn hold(
-        self,
-        restitution: f64,
-        impact: Impact<PartState>,
-        k: f64,
-        wave: Option<&Wave>,
-    ) -> Impact<PartState> {
+    pub fn hold(self, restitution: f64, impact: Impact, k: f64, wave: Option<&Wave>) -> Impact {
         if self.is_instant() || impact.flight <= 0.0 {
             return impact;
         }
@@ -117,9 +102,8 @@ impl ContactTime {
         }
     }
 
-    /// Launch speed in `b w` at the end of the contact; 0 if the part rests.
-    ///
-    /// `speed` is R s in `b w`, `pull` is `k - A` at the end of the contact in `b w^2`.
+    /// Launch speed in `b w` at the end of the contact; 0 if the part rests. `speed` is R s in `b
+    /// w`, `pull` is `k - A` at the end of the contact in `b w^2`.
     #[inline]
     fn launch_speed(self, restitution: f64, speed: f64, pull: f64) -> f64 {
         (speed - self.gain(restitution) * pull).max(0.0)
@@ -142,9 +126,8 @@ impl ContactTime {
     }
 }
 
-/// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1.
-///
-/// A rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
+/// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1. A
+/// rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
 /// equation.
 #[inline]
 pub(crate) fn speed_gain(restitution: f32) -> f32 {
@@ -169,7 +152,6 @@ pub(crate) mod spring {
 
     impl Spring {
         /// The contact with this restitution (0.01..1) and duration in rad, without other forces.
-        ///
         /// Let x be the decay rate over the frequency. The force ends after `pi - 2 atan x` of the
         /// oscillation, `-ln R = x (pi - 2 atan x)`. The part is back at 0 after `2 x/(1 + x^2)`
         /// more. Below `R = exp(-2)` the contact is overdamped; then q is the ratio of its rates,
@@ -208,7 +190,6 @@ pub(crate) mod spring {
 
         /// The launch after an arrival with `speed` at `phase`, and the contact's duration; `None`
         /// if the part stays for three contact times. `track` gives S, S' and A at a phase.
-        ///
         /// Fourth-order Runge-Kutta steps of 1/400 of the contact, then the free flight back to 0.
         pub(crate) fn launch(
             &self,
@@ -231,34 +212,30 @@ pub(crate) mod spring {
         ) -> Option<(PartState, f64)> {
             let step = self.duration / 400.0;
             let pull = |time: f64| k - track(phase + time)[2];
-            let force = |u: f64, v: f64| -self.stiffness * u - self.damping * v;
-            let (mut u, mut v, mut time) = (0.0, -speed, 0.0);
+            let force = |[u, v]: [f64; 2]| -self.stiffness * u - self.damping * v;
+            let (mut at, mut time) = ([0.0, -speed], 0.0);
             while time < 3.0 * self.duration {
                 let [pull_0, pull_1, pull_2] = [0.0, 0.5, 1.0].map(|part| pull(time + part * step));
-                let (u1, v1) = (v, force(u, v) - pull_0);
-                let half = |du: f64, dv: f64| (u + 0.5 * step * du, v + 0.5 * step * dv);
-                let (ua, va) = half(u1, v1);
-                let (u2, v2) = (va, force(ua, va) - pull_1);
-                let (ub, vb) = half(u2, v2);
-                let (u3, v3) = (vb, force(ub, vb) - pull_1);
-                let (uc, vc) = (u + step * u3, v + step * v3);
-                let (u4, v4) = (vc, force(uc, vc) - pull_2);
-                let next = (
-                    u + step / 6.0 * (u1 + 2.0 * (u2 + u3) + u4),
-                    v + step / 6.0 * (v1 + 2.0 * (v2 + v3) + v4),
-                );
-                let (before, after) = (force(u, v), force(next.0, next.1));
+                let rate = |at: [f64; 2], pull: f64| [at[1], force(at) - pull];
+                let ahead = |by: [f64; 2], step: f64| [0, 1].map(|n| at[n] + step * by[n]);
+                let first = rate(at, pull_0);
+                let second = rate(ahead(first, 0.5 * step), pull_1);
+                let third = rate(ahead(second, 0.5 * step), pull_1);
+                let fourth = rate(ahead(third, step), pull_2);
+                let sum = [0, 1].map(|n| first[n] + 2.0 * (second[n] + third[n]) + fourth[n]);
+                let next = ahead(sum, step / 6.0);
+                let (before, after) = (force(at), force(next));
                 if after <= 0.0 {
                     let part = before / (before - after);
-                    (u, v) = (u + part * (next.0 - u), v + part * (next.1 - v));
+                    let end = [0, 1].map(|n| at[n] + part * (next[n] - at[n]));
                     watch(phase + time, part * step, 0.5 * before);
                     time += part * step;
-                    let (launch, duration) = self.fly_free(track, k, phase, time, [u, v])?;
+                    let (launch, duration) = self.fly_free(track, k, phase, time, end)?;
                     watch(phase + time, duration - time, 0.0);
                     return Some((launch, duration));
                 }
                 watch(phase + time, step, 0.5 * (before + after));
-                (u, v) = next;
+                at = next;
                 time += step;
             }
             None
@@ -303,10 +280,8 @@ mod tests {
         let (still, k) = (|_: f64| [0.0; 3], 1e-4);
         let spring = Spring::new(restitution, 1.0);
         let [free, pulled] = [0.0, k].map(|k| spring.launch(&still, k, 0.0, 1.0).unwrap().0);
-        assert!(
-            (free.velocity - restitution).abs() < 2e-5,
-            "{restitution} {free:?}"
-        );
+        let error = free.velocity - restitution;
+        assert!(error.abs() < 2e-5, "{restitution} {free:?}");
         assert!((free.phase - 1.0).abs() < 1e-4, "{restitution} {free:?}");
         (free.velocity - pulled.velocity) / k
     }
@@ -337,8 +312,8 @@ mod tests {
             for percent in [0.25, 0.5, 1.0, 2.0, 4.0, 7.0] {
                 let contact = ContactTime::build(percent * 0.01 * TAU).unwrap();
                 let c = contact.radians();
-                let (mut max, mut sum, mut squares, mut delays, mut count) =
-                    (0.0_f64, 0.0, 0.0, 0.0, 0.0);
+                let (mut max, mut count) = (0.0_f64, 0.0);
+                let [mut sum, mut squares, mut delays] = [0.0; 3];
                 for tenth in 1..=6 {
                     let restitution = 0.1 * f64::from(tenth);
                     let spring = Spring::new(restitution, c);
@@ -349,9 +324,9 @@ mod tests {
                             // Arrival speed of a lock.
                             let speed = TAU * k / (1.0 + restitution);
                             let exact = spring.launch(&track, k, phase, speed);
-                            let pull = k - wave.motion(phase + c)[2];
-                            let actual =
-                                contact.launch_speed(restitution, restitution * speed, pull);
+                            let pull = k - wave.push(phase + c);
+                            let touch = restitution * speed;
+                            let actual = contact.launch_speed(restitution, touch, pull);
                             let error = actual - exact.map_or(0.0, |(launch, _)| launch.velocity);
                             let added = exact.map_or(0.0, |(_, duration)| duration - c);
                             max = max.max(error.abs());
@@ -363,17 +338,11 @@ mod tests {
                     }
                 }
                 let [deviation, delay] = [squares, delays].map(|sum| libm::sqrt(sum / count));
-                std::println!(
-                    "{percent} %: speed max {max:.5} rms {deviation:.5} bias {:.5}, phase rms {delay:.5}",
-                    sum / count
-                );
-                let square = c * c;
-                assert!(
-                    max < largest * square && deviation < rms * square,
-                    "{percent}"
-                );
-                assert!((sum / count).abs() < bias * square, "{percent}");
-                assert!(delay < max_delay * square, "{percent}");
+                let errors = [max, deviation, (sum / count).abs(), delay];
+                std::println!("{percent} %: speed max, rms, bias, phase rms {errors:.5?}");
+                let bounds = [largest, rms, bias, max_delay].map(|bound| bound * c * c);
+                let mut pairs = errors.into_iter().zip(bounds);
+                assert!(pairs.all(|(error, bound)| error < bound));
             }
         }
     }

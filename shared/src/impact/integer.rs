@@ -45,7 +45,6 @@ pub struct IntegerState {
     pub velocity: Velocity,
 }
 
-/// Largest accepted velocity.
 const TOP_VELOCITY: Velocity = Velocity::from_bits(Fixed::<26, u32>::from_constant(MAX_VELOCITY).0);
 
 /// The impact map in integers (`integer`), the map in fixed point.
@@ -63,7 +62,6 @@ pub struct Integer {
     half_turn_fall: Fixed<58, i64>,
     lift_off: Phase,
     hump: u32,
-    /// Restitution, 1 as 1 - 2^-32.
     restitution: Fixed<32, u32>,
 }
 
@@ -123,7 +121,6 @@ impl Integer {
     }
 }
 
-/// A flight from its launch on.
 struct Flight<'a> {
     map: &'a Integer,
     phase: Turns,
@@ -222,10 +219,8 @@ impl Place {
         slope * slope - ((i128::from(quadratic.0) * i128::from(self.height.0)) >> 4)
     }
 
-    /// Time in rad, at most [`STRIDE`], for which the height surely stays above 0.
-    ///
-    /// Within a stride the bound is above a parabola. The stride is shortened until it is near the
-    /// parabola's zero.
+    /// Time in rad, at most [`STRIDE`], for which the height surely stays above 0. Within a stride
+    /// the bound is above a parabola. The stride is shortened until it is near the parabola's zero.
     fn clear_time(&self) -> Fixed<60, i64> {
         let (height, slope) = (i128::from(self.height.0), i128::from(self.slope.0));
         let (mut stride, mut clear) = (STRIDE.0, 0);

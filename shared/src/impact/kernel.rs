@@ -21,9 +21,9 @@ impl PartState {
     }
 }
 
-/// One flight and the impact that ends it, in the arithmetic of the state `S`.
+/// One flight and the impact that ends it, in the arithmetic of the state `S`; f64 by default.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Impact<S> {
+pub struct Impact<S = PartState> {
     /// Duration of the flight (symbol d) in rad of drive phase, at least 0.
     pub flight: f64,
     /// The state just after the impact.
@@ -124,12 +124,8 @@ pub(super) const MAX_VELOCITY: f64 = 60.0;
 
 /// Refuses a launch velocity outside 0..60 `b w`.
 pub(super) fn accept_velocity(velocity: f64) -> Result<f64, OutOfRange> {
-    accept_in(
-        "velocity",
-        velocity,
-        0.0..=MAX_VELOCITY,
-        "0..60 (units of b w)",
-    )
+    let accepted = "0..60 (units of b w)";
+    accept_in("velocity", velocity, 0.0..=MAX_VELOCITY, accepted)
 }
 
 /// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.

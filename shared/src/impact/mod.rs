@@ -43,14 +43,12 @@ pub(crate) use contact_time::speed_gain;
 pub(crate) use contact_time::spring;
 pub use double::Map;
 pub use integer::{Integer, IntegerState};
-pub use kernel::WaveKernel;
-pub use kernel::{Impact, Kernel, Landing, PartState};
-pub use orbit::LIFT_OFF_DELAY;
-pub use orbit::Release;
+pub use kernel::{Impact, Kernel, Landing, PartState, WaveKernel};
 pub(crate) use orbit::{Along, OrbitMap, StopReason};
-pub use orbit::{ContactMotion, Friction, FrictionSettings};
-pub use orbit::{Growth, Observer, Orbit, OrbitEvent, Tangent};
-pub use orbit::{Tangential, TangentialSettings};
+pub use orbit::{
+    ContactMotion, Friction, FrictionSettings, Growth, LIFT_OFF_DELAY, Observer, Orbit, OrbitEvent,
+    Release, Tangent, Tangential, TangentialSettings,
+};
 pub use scatter::Scatter;
 pub use wave::{Tone, Wave};
 pub use wave_map::{Hop, WaveMap};

@@ -1,7 +1,7 @@
 //! Restitution that varies at random from impact to impact, as that of any real part (Gaussian,
 //! clipped).
 
-use crate::arithmetic::gauss;
+use crate::arithmetic::{gauss, splitmix};
 use crate::feeder::{OutOfRange, accept_in};
 
 /// Largest standard deviation of the restitution; bodies that tumble have 0.27 to 0.52.
@@ -28,17 +28,15 @@ pub struct Scatter {
 
 impl Scatter {
     /// Restitutions with a `mean` in -1..=1 before clipping, a standard deviation (symbol s) in
-    /// 0..=0.5 and a seed. With a mean below 0 most impacts do not bounce, as of bodies that tumble.
-    ///
-    /// Errors: `OutOfRange` for a mean or a deviation out of range.
+    /// 0..=0.5 and a seed; an error names the one out of range. With a mean below 0 most impacts do
+    /// not bounce, as of bodies that tumble.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
-        Self {
-            mean: 0.0,
-            deviation: 0.0,
+        let scatter = Self {
+            mean,
+            deviation,
             state: seed,
-        }
-        .with_mean(mean)?
-        .with_deviation(deviation)
+        };
+        scatter.with_mean(mean)?.with_deviation(deviation)
     }
 
     /// The same stream, about another mean in -1..=1.
@@ -49,12 +47,8 @@ impl Scatter {
 
     /// The same stream, with another standard deviation in 0..=0.5.
     pub fn with_deviation(self, deviation: f64) -> Result<Self, OutOfRange> {
-        accept_in(
-            "scatter",
-            deviation,
-            0.0..=MAX_DEVIATION,
-            "0..0.5, the standard deviation of restitution from impact to impact",
-        )?;
+        let accepted = "0..0.5, the standard deviation of restitution from impact to impact";
+        accept_in("scatter", deviation, 0.0..=MAX_DEVIATION, accepted)?;
         Ok(Self { deviation, ..self })
     }
 
@@ -78,20 +72,12 @@ impl Scatter {
         (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f64::EPSILON)
     }
 
-    /// The next 64 bits (splitmix64: Steele, Lea & Flood 2014).
-    #[inline]
-    fn next_bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in 0..1, 0 excluded, in steps of 2^-53.
+    /// Uniform in 0..1, 0 excluded, in steps of 2^-53 (splitmix64: Steele, Lea & Flood 2014).
     #[inline]
     fn next_uniform(&mut self) -> f64 {
-        ((self.next_bits() >> 11) as f64 + 0.5) * (1.0 / 9_007_199_254_740_992.0)
+        let bits = splitmix(self.state);
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        ((bits >> 11) as f64 + 0.5) * (1.0 / 9_007_199_254_740_992.0)
     }
 }
 
@@ -115,18 +101,12 @@ mod tests {
             }
         }
         // Five standard errors of each: 1e-3, 1.4e-3, 3.9e-3, 9.8e-3.
-        for (moment, (expected, error)) in
-            moments
-                .iter()
-                .zip([(0.0, 5e-3), (1.0, 7e-3), (0.0, 2e-2), (3.0, 5e-2)])
-        {
+        let expected = [(0.0, 5e-3), (1.0, 7e-3), (0.0, 2e-2), (3.0, 5e-2)];
+        for (moment, (expected, error)) in moments.iter().zip(expected) {
             assert!((moment - expected).abs() < error, "{moments:?}");
         }
-        for (&count, share) in
-            beyond
-                .iter()
-                .zip([0.308_538, 0.158_655, 0.022_750, 0.001_349_9, 3.167e-5])
-        {
+        let shares = [0.308_538, 0.158_655, 0.022_750, 0.001_349_9, 3.167e-5];
+        for (&count, share) in beyond.iter().zip(shares) {
             let expected = share * f64::from(COUNT);
             let error = 5.0 * libm::sqrt(expected);
             assert!((f64::from(count) - expected).abs() < error, "{beyond:?}");

@@ -13,7 +13,6 @@ const ONE: u64 = 1 << 61;
 /// Set-up constants of a track and a part, shared by the microcontroller kernels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
-    /// k.
     pub k: Positive,
     /// k, rounded to nearest.
     pub single: f32,
@@ -30,9 +29,7 @@ pub(crate) struct SetUp {
 }
 
 impl SetUp {
-    /// The constants for `k` and `restitution`.
-    ///
-    /// Errors: `OutOfRange` outside k 0.005..=4 or restitution 0..=1.
+    /// The constants for `k` and `restitution`; an error outside k 0.005..=4 or restitution 0..=1.
     #[inline(always)]
     pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         // Positive floats compare like their bits; NaN and negative ones are above.
@@ -51,10 +48,8 @@ impl SetUp {
         } else {
             Positive::from_f64(restitution).nearest(32)
         };
-        Ok(Self::new(
-            k,
-            Fixed(u32::try_from(restitution).unwrap_or(u32::MAX)),
-        ))
+        let restitution = u32::try_from(restitution).unwrap_or(u32::MAX);
+        Ok(Self::new(k, Fixed(restitution)))
     }
 
     #[inline(always)]
@@ -95,9 +90,8 @@ impl SetUp {
         }
     }
 
-    /// Smallest squared speed at height 0 of a tall flight, with a margin for rounding.
-    ///
-    /// Above it the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
+    /// Smallest squared speed at height 0 of a tall flight, with a margin for rounding. Above it
+    /// the speed at every height h exceeds the track's, `sqrt(1 - h^2)`.
     pub fn min_tall_speed_squared(&self) -> Positive {
         const TALL_ROUNDING_MARGIN: u64 = (0.01 * (1_u64 << 60) as f64) as u64;
         let lower = if self.hump > 0 {
@@ -115,10 +109,8 @@ impl SetUp {
 }
 
 /// Phase of a `sine` < 1 in steps of 2^-61, given approximately as f32 and with its cosine in steps
-/// of 2^-62.
-///
-/// From the nearest node by `sin(a - b) = sin a cos b - cos a sin b`; the error before rounding is
-/// below 5e-7 steps.
+/// of 2^-62. From the nearest node by `sin(a - b) = sin a cos b - cos a sin b`; the error before
+/// rounding is below 5e-7 steps.
 #[inline(always)]
 fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     /// `x` in steps of 2^-`places`.
@@ -153,7 +145,6 @@ fn arcsine(sine: u64, single: f32, cosine: u64) -> Phase {
     Phase::from_bits(((angle + (1 << 30)) >> 31) as u32)
 }
 
-/// Number of nodes in a quarter turn.
 const QUARTER_NODES: usize = node::COUNT / 4;
 
 /// The node nearest to the arcsine of `x`, plus a half; error 0.002 (Abramowitz & Stegun 4.4.45).
@@ -173,7 +164,7 @@ mod tests {
     use super::*;
 
     /// Phase of lift-off; slope there, inverse and tall in f32.
-    type Constants = (u32, f32, f32, f32);
+    type Constants = (u32, [f32; 3]);
 
     /// The constants in f64, rounded as the kernels round them.
     fn expected(k: f64) -> Constants {
@@ -183,23 +174,18 @@ mod tests {
             1 << 30
         };
         let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-        let min_tall_speed_squared = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
+        let tall = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
         (
             lift_off,
-            cosine as f32,
-            (1.0 / k) as f32,
-            min_tall_speed_squared as f32,
+            [cosine, 1.0 / k, tall].map(|constant| constant as f32),
         )
     }
 
     fn computed(k: f64) -> Constants {
         let set_up = SetUp::build(k, 0.5).unwrap();
-        (
-            set_up.lift_off.bits(),
-            set_up.lift_off_cosine.single(),
-            set_up.inverse(),
-            set_up.min_tall_speed_squared().single(),
-        )
+        let cosine = set_up.lift_off_cosine.single();
+        let tall = set_up.min_tall_speed_squared().single();
+        (set_up.lift_off.bits(), [cosine, set_up.inverse(), tall])
     }
 
     /// Counts: all k, those with another phase step than f64, those with another rounding than f64.
@@ -212,9 +198,7 @@ mod tests {
                 let error = expected.0.abs_diff(computed.0);
                 assert!(error <= 1, "{k:e}: {expected:?} {computed:?}");
                 counts[1] += error;
-                let singles = |c: &Constants| (c.1, c.2, c.3);
-                let other = singles(&expected) != singles(&computed);
-                counts[2] += u32::from(other);
+                counts[2] += u32::from(expected.1 != computed.1);
             }
         }
         counts
@@ -227,15 +211,11 @@ mod tests {
             0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
         });
         let single = (0..200_000_u32).map(|n| f64::from(f32::from_bits(0x3ba3_d70b + 402 * n)));
-        let near_unity = (1..1000).flat_map(|n| {
-            [
-                1.0 - f64::EPSILON * f64::from(n),
-                1.0 + f64::EPSILON * f64::from(n),
-            ]
-        });
+        let distances = (1..1000).map(|n| f64::EPSILON * f64::from(n));
+        let near_unity = distances.flat_map(|distance| [1.0 - distance, 1.0 + distance]);
         let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
-        let [tried, phases, others] =
-            count_differences(random.chain(single).chain(near_unity).chain(ends));
+        let ks = random.chain(single).chain(near_unity).chain(ends);
+        let [tried, phases, others] = count_differences(ks);
         assert_eq!([phases, others], [0, 0]);
         assert!(tried > 400_000);
     }

@@ -7,6 +7,8 @@
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
+use heapless::Vec;
+
 use crate::arithmetic::vector::sine_cosine;
 use crate::feeder::{OutOfRange, accept_in};
 
@@ -27,7 +29,6 @@ impl Tone {
     }
 }
 
-/// Motion of the track at a phase.
 #[derive(Clone, Copy)]
 pub(super) struct Motion {
     /// Displacement S.
@@ -64,9 +65,10 @@ pub struct Wave {
     /// Every extremum of A, in the order of their phases: phase and value.
     extrema: [[f64; 2]; MAX_ZEROS],
     count: usize,
-    top: f64,
-    bottom: f64,
-    steepest: f64,
+    /// max S, -min S and max |S'|.
+    pub(super) top: f64,
+    pub(super) bottom: f64,
+    pub(super) steepest: f64,
 }
 
 /// Largest number of zeros in a turn, of a trigonometric polynomial of three tones.
@@ -79,10 +81,8 @@ pub(super) const MAX_HUMPS: usize = MAX_ZEROS / 2;
 const BOUND_ROUNDING: f64 = 1e-12;
 
 impl Wave {
-    /// The wave with these second and third harmonics.
-    ///
-    /// Errors: `OutOfRange` with the tone that is out of range (amplitude 0..=0.5, angle -2 pi..=2
-    /// pi).
+    /// The wave with these second and third harmonics; an error names the tone out of range
+    /// (amplitude 0..=0.5, angle -2 pi..=2 pi).
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         let names = [
             ("second tone, amplitude", "second tone, angle"),
@@ -98,11 +98,8 @@ impl Wave {
     /// The wave of tones within their ranges.
     fn from_tones(second: Tone, third: Tone) -> Self {
         let mixed = [second, third].map(|tone| {
-            let turned = if tone.angle < 0.0 {
-                tone.angle + TAU
-            } else {
-                tone.angle
-            };
+            let angle = tone.angle;
+            let turned = if angle < 0.0 { angle + TAU } else { angle };
             let (sine, cosine) = sine_cosine(turned);
             [tone.amplitude * cosine, tone.amplitude * sine]
         });
@@ -120,23 +117,18 @@ impl Wave {
             1.0 + second.amplitude * libm::pow(2.0, power.into())
                 + third.amplitude * libm::pow(3.0, power.into())
         };
-        for phase in wave.zeros(|m| [m.speed, -m.push], largest(3)).iter() {
+        for phase in wave.zeros(|m| [m.speed, -m.push], largest(3)) {
             let height = wave.at(phase).height;
             wave.top = wave.top.max(height + BOUND_ROUNDING);
             wave.bottom = wave.bottom.max(BOUND_ROUNDING - height);
         }
-        for phase in wave.zeros(|m| [m.push, m.jerk], largest(4)).iter() {
-            wave.steepest = wave
-                .steepest
-                .max(wave.at(phase).speed.abs() + BOUND_ROUNDING);
+        for phase in wave.zeros(|m| [m.push, m.jerk], largest(4)) {
+            let speed = wave.at(phase).speed.abs();
+            wave.steepest = wave.steepest.max(speed + BOUND_ROUNDING);
         }
-        let crests = wave.zeros(|m| [m.jerk, -m.snap], largest(5));
-        for (extremum, phase) in wave.extrema.iter_mut().zip(crests.iter()) {
-            *extremum = [phase, 0.0];
-        }
-        wave.count = crests.count;
-        for n in 0..wave.count {
-            wave.extrema[n][1] = wave.at(wave.extrema[n][0]).push;
+        for phase in wave.zeros(|m| [m.jerk, -m.snap], largest(5)) {
+            wave.extrema[wave.count] = [phase, wave.at(phase).push];
+            wave.count += 1;
         }
         wave
     }
@@ -145,18 +137,14 @@ impl Wave {
     pub const fn sine() -> Self {
         const NO_TONE: Tone = Tone::new(0.0, 0.0);
         // The same bits as the search in `from_tones`: a plant uses this at every impact.
+        let mut extrema = [[0.0; 2]; MAX_ZEROS];
+        extrema[0] = [FRAC_PI_2, 1.0];
+        extrema[1] = [3.0 * FRAC_PI_2, -1.0];
         Self {
             second: NO_TONE,
             third: NO_TONE,
             mixed: [[0.0; 2]; 2],
-            extrema: [
-                [FRAC_PI_2, 1.0],
-                [3.0 * FRAC_PI_2, -1.0],
-                [0.0; 2],
-                [0.0; 2],
-                [0.0; 2],
-                [0.0; 2],
-            ],
+            extrema,
             count: 2,
             top: 1.0 + BOUND_ROUNDING,
             bottom: 1.0 + BOUND_ROUNDING,
@@ -191,14 +179,14 @@ impl Wave {
     ///
     /// Divided by k it is in units of `g cos(alpha)`.
     pub fn peak_acceleration(&self) -> f64 {
-        self.extrema()
-            .fold(0.0, |peak, [_, push]| peak.max(push.abs()))
+        let peaks = self.extrema().map(|[_, push]| push.abs());
+        peaks.fold(0.0, f64::max)
     }
 
     /// Largest k at which the track throws a resting part, max(-S'').
     pub fn highest_throw(&self) -> f64 {
-        self.extrema()
-            .fold(0.0, |highest, [_, push]| highest.max(push))
+        let pushes = self.extrema().map(|[_, push]| push);
+        pushes.fold(0.0, f64::max)
     }
 
     /// Acceleration of a free part relative to the track without gravity, `-S''` in `b w^2`, at a
@@ -214,7 +202,6 @@ impl Wave {
         [m.height, m.speed, m.push, m.jerk]
     }
 
-    /// The track at a phase in 0..2 pi.
     pub(super) fn at(&self, phase: f64) -> Motion {
         let (sine, cosine) = sine_cosine(phase);
         if self.is_of_two() {
@@ -224,25 +211,9 @@ impl Wave {
         }
     }
 
-    /// Whether the third harmonic is absent.
     #[inline(always)]
     pub(super) fn is_of_two(&self) -> bool {
         self.third.amplitude == 0.0
-    }
-
-    /// max S.
-    pub(super) fn top(&self) -> f64 {
-        self.top
-    }
-
-    /// -min S.
-    pub(super) fn bottom(&self) -> f64 {
-        self.bottom
-    }
-
-    /// max |S'|.
-    pub(super) fn steepest(&self) -> f64 {
-        self.steepest
     }
 
     /// Every extremum of A: phase and value, in the order of their phases.
@@ -260,23 +231,19 @@ impl Wave {
         };
         let second = mix(self.mixed[0], double, turned);
         let third = if N > 2 {
-            mix(
-                self.mixed[1],
-                double * cosine + turned * sine,
-                turned * cosine - double * sine,
-            )
+            let triple = double * cosine + turned * sine;
+            mix(self.mixed[1], triple, turned * cosine - double * sine)
         } else {
             [0.0; 2]
         };
         [[sine, cosine], second, third]
     }
 
-    /// Zeros of a derivative of S in a turn; `of` gives it with its own derivative, `bound` bounds
-    /// the next one.
-    ///
-    /// It starts where the function is large and takes steps too short to pass a zero. It may miss
-    /// pairs of zeros between which the function is below 1e-14 of `bound`.
-    fn zeros(&self, of: impl Fn(&Motion) -> [f64; 2], bound: f64) -> Zeros {
+    /// Zeros of a derivative of S in a turn, in order; `of` gives it with its own derivative,
+    /// `bound` bounds the next one. It starts where the function is large and takes steps too short
+    /// to pass a zero. It may miss pairs of zeros between which the function is below 1e-14 of
+    /// `bound`.
+    fn zeros(&self, of: impl Fn(&Motion) -> [f64; 2], bound: f64) -> Vec<f64, MAX_ZEROS> {
         const MIN_STEP: f64 = 1e-7;
         /// Share of `bound` below which rounding decides the sign.
         const ROUNDING: f64 = 1e-14;
@@ -288,17 +255,14 @@ impl Wave {
                 start = phase;
             }
         }
-        let mut zeros = Zeros {
-            phases: [0.0; MAX_ZEROS],
-            count: 0,
-        };
+        let mut zeros = Vec::new();
         let (mut phase, mut value) = (start, at(start));
         while phase < start + TAU {
             // The sign is constant up to the root of |value| - slope h - bound h^2/2.
-            let (size, slope) = if value[0] < 0.0 {
-                (-value[0], -value[1])
+            let [size, slope] = if value[0] < 0.0 {
+                value.map(|x| -x)
             } else {
-                (value[0], value[1])
+                value
             };
             let step = (slope + libm::sqrt(slope * slope + 2.0 * bound * size)) / bound;
             let mut next = phase + step.max(MIN_STEP);
@@ -307,28 +271,14 @@ impl Wave {
                 next += MIN_STEP;
                 then = at(next);
             }
-            if (then[0] < 0.0) != (value[0] < 0.0) && zeros.count < MAX_ZEROS && next < start + TAU
-            {
-                zeros.phases[zeros.count] = in_turn(crossing(&at, phase, next));
-                zeros.count += 1;
+            if (then[0] < 0.0) != (value[0] < 0.0) && next < start + TAU {
+                // There are no more zeros than the list holds.
+                let _ = zeros.push(in_turn(crossing(&at, phase, next)));
             }
             (phase, value) = (next, then);
         }
-        let count = zeros.count;
-        zeros.phases[..count].sort_unstable_by(f64::total_cmp);
+        zeros.sort_unstable_by(f64::total_cmp);
         zeros
-    }
-}
-
-/// The zeros of a derivative of S in a turn, in order.
-struct Zeros {
-    phases: [f64; MAX_ZEROS],
-    count: usize,
-}
-
-impl Zeros {
-    fn iter(&self) -> impl Iterator<Item = f64> + '_ {
-        self.phases.iter().take(self.count).copied()
     }
 }
 
@@ -361,9 +311,8 @@ pub(super) fn in_turn(angle: f64) -> f64 {
     if turned < TAU { turned } else { 0.0 }
 }
 
-/// Zero of a function between two places of opposite sign, by safeguarded Newton steps.
-///
-/// `at` gives the value and its derivative.
+/// Zero of a function between two places of opposite sign, by safeguarded Newton steps. `at` gives
+/// the value and its derivative.
 pub(super) fn crossing(at: &impl Fn(f64) -> [f64; 2], low: f64, high: f64) -> f64 {
     let (mut low, mut high) = (low, high);
     let negative = at(low)[0] < 0.0;
@@ -398,11 +347,7 @@ mod tests {
         (0..400).map(|n| {
             let spread = |factor: f64| (f64::from(n) * factor).rem_euclid(1.0);
             let tone = |a: f64, b: f64| Tone::new(0.5 * spread(a), TAU * (2.0 * spread(b) - 1.0));
-            let third = if n % 2 == 0 {
-                tone(0.732_051, 0.236_068)
-            } else {
-                Tone::default()
-            };
+            let third = [tone(0.732_051, 0.236_068), Tone::default()][n as usize % 2];
             Wave::build(tone(0.618_034, 0.414_214), third).unwrap()
         })
     }
@@ -413,9 +358,8 @@ mod tests {
         Wave::build(Tone::new(0.2, PI), Tone::new(0.2 / 9.0, 0.0)).unwrap()
     }
 
-    /// Direct sines, without a search for extrema.
-    ///
-    /// Bounds hold on a fine grid and are reached on it to second order.
+    /// Direct sines, without a search for extrema. Bounds hold on a fine grid and are reached on it
+    /// to second order.
     #[test]
     fn bounds_hold_and_are_reached() {
         for wave in waves().chain([flat_wave()]) {
@@ -425,37 +369,29 @@ mod tests {
                     (2.0, wave.second.amplitude, wave.second.angle),
                     (3.0, wave.third.amplitude, wave.third.angle),
                 ];
-                tones
-                    .map(|(q, amplitude, angle)| {
-                        let (s, c) = (q * phase + angle).sin_cos();
-                        amplitude * q.powi(derivative) * [s, c, -s][derivative as usize]
-                    })
-                    .iter()
-                    .sum::<f64>()
+                let terms = tones.map(|(q, amplitude, angle)| {
+                    let (s, c) = (q * phase + angle).sin_cos();
+                    amplitude * q.powi(derivative) * [s, c, -s][derivative as usize]
+                });
+                terms.iter().sum::<f64>()
             };
-            let (mut top, mut bottom, mut steepest, mut peak, mut highest) =
-                (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+            let mut largest = [0.0_f64; 5];
             for n in 0..20_000 {
                 let phase = f64::from(n) * TAU / 20_000.0;
                 let at = wave.at(phase);
                 // The direct form rounds angles of up to 25 rad.
-                assert!((at.height - direct(phase, 0)).abs() < 6e-15);
-                assert!((at.speed - direct(phase, 1)).abs() < 2e-14);
-                assert!((at.push + direct(phase, 2)).abs() < 4e-14);
-                top = top.max(direct(phase, 0));
-                bottom = bottom.max(-direct(phase, 0));
-                steepest = steepest.max(direct(phase, 1).abs());
-                peak = peak.max(direct(phase, 2).abs());
-                highest = highest.max(-direct(phase, 2));
+                let [height, speed, curvature] = [0, 1, 2].map(|n| direct(phase, n));
+                assert!((at.height - height).abs() < 6e-15);
+                assert!((at.speed - speed).abs() < 2e-14);
+                assert!((at.push + curvature).abs() < 4e-14);
+                let here = [height, -height, speed.abs(), curvature.abs(), -curvature];
+                largest = core::array::from_fn(|n| largest[n].max(here[n]));
             }
+            let bounds = [wave.top, wave.bottom, wave.steepest];
+            let bounds = bounds.into_iter();
+            let bounds = bounds.chain([wave.peak_acceleration(), wave.highest_throw()]);
             // Half a step of the grid, squared, times half the largest second derivative there.
-            for (bound, grid) in [
-                (wave.top, top),
-                (wave.bottom, bottom),
-                (wave.steepest, steepest),
-                (wave.peak_acceleration(), peak),
-                (wave.highest_throw(), highest),
-            ] {
+            for (bound, grid) in bounds.zip(largest) {
                 assert!((-1e-13..2e-6).contains(&(bound - grid)), "{wave:?} {grid}");
             }
         }
@@ -472,7 +408,7 @@ mod tests {
 
     #[test]
     fn tone_out_of_range_is_named() {
-        let tone = |amplitude, angle| Tone { amplitude, angle };
+        let tone = Tone::new;
         for (second, third, parameter) in [
             (tone(0.6, 0.0), Tone::default(), "second tone, amplitude"),
             (tone(-0.1, 0.0), Tone::default(), "second tone, amplitude"),

@@ -5,6 +5,7 @@ use core::f64::consts::PI;
 use core::fmt;
 
 use super::lock::{ContactTerms, accept_order, accept_restitution};
+use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::ContactTime;
 
@@ -40,15 +41,12 @@ pub fn edges_with_contact(
     order: u32,
     contact: ContactTime,
 ) -> Result<[f64; 2], OutOfRange> {
-    let instant = [
-        first_return_edge(restitution, order)?,
-        flip(restitution, order)?,
-    ];
+    let high = first_return_edge(restitution, order)?;
     if contact.is_instant() {
-        return Ok(instant);
+        return Ok([high, flip(restitution, order)?]);
     }
     let terms = ContactTerms::new(restitution, f64::from(order), contact);
-    let birth_ratio = instant[0] / birth(restitution, order)?;
+    let birth_ratio = high / birth(restitution, order)?;
     Ok([terms.birth() * birth_ratio, terms.flip()])
 }
 
@@ -122,12 +120,8 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
 
 /// Value and derivative of a polynomial, lowest coefficient first.
 fn polynomial(coefficients: &[f64], x: f64) -> (f64, f64) {
-    coefficients
-        .iter()
-        .rev()
-        .fold((0.0, 0.0), |(value, slope), c| {
-            (value * x + c, slope * x + value)
-        })
+    let horner = |(value, slope), c: &f64| (value * x + c, slope * x + value);
+    coefficients.iter().rev().fold((0.0, 0.0), horner)
 }
 
 /// Band of k in which every part of a lot has a stable period-1 orbit of one order.
@@ -250,12 +244,18 @@ impl Band {
         if low < high {
             return Ok(Self { order, low, high });
         }
+        let flips_below = |r| flip(r, order).is_ok_and(|flip| flip < high);
+        let (lowest, highest) = (restitution.low(), restitution.high());
+        let [high_bound, _] = bisect(lowest, highest, 60, flips_below);
+        // Equation 15 solved for R.
+        let launch = PI * f64::from(order) * low;
+        let low_bound = ((launch - 1.0) / (launch + 1.0)).max(0.0);
         Err(BandError::Empty(NoBand {
             order,
             flip: low,
             birth: high,
-            high_bound: max_high_bound(restitution, order, high)?,
-            low_bound: min_low_bound(order, low)?,
+            high_bound,
+            low_bound,
         }))
     }
 
@@ -286,41 +286,12 @@ impl Band {
 
     /// Distances of `k` to both edges.
     pub fn margins(&self, k: f64) -> Margins {
+        let distance = |k, amplitude| Distance { k, amplitude };
         Margins {
-            low: Distance {
-                k: k - self.low,
-                amplitude: k / self.low - 1.0,
-            },
-            high: Distance {
-                k: self.high - k,
-                amplitude: 1.0 - k / self.high,
-            },
+            low: distance(k - self.low, k / self.low - 1.0),
+            high: distance(self.high - k, 1.0 - k / self.high),
         }
     }
-}
-
-/// Restitution whose k2 is `edge`, by bisection: the limit of a high bound that shares a band with
-/// the low bound.
-fn max_high_bound(restitution: Restitution, order: u32, edge: f64) -> Result<f64, OutOfRange> {
-    let (mut low, mut high) = (restitution.low(), restitution.high());
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high {
-            break;
-        }
-        if flip(middle, order)? < edge {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    Ok(low)
-}
-
-/// Restitution whose k1 is `edge` (equation 15 solved for R).
-fn min_low_bound(order: u32, edge: f64) -> Result<f64, OutOfRange> {
-    let launch = PI * accept_order(order)? * edge;
-    Ok(((launch - 1.0) / (launch + 1.0)).max(0.0))
 }
 
 #[cfg(test)]
@@ -328,32 +299,26 @@ mod tests {
     use super::super::lock::Lock;
     use super::*;
 
+    fn lock(k: f64, restitution: f64, order: u32) -> Lock {
+        Lock::build(k, restitution, order).unwrap().unwrap()
+    }
+
     #[test]
     fn multiplier_is_1_at_birth_and_minus_1_at_flip() {
         for restitution in [0.05, 0.2, 0.5, 0.8, 0.95] {
             for order in [1, 2, 5] {
                 let square = restitution * restitution;
-                let at = |k| Lock::build(k, restitution, order).unwrap().unwrap().trace();
+                let at = |k| lock(k, restitution, order);
                 let k2 = flip(restitution, order).unwrap();
-                assert!((at(k2) + 1.0 + square).abs() < 1e-12);
+                assert!((at(k2).trace() + 1.0 + square).abs() < 1e-12);
                 // t0 varies as the square root of k1 - k.
                 let k1 = birth(restitution, order).unwrap();
-                assert!((at(k1 * (1.0 - 1e-12)) - 1.0 - square).abs() < 1e-5 / k1.min(1.0));
+                let error = at(k1 * (1.0 - 1e-12)).trace() - 1.0 - square;
+                assert!(error.abs() < 1e-5 / k1.min(1.0));
                 for step in 1..20 {
-                    let k = k2 + (k1 - k2) * f64::from(step) / 20.0;
-                    assert!(
-                        Lock::build(k, restitution, order)
-                            .unwrap()
-                            .unwrap()
-                            .attracts()
-                    );
+                    assert!(at(k2 + (k1 - k2) * f64::from(step) / 20.0).attracts());
                 }
-                assert!(
-                    !Lock::build(k2 * 0.999, restitution, order)
-                        .unwrap()
-                        .unwrap()
-                        .attracts()
-                );
+                assert!(!at(k2 * 0.999).attracts());
             }
         }
     }
@@ -379,13 +344,14 @@ mod tests {
 
     #[test]
     fn common_band_is_inside_the_band_of_each_part() {
-        for (low, high) in [
+        let lots = [
             (0.0, 0.01),
             (0.18, 0.22),
             (0.28, 0.32),
             (0.48, 0.52),
             (0.7, 0.8),
-        ] {
+        ];
+        for (low, high) in lots {
             let lot = Restitution::interval(low, high).unwrap();
             for order in [1, 2, 3] {
                 let Ok(band) = Band::common(lot, order) else {
@@ -399,11 +365,8 @@ mod tests {
                 for step in 0..=10 {
                     let restitution = low + (high - low) * f64::from(step) / 10.0;
                     for k in [band.low() * (1.0 + 1e-9), k, band.high() * (1.0 - 1e-9)] {
-                        let lock = Lock::build(k, restitution, order).unwrap().unwrap();
-                        assert!(
-                            lock.attracts() && lock.is_first_return(),
-                            "R {restitution} k {k}"
-                        );
+                        let lock = lock(k, restitution, order);
+                        assert!(lock.attracts() && lock.is_first_return(), "{lock:?}");
                     }
                 }
             }
@@ -422,22 +385,14 @@ mod tests {
             for restitution in grid {
                 let edge = first_return_edge(restitution, order).unwrap();
                 let k1 = birth(restitution, order).unwrap();
-                let flown = |k: f64| {
-                    Lock::build(k, restitution, order)
-                        .unwrap()
-                        .unwrap()
-                        .is_first_return()
-                };
+                let flown = |k| lock(k, restitution, order).is_first_return();
                 // Closer to k1 the rounding of t0 dominates.
-                let (mut low, mut high) = (flip(restitution, order).unwrap(), k1 * (1.0 - 1e-9));
+                let (low, high) = (flip(restitution, order).unwrap(), k1 * (1.0 - 1e-9));
                 if flown(high) {
                     assert!(edge > high, "R {restitution} order {order}");
                     continue;
                 }
-                for _ in 0..60 {
-                    let middle = 0.5 * (low + high);
-                    *(if flown(middle) { &mut low } else { &mut high }) = middle;
-                }
+                let [low, _] = bisect(low, high, 60, flown);
                 touching += 1;
                 worst = worst.max((edge / low - 1.0).abs());
             }

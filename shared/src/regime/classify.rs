@@ -227,11 +227,9 @@ impl<const N: usize> Classifier<N> {
             regime: Regime::Undecided,
             confidence,
         };
-        if let Some(silent) = self.detect_rest(filled) {
-            return silent;
-        }
-        if let Some(resting) = self.detect_hop_and_rest() {
-            return resting;
+        let resting = self.detect_rest(filled);
+        if let Some(verdict) = resting.or_else(|| self.detect_hop_and_rest()) {
+            return verdict;
         }
         let mut best = 0.0_f32;
         for impacts in 1..=filled / 3 {
@@ -243,10 +241,9 @@ impl<const N: usize> Classifier<N> {
             let (share, cycles) = self.find_repetition(impacts, filled);
             best = best.max(share);
             if share >= 0.9 && cycles > 0 {
-                let regime = self.name_period(impacts as u32, cycles, filled);
                 let enough = (compared as f32 / (2 * required) as f32).min(1.0);
                 return Verdict {
-                    regime,
+                    regime: self.name_period(impacts as u32, cycles, filled),
                     confidence: self.correct_for_chance(share) * enough,
                 };
             }
@@ -276,13 +273,10 @@ impl<const N: usize> Classifier<N> {
             .max()
             .unwrap_or(STEPS_PER_CYCLE);
         let enough = 3 * longest + MIN_SILENT_CYCLES * STEPS_PER_CYCLE;
-        if silent > enough {
-            return Some(Verdict {
-                regime: Regime::Rest,
-                confidence: (silent as f32 / (2 * enough) as f32).min(1.0),
-            });
-        }
-        None
+        (silent > enough).then(|| Verdict {
+            regime: Regime::Rest,
+            confidence: (silent as f32 / (2 * enough) as f32).min(1.0),
+        })
     }
 
     /// Hop and rest, if the last rests are a constant number of whole cycles apart.
@@ -294,11 +288,9 @@ impl<const N: usize> Classifier<N> {
         if period == 0 || self.now - self.launches[0] > 2 * period * STEPS_PER_CYCLE {
             return None;
         }
-        let regular = self
-            .launches
-            .windows(2)
-            .filter(|pair| self.is_multiple(pair[0] - pair[1], period))
-            .count();
+        let pairs = self.launches.windows(2);
+        let is_regular = |pair: &&[u64]| self.is_multiple(pair[0] - pair[1], period);
+        let regular = pairs.filter(is_regular).count();
         // One of three intervals may be wrong.
         (regular + 1 >= COMPARED_RESTS - 1).then_some(Verdict {
             regime: Regime::HopAndRest {
@@ -335,11 +327,9 @@ impl<const N: usize> Classifier<N> {
 
     /// Regime of a pattern with a period of `impacts` impacts in `cycles` cycles.
     fn name_period(&self, impacts: u32, cycles: u32, filled: usize) -> Regime {
-        if !impacts.is_power_of_two() || !cycles.is_multiple_of(impacts) {
-            return Regime::Periodic { impacts, cycles };
-        }
         let order = cycles / impacts;
-        if !self.stays_in_gear(impacts as usize, order) {
+        let is_power = impacts.is_power_of_two() && cycles.is_multiple_of(impacts);
+        if !is_power || !self.stays_in_gear(impacts as usize, order) {
             return Regime::Periodic { impacts, cycles };
         }
         match impacts.trailing_zeros() {
@@ -396,15 +386,15 @@ mod tests {
     use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
     use crate::regime::exponent;
 
+    fn orbit(map: &Map, start: Option<PartState>) -> Orbit<'_> {
+        start.map_or_else(|| Orbit::from_rest(map), |start| Orbit::new(map, start))
+    }
+
     /// Classifies an orbit over `events` events after a transient.
     fn verdict(k: f64, restitution: f64, start: Option<PartState>, events: usize) -> Verdict {
         let map = Map::build(k, restitution).unwrap();
-        let orbit = match start {
-            Some(start) => Orbit::new(&map, start),
-            None => Orbit::from_rest(&map),
-        };
         let mut classifier = Classifier::<256>::build(TimingAccuracy::COMPUTED).unwrap();
-        for event in orbit.take(3000 + events).skip(3000) {
+        for event in orbit(&map, start).take(3000 + events).skip(3000) {
             match event {
                 OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
                 OrbitEvent::Rest { chatter, .. } => classifier.wait(chatter),
@@ -415,10 +405,8 @@ mod tests {
     }
 
     fn near_lock(k: f64, restitution: f64, order: u32) -> Option<PartState> {
-        Some(exponent::start_near_lock(
-            &Map::build(k, restitution).unwrap(),
-            order,
-        ))
+        let map = Map::build(k, restitution).unwrap();
+        Some(exponent::start_near_lock(&map, order))
     }
 
     #[test]
@@ -498,10 +486,6 @@ mod tests {
         seed: u64,
     ) -> Verdict {
         let map = Map::build(k, restitution).unwrap();
-        let orbit = match start {
-            Some(start) => Orbit::new(&map, start),
-            None => Orbit::from_rest(&map),
-        };
         let settings = TimingAccuracy {
             noise,
             ..TimingAccuracy::BOARD
@@ -509,7 +493,7 @@ mod tests {
         let mut classifier = Classifier::<64>::build(settings).unwrap();
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
-        for event in orbit {
+        for event in orbit(&map, start) {
             match event {
                 OrbitEvent::Impact(impact) => {
                     time += impact.flight;
@@ -533,16 +517,13 @@ mod tests {
 
     #[test]
     fn board_classifies_regimes_in_noise() {
-        let locked = |k, restitution| near_lock(k, restitution, 1);
-        let doubled = Regime::Doubled {
-            order: 1,
-            doublings: 1,
-        };
+        let (order, doublings) = (1, 1);
+        let doubled = Regime::Doubled { order, doublings };
         // Of 300 starts all but 3 were classified right, in the narrow chaos of the last case 93 %.
         // The bound of 30 in 40 is 4.5 standard deviations below.
         for (k, restitution, regime, min_hits) in [
-            (0.43, 0.2, Regime::Locked { order: 1 }, 38),
-            (0.75, 0.5, Regime::Locked { order: 1 }, 38),
+            (0.43, 0.2, Regime::Locked { order }, 38),
+            (0.75, 0.5, Regime::Locked { order }, 38),
             (0.38, 0.2, doubled, 38),
             (0.34, 0.2, Regime::Chaotic, 38),
             (0.575, 0.5, Regime::Chaotic, 30),
@@ -550,10 +531,9 @@ mod tests {
             let hits = (1..=40)
                 .filter(|&seed| {
                     // Each start lies in a different part of the chaos.
-                    let start = locked(k, restitution).map(|start| PartState {
-                        phase: start.phase + 1e-7 * seed as f64,
-                        ..start
-                    });
+                    let mut start = near_lock(k, restitution, order).unwrap();
+                    start.phase += 1e-7 * seed as f64;
+                    let start = Some(start);
                     classify_with_noise(k, restitution, start, 0.03, 120.0, seed).regime == regime
                 })
                 .count();
@@ -561,12 +541,8 @@ mod tests {
         }
         for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
             let hits = (1..=40)
-                .filter(|&seed| {
-                    matches!(
-                        classify_with_noise(k, restitution, None, 0.03, 120.0, seed).regime,
-                        Regime::HopAndRest { .. }
-                    )
-                })
+                .map(|seed| classify_with_noise(k, restitution, None, 0.03, 120.0, seed))
+                .filter(|verdict| matches!(verdict.regime, Regime::HopAndRest { .. }))
                 .count();
             assert!(hits >= 36, "k {k} R {restitution}: {hits} of 40");
         }

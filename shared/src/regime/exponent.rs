@@ -5,9 +5,10 @@
 
 use core::f64::consts::TAU;
 
+use heapless::Vec;
+
 use super::cascade::Estimate;
 use super::lock::Lock;
-use super::series::standard_error;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::batch::Block;
 use crate::impact::{Impact, Kernel, Map, Orbit, OrbitEvent, PartState, Scatter, Tangent};
@@ -112,7 +113,7 @@ pub fn measure_together<const N: usize>(
         *state = Map::state(state.phase, state.velocity)?;
         block.put(lane, map, *state)?;
     }
-    let mut measured = [measurement; N];
+    let mut measured: [Measurement; N] = core::array::from_fn(|_| measurement.clone());
     for _ in 0..measurement.impacts() {
         block.advance(1);
         for (lane, (state, one)) in states.iter_mut().zip(&mut measured).enumerate() {
@@ -138,7 +139,7 @@ fn measure_along(
         let before = orbit.state();
         match orbit.next() {
             Some(OrbitEvent::Impact(impact)) => {
-                measurement.add(map, before, &impact, orbit.drawn());
+                measurement.add(map, before, &impact, orbit.drawn);
             }
             // A start at rest begins with a lift-off; a later rest ends the orbit.
             Some(OrbitEvent::LiftOff { .. }) if measurement.count == 0 => {}
@@ -160,26 +161,22 @@ pub fn start_near_lock(map: &Map, order: u32) -> PartState {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Measurement {
     settle: u32,
-    /// Impacts of a batch.
+    /// Impacts of a batch, and number of batches of the whole measurement.
     batch: u32,
+    requested: u32,
     vector: TangentVector,
-    /// Impacts so far.
     count: u32,
     current: Batch,
-    sums: Sums,
+    batches: Vec<Batch, MAX_BATCHES>,
 }
 
 impl Measurement {
     fn build(settings: ExponentSettings) -> Result<Self, OutOfRange> {
-        accept_in(
-            "impacts",
-            f64::from(settings.impacts),
-            f64::from(16 * MIN_BATCHES)..=1e9,
-            "320..1000000000",
-        )?;
+        let range = f64::from(16 * MIN_BATCHES)..=1e9;
+        accept_in("impacts", settings.impacts.into(), range, "320..1000000000")?;
         // A power of two, so that each batch visits the chaotic bands of the cascade equally often.
         let batch = (settings.impacts / MAX_BATCHES as u32)
             .next_power_of_two()
@@ -187,22 +184,24 @@ impl Measurement {
         Ok(Self {
             settle: settings.settle,
             batch,
-            vector: TangentVector::new(),
+            requested: settings.impacts / batch,
+            vector: TangentVector {
+                vector: [1.0, 0.0],
+                growth: 0.0,
+            },
             count: 0,
             current: Batch::default(),
-            sums: Sums::new(settings.impacts / batch),
+            batches: Vec::new(),
         })
     }
 
-    /// Impacts of the whole measurement.
     fn impacts(&self) -> u32 {
-        let measured = self.batch * self.sums.requested;
-        self.settle.saturating_add(measured)
+        self.settle.saturating_add(self.batch * self.requested)
     }
 
     /// Adds an impact of `map` from `before`, its restitution `drawn` times the map's.
     #[inline]
-    fn add(&mut self, map: &Map, before: PartState, impact: &Impact<PartState>, drawn: f64) {
+    fn add(&mut self, map: &Map, before: PartState, impact: &Impact, drawn: f64) {
         if self.count == self.settle {
             self.vector.take_growth();
         }
@@ -223,102 +222,16 @@ impl Measurement {
 
     fn end_batch(&mut self) {
         self.current.growth = self.vector.take_growth();
-        self.sums.add(&self.current);
-        self.current = Batch::default();
+        // Batches beyond the list are left out.
+        let _ = self.batches.push(core::mem::take(&mut self.current));
     }
 
     /// The exponent; `rest` is the number of impacts before a rest.
     fn exponent(mut self, rest: Option<u32>) -> Exponent {
-        if self.sums.count < 2 && self.current.impacts > 0 {
+        if self.batches.len() < 2 && self.current.impacts > 0 {
             self.end_batch();
         }
-        self.sums.exponent(rest)
-    }
-}
-
-/// A tangent vector that the Jacobians carry along an orbit.
-///
-/// It is normalized only if it has grown or shrunk a lot.
-#[derive(Clone, Copy)]
-struct TangentVector {
-    vector: [f64; 2],
-    /// Logarithm of the growth taken out of the vector.
-    growth: f64,
-}
-
-/// Sizes of the vector, between which it is not normalized.
-const VECTOR_SIZES: core::ops::Range<f64> = 1e-100..1e100;
-
-impl TangentVector {
-    fn new() -> Self {
-        Self {
-            vector: [1.0, 0.0],
-            growth: 0.0,
-        }
-    }
-
-    /// Maps the vector by a Jacobian; the drawn restitution over the mean scales velocity
-    /// differences like the velocity.
-    fn map_by(&mut self, [[a, b], [c, d]]: [[f64; 2]; 2], drawn: f64) {
-        let [x, y] = self.vector;
-        let vector = [a * x + b * y, drawn * (c * x + d * y)];
-        let size = vector[0].abs() + vector[1].abs();
-        if VECTOR_SIZES.contains(&size) {
-            self.vector = vector;
-        } else if size > 0.0 && size.is_finite() {
-            self.vector = vector;
-            self.normalize();
-        }
-    }
-
-    /// Moves the vector's length to the growth.
-    fn normalize(&mut self) {
-        let size = libm::hypot(self.vector[0], self.vector[1]);
-        self.vector = self.vector.map(|component| component / size);
-        self.growth += libm::log(size);
-    }
-
-    /// Logarithm of the growth since the last call; the vector has length 1 then.
-    fn take_growth(&mut self) -> f64 {
-        self.normalize();
-        core::mem::take(&mut self.growth)
-    }
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Batch {
-    growth: f64,
-    cycles: f64,
-    impacts: u32,
-}
-
-/// Successive batches, for the mean growth per impact and per cycle.
-#[derive(Clone, Copy, Debug)]
-struct Sums {
-    batches: [Batch; MAX_BATCHES],
-    count: usize,
-    /// Number of batches of the whole measurement.
-    requested: u32,
-}
-
-impl Sums {
-    fn new(requested: u32) -> Self {
-        Self {
-            batches: [Batch::default(); MAX_BATCHES],
-            count: 0,
-            requested,
-        }
-    }
-
-    fn add(&mut self, batch: &Batch) {
-        if let Some(slot) = self.batches.get_mut(self.count) {
-            *slot = *batch;
-            self.count += 1;
-        }
-    }
-
-    fn exponent(&self, rest: Option<u32>) -> Exponent {
-        let batches = &self.batches[..self.count];
+        let batches = &self.batches;
         let sum = |of: fn(&Batch) -> f64| batches.iter().map(of).sum::<f64>();
         let growth = sum(|batch| batch.growth);
         let impacts = sum(|batch| f64::from(batch.impacts));
@@ -347,9 +260,90 @@ impl Sums {
     }
 }
 
+/// A tangent vector that the Jacobians carry along an orbit. It is normalized only if it has grown
+/// or shrunk a lot.
+#[derive(Clone, Copy)]
+struct TangentVector {
+    vector: [f64; 2],
+    /// Logarithm of the growth taken out of the vector.
+    growth: f64,
+}
+
+/// Sizes of the vector, between which it is not normalized.
+const VECTOR_SIZES: core::ops::Range<f64> = 1e-100..1e100;
+
+impl TangentVector {
+    /// Maps the vector by a Jacobian; the drawn restitution over the mean scales velocity
+    /// differences like the velocity.
+    fn map_by(&mut self, [[a, b], [c, d]]: [[f64; 2]; 2], drawn: f64) {
+        let [x, y] = self.vector;
+        let vector = [a * x + b * y, drawn * (c * x + d * y)];
+        let size = vector[0].abs() + vector[1].abs();
+        if VECTOR_SIZES.contains(&size) {
+            self.vector = vector;
+        } else if size > 0.0 && size.is_finite() {
+            self.vector = vector;
+            self.normalize();
+        }
+    }
+
+    fn normalize(&mut self) {
+        let size = libm::hypot(self.vector[0], self.vector[1]);
+        self.vector = self.vector.map(|component| component / size);
+        self.growth += libm::log(size);
+    }
+
+    /// Logarithm of the growth since the last call; the vector has length 1 then.
+    fn take_growth(&mut self) -> f64 {
+        self.normalize();
+        core::mem::take(&mut self.growth)
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Batch {
+    growth: f64,
+    cycles: f64,
+    impacts: u32,
+}
+
+/// Standard error of the mean of successive correlated `values`, by automatic windowing (Madras and
+/// Sokal 1988; Wolff 2004): `sqrt(variance tau/(n - 1))`; infinite for fewer than two values. The autocorrelation time is `tau = 1 + 2 sum rho(t)` over the smallest
+/// window of at least `5 tau`. The bias of a finite series is corrected. For the exponent at k =
+/// 0.34, R = 0.2, the spread of 48 runs of 20 000 impacts is 0.9 to 1.2 times the estimate.
+fn standard_error(count: usize, value: impl Fn(usize) -> f64) -> f64 {
+    if count < 2 {
+        return f64::INFINITY;
+    }
+    let n = count as f64;
+    let mean = (0..count).map(&value).sum::<f64>() / n;
+    let deviation = |i: usize| value(i) - mean;
+    let covariance = |lag: usize| {
+        (lag..count)
+            .map(|i| deviation(i) * deviation(i - lag))
+            .sum::<f64>()
+            / n
+    };
+    let variance = covariance(0);
+    // Smallest window in values; negative autocorrelation shows within it.
+    const MIN_WINDOW: usize = 8;
+    let mut time = 1.0;
+    let mut window = 0;
+    while variance > 0.0 && window + 1 < count / 2 {
+        window += 1;
+        time += 2.0 * covariance(window) / variance;
+        if window >= MIN_WINDOW && window as f64 >= 5.0 * time {
+            break;
+        }
+    }
+    let bias = 1.0 + (2.0 * window as f64 + 1.0) / n;
+    libm::sqrt(variance * (time * bias).max(0.02) / (n - 1.0))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arithmetic::Noise;
 
     /// The spread of runs agrees with their standard errors. Batches of correlated impacts would
     /// give too small an error.
@@ -397,11 +391,9 @@ mod tests {
         ] {
             let map = Map::build(k, restitution).unwrap();
             let actual = measure(&map, start_near_lock(&map, 1), settings).unwrap();
-            let error = (actual.per_impact.value - exponent).abs();
-            assert!(
-                error < 0.003 + 3.0 * actual.per_impact.error,
-                "{k} {actual:?}"
-            );
+            let Estimate { value, error } = actual.per_impact;
+            let difference = (value - exponent).abs();
+            assert!(difference < 0.003 + 3.0 * error, "{k} {actual:?}");
         }
     }
 
@@ -411,27 +403,49 @@ mod tests {
             settle: 100,
             impacts: 2000,
         };
-        for (k, restitution) in [
-            (0.34, 0.2),
-            (0.43, 0.2),
-            (0.586, 0.5),
-            (0.35, 0.0),
-            (0.2, 0.95),
+        for [k, restitution] in [
+            [0.34, 0.2],
+            [0.43, 0.2],
+            [0.586, 0.5],
+            [0.35, 0.0],
+            [0.2, 0.95],
         ] {
             let map = Map::build(k, restitution).unwrap();
             let start = start_near_lock(&map, 1);
-            let starts: [PartState; 5] = core::array::from_fn(|n| {
-                PartState::new(start.phase + 1e-4 * n as f64, start.velocity)
-            });
+            let shifts = [0.0, 1.0, 2.0, 3.0, 4.0].map(|n| 1e-4 * n);
+            let starts = shifts.map(|shift| PartState::new(start.phase + shift, start.velocity));
             let separate = starts.map(|start| measure(&map, start, settings).unwrap());
             let rests = |one: &Exponent| matches!(one.dynamics, Dynamics::Rest { .. });
+            let expected = (!separate.iter().any(rests)).then_some(separate);
             let joint = measure_together(&map, starts, settings).unwrap();
-            assert_eq!(
-                joint.is_none(),
-                separate.iter().any(rests),
-                "{k} {separate:?}"
-            );
-            assert!(joint.is_none_or(|joint| joint == separate), "{k}");
+            assert_eq!(joint, expected, "{k}");
+        }
+    }
+
+    #[test]
+    fn constant_values_have_no_error() {
+        assert_eq!(standard_error(1, |_| 1.0), f64::INFINITY);
+        assert_eq!(standard_error(30, |_| 1.0), 0.0);
+    }
+
+    /// The autoregression x' = a x + noise has tau = (1 + a)/(1 - a).
+    #[test]
+    fn correlated_errors_match_the_theory() {
+        let mut noise = Noise::new(3);
+        for a in [0.0_f64, 0.5, 0.8, -0.5] {
+            let mut mean = 0.0;
+            for _ in 0..40 {
+                let mut x = 0.0;
+                let values: [f64; 512] = core::array::from_fn(|_| {
+                    x = a * x + 2.0 * f64::from(noise.uniform()) - 1.0;
+                    x
+                });
+                mean += standard_error(values.len(), |n| values[n]) / 40.0;
+            }
+            let tau = (1.0 + a) / (1.0 - a);
+            let expected = libm::sqrt(tau / 3.0 / (1.0 - a * a) / 512.0);
+            // A window of 5 tau omits 1 % of the sum; its noise adds a few per cent.
+            assert!((mean / expected - 1.0).abs() < 0.1, "{a}: {mean}");
         }
     }
 }

@@ -5,28 +5,20 @@
 
 use core::f64::consts::{PI, TAU};
 
-use crate::feeder::{OutOfRange, accept_in};
+use crate::feeder::{OutOfRange, accept, accept_in};
 use crate::impact::{ContactTime, Kernel, Map, PartState};
 
 /// Highest lock order computed; up to R = 0.2 the band of order 100 is narrower than 1e-5 in k.
 pub const MAX_ORDER: u32 = 100;
 
 pub(super) fn accept_order(order: u32) -> Result<f64, OutOfRange> {
-    accept_in(
-        "order",
-        f64::from(order),
-        1.0..=f64::from(MAX_ORDER),
-        "1..100 drive cycles per impact",
-    )
+    let (range, accepted) = (1..=MAX_ORDER, "1..100 drive cycles per impact");
+    accept("order", order.into(), range.contains(&order), accepted)
 }
 
 pub(super) fn accept_restitution(restitution: f64) -> Result<f64, OutOfRange> {
-    accept_in(
-        "restitution",
-        restitution,
-        0.0..1.0,
-        "0..1, 1 itself excluded: without loss no orbit attracts",
-    )
+    let accepted = "0..1, 1 itself excluded: without loss no orbit attracts";
+    accept_in("restitution", restitution, 0.0..1.0, accepted)
 }
 
 /// A phase difference in rad without whole turns, in -pi..=pi.
@@ -62,10 +54,9 @@ impl Multipliers {
         } else {
             let root = libm::sqrt(discriminant);
             let larger = if half < 0.0 { half - root } else { half + root };
-            let smaller = if larger == 0.0 {
-                0.0
-            } else {
-                determinant / larger
+            let smaller = match larger {
+                0.0 => 0.0,
+                _ => determinant / larger,
             };
             Self::Real(larger, smaller)
         }
@@ -92,11 +83,11 @@ impl Multipliers {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lock {
-    order: u32,
-    k: f64,
-    restitution: f64,
-    contact: ContactTime,
-    state: PartState,
+    pub(super) order: u32,
+    pub(super) k: f64,
+    pub(super) restitution: f64,
+    pub(crate) contact: ContactTime,
+    pub(super) state: PartState,
 }
 
 impl Lock {
@@ -162,11 +153,6 @@ impl Lock {
         self.state
     }
 
-    /// Duration of an impact.
-    pub(crate) fn contact(&self) -> ContactTime {
-        self.contact
-    }
-
     /// Phase in rad at which the part touches the track; `t0 - c` with a contact time.
     pub fn strike_phase(&self) -> f64 {
         self.state.phase - self.contact.radians()
@@ -176,38 +162,35 @@ impl Lock {
         ContactTerms::new(self.restitution, f64::from(self.order), self.contact)
     }
 
-    /// Trace and determinant of the tangent map with a contact time.
-    fn contact_tangent(&self) -> [f64; 2] {
-        let motion = |phase: f64| [libm::cos(phase), libm::sin(phase)];
-        let [cosine, sine] = motion(self.state.phase);
-        self.contact_terms().tangent(
-            self.k,
-            self.state.velocity,
-            [cosine, sine, cosine],
-            motion(self.strike_phase()),
-        )
+    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2 / k`, and its determinant, R^2; with a
+    /// contact time `R psi/s`. Inputs are A(t0), and the track's S', A and A' at a phase.
+    pub(super) fn tangent_on(&self, push: f64, motion: impl Fn(f64) -> [f64; 3]) -> [f64; 2] {
+        let r = self.restitution;
+        if self.contact.is_instant() {
+            return [1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k, r * r];
+        }
+        let [c1, a1, _] = motion(self.strike_phase());
+        let launch = motion(self.state.phase);
+        self.contact_terms()
+            .tangent(self.k, self.state.velocity, launch, [c1, a1])
+    }
+
+    fn tangent(&self) -> [f64; 2] {
+        self.tangent_on(libm::sin(self.state.phase), |phase| {
+            let cosine = libm::cos(phase);
+            [cosine, libm::sin(phase), cosine]
+        })
     }
 
     /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`.
     pub fn trace(&self) -> f64 {
-        if !self.contact.is_instant() {
-            return self.contact_tangent()[0];
-        }
-        let r = self.restitution;
-        1.0 + r * r - libm::sin(self.state.phase) * (1.0 + r) * (1.0 + r) / self.k
-    }
-
-    /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
-    fn determinant(&self) -> f64 {
-        if !self.contact.is_instant() {
-            return self.contact_tangent()[1];
-        }
-        self.restitution * self.restitution
+        self.tangent()[0]
     }
 
     /// Floquet multipliers: growth of a perturbation per impact.
     pub fn multipliers(&self) -> Multipliers {
-        Multipliers::from_trace(self.trace(), self.determinant())
+        let [trace, determinant] = self.tangent();
+        Multipliers::from_trace(trace, determinant)
     }
 
     /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
@@ -216,15 +199,22 @@ impl Lock {
             // Up to the birth of the lock, the flip alone ends its stability.
             return self.k > self.contact_terms().flip();
         }
-        libm::fabs(self.trace()) < 1.0 + self.determinant()
+        is_stable(self.tangent())
     }
 
     /// Whether the flight takes r cycles without an earlier contact with the track.
     pub fn is_first_return(&self) -> bool {
+        self.returns_first(Map::build(self.k, self.restitution))
+    }
+
+    /// [`Lock::is_first_return`] on this map.
+    pub(super) fn returns_first<K: Kernel<State = PartState>>(
+        &self,
+        map: Result<K, OutOfRange>,
+    ) -> bool {
         let period = TAU * f64::from(self.order);
         // At k1 the error of the root is the square root of the rounding of t0.
-        Map::build(self.k, self.restitution)
-            .is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
+        map.is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
     }
 
     /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
@@ -235,10 +225,15 @@ impl Lock {
     }
 }
 
-/// Terms of the lock with a contact time c (docs/theory-real-parts.md#t10.6).
-///
-/// The flight lasts `d = 2 pi r - c`. With the launch at t0 and the strike at `t0 - c` the height
-/// vanishes at both, and `psi = R s + rho c (A(t0) - k)`.
+/// Whether both multipliers of a tangent map of this trace and determinant are inside the unit
+/// circle.
+pub(super) fn is_stable([trace, determinant]: [f64; 2]) -> bool {
+    libm::fabs(trace) < 1.0 + determinant
+}
+
+/// Terms of the lock with a contact time c (docs/theory-real-parts.md#t10.6). The flight lasts `d =
+/// 2 pi r - c`. With the launch at t0 and the strike at `t0 - c` the height vanishes at both, and
+/// `psi = R s + rho c (A(t0) - k)`.
 #[derive(Clone, Copy)]
 pub(super) struct ContactTerms {
     restitution: f64,
@@ -309,10 +304,8 @@ impl ContactTerms {
         }
         // t0 is the phase of the birth plus the arc cosine of k/k1.
         let root = libm::sqrt((1.0 - ratio) * (1.0 + ratio));
-        let (c0, s0) = (
-            (ratio * p - root * q) / birth,
-            (ratio * q + root * p) / birth,
-        );
+        let c0 = (ratio * p - root * q) / birth;
+        let s0 = (ratio * q + root * p) / birth;
         let velocity = self.velocity(k, [s0, c0], s0 * cosine - c0 * sine);
         (velocity >= 0.0).then_some((c0, velocity))
     }
@@ -323,9 +316,8 @@ impl ContactTerms {
         libm::sqrt(p * p + q * q)
     }
 
-    /// k2: the flip on a sine, where trace = -(1 + determinant).
-    ///
-    /// Times the arrival speed that is a sum of a cosine and a sine of t0.
+    /// k2: the flip on a sine, where trace = -(1 + determinant). Times the arrival speed that is a
+    /// sum of a cosine and a sine of t0.
     #[inline(never)]
     pub(super) fn flip(&self) -> f64 {
         let (r, d) = (self.restitution, self.flight);
@@ -348,6 +340,7 @@ impl ContactTerms {
 mod tests {
     use super::*;
     use crate::impact::{Orbit, OrbitEvent, Tangent, WaveMap};
+    use crate::regime::band;
 
     #[test]
     fn orbit_closes_with_the_stated_tangent() {
@@ -392,9 +385,8 @@ mod tests {
     #[test]
     fn lock_with_contact_is_that_of_the_map() {
         for (k, restitution, contact) in contacts() {
-            let lock = Lock::with_contact(k, restitution, 1, contact)
-                .unwrap()
-                .unwrap();
+            let lock = Lock::with_contact(k, restitution, 1, contact);
+            let lock = lock.unwrap().unwrap();
             let map = WaveMap::build(k, restitution).unwrap();
             let next = |state| match Orbit::new(&map, state).with_contact(contact).next() {
                 Some(OrbitEvent::Impact(impact)) => impact,
@@ -403,7 +395,7 @@ mod tests {
             let impact = next(lock.state());
             assert!(lock.distance(impact.next) < 1e-12, "{k} {restitution}");
             assert!((impact.flight - TAU).abs() < 1e-12 && lock.is_first_return());
-            assert!(lock.attracts() && lock.trace().abs() < 1.0 + lock.determinant());
+            assert!(lock.attracts() && is_stable(lock.tangent()));
             let step = 1e-6;
             let PartState { phase, velocity } = lock.state();
             let derivative = |dt: f64, dv: f64| {
@@ -417,8 +409,9 @@ mod tests {
             };
             let ([a, b], [c, d]) = (derivative(step, 0.0), derivative(0.0, step));
             // Rounding over the step, and its square times the third derivatives.
-            assert!((a + d - lock.trace()).abs() < 1e-6, "{k} {restitution}");
-            assert!((a * d - b * c - lock.determinant()).abs() < 1e-6);
+            let [trace, determinant] = lock.tangent();
+            assert!((a + d - trace).abs() < 1e-6, "{k} {restitution}");
+            assert!((a * d - b * c - determinant).abs() < 1e-6);
         }
     }
 
@@ -427,19 +420,18 @@ mod tests {
         for (_, restitution, contact) in contacts() {
             let terms = ContactTerms::new(restitution, 1.0, contact);
             let at = |k| Lock::with_contact(k, restitution, 1, contact).unwrap();
-            let flipping = at(terms.flip()).unwrap();
-            let excess = flipping.trace() + 1.0 + flipping.determinant();
+            let [trace, determinant] = at(terms.flip()).unwrap().tangent();
+            let excess = trace + 1.0 + determinant;
             assert!(excess.abs() < 1e-11, "{restitution} {excess}");
-            let at_birth = at(terms.birth() * (1.0 - 1e-12)).unwrap();
-            assert!((at_birth.trace() - 1.0 - at_birth.determinant()).abs() < 1e-4);
+            let [trace, determinant] = at(terms.birth() * (1.0 - 1e-12)).unwrap().tangent();
+            assert!((trace - 1.0 - determinant).abs() < 1e-4);
             assert_eq!(at(terms.birth() * (1.0 + 1e-12)), None);
         }
         // Without a contact time the terms are the closed forms of the paper.
         for restitution in [0.1, 0.3, 0.6] {
             let terms = ContactTerms::new(restitution, 2.0, ContactTime::INSTANT);
-            let [k1, k2] =
-                crate::regime::band::edges_with_contact(restitution, 2, ContactTime::INSTANT)
-                    .unwrap();
+            let edges = band::edges_with_contact(restitution, 2, ContactTime::INSTANT);
+            let [k1, k2] = edges.unwrap();
             assert!((terms.birth() / k1 - 1.0).abs() < 1e-14);
             assert!((terms.flip() / k2 - 1.0).abs() < 1e-14);
         }
@@ -447,12 +439,14 @@ mod tests {
 
     #[test]
     fn refusals_name_the_parameter() {
-        assert_eq!(
-            Lock::build(0.4, 1.0, 1).unwrap_err().parameter,
-            "restitution"
-        );
-        assert_eq!(Lock::build(0.4, 0.2, 0).unwrap_err().parameter, "order");
-        assert_eq!(Lock::build(f64::NAN, 0.2, 1).unwrap_err().parameter, "k");
+        for (k, restitution, order, parameter) in [
+            (0.4, 1.0, 1, "restitution"),
+            (0.4, 0.2, 0, "order"),
+            (f64::NAN, 0.2, 1, "k"),
+        ] {
+            let refused = Lock::build(k, restitution, order).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
         assert_eq!(Lock::build(0.6, 0.2, 1).unwrap(), None);
     }
 }

@@ -10,7 +10,6 @@ pub mod exponent;
 pub mod gear;
 mod lock;
 pub mod reach;
-mod series;
 pub mod wave_band;
 
 pub use lock::{Lock, MAX_ORDER, Multipliers};

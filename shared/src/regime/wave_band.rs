@@ -5,27 +5,23 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::lock::{ContactTerms, accept_order, accept_restitution, wrap_phase};
+use super::lock::{ContactTerms, Lock, accept_order, accept_restitution, is_stable};
+use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
-use crate::impact::{ContactTime, Kernel, Orbit, PartState, Wave, WaveMap};
+use crate::impact::{ContactTime, Orbit, PartState, Wave, WaveMap};
 
 /// The period-1 orbit of one order with a given impact phase.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaveLock {
     wave: Wave,
-    order: u32,
-    k: f64,
-    restitution: f64,
-    contact: ContactTime,
-    state: PartState,
+    lock: Lock,
 }
 
 impl WaveLock {
-    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`,
-    /// `psi = 2 pi r k R/(1+R)`, with the terms of a contact time.
-    ///
-    /// `None` if the track moves downwards at t0. [`WaveLock::attracts`] and
-    /// [`WaveLock::is_first_return`] decide whether a part can follow it.
+    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`, `psi = 2 pi r
+    /// k R/(1+R)`, with the terms of a contact time. `None` if the track moves downwards at t0.
+    /// [`WaveLock::attracts`] and [`WaveLock::is_first_return`] decide whether a part can follow
+    /// it.
     fn with_impact_phase(
         wave: &Wave,
         phase: f64,
@@ -49,14 +45,14 @@ impl WaveLock {
         if !(1e-3..=1e3).contains(&k) || velocity < 0.0 {
             return Ok(None);
         }
-        Ok(Some(Self {
-            wave: *wave,
+        let lock = Lock {
             order,
             k,
             restitution,
             contact,
             state: PartState::new(phase - TAU * libm::floor(phase / TAU), velocity),
-        }))
+        };
+        Ok(Some(Self { wave: *wave, lock }))
     }
 
     /// Orbit of `order` at `k` that attracts and that a part can follow; `None` without one. Of
@@ -68,12 +64,10 @@ impl WaveLock {
         order: u32,
     ) -> Result<Option<Self>, OutOfRange> {
         let bands = WaveBands::find(wave, restitution, order)?;
-        bands
-            .iter()
-            .find(|band| band.contains(k))
-            .map_or(Ok(None), |band| {
-                Self::find_in_band(&band, wave, k, restitution, order)
-            })
+        match bands.iter().find(|band| band.contains(k)) {
+            Some(band) => Self::find_in_band(&band, wave, k, restitution, order),
+            None => Ok(None),
+        }
     }
 
     /// Orbit at `k` within a `band` from [`WaveBands::find`] for the same wave, restitution and
@@ -101,82 +95,50 @@ impl WaveLock {
         if !band.contains(k) {
             return Ok(None);
         }
-        // Bisection: k falls with the phase.
-        let (mut first, mut last) = band.phases();
-        for _ in 0..60 {
-            let middle = 0.5 * (first + last);
-            match at(middle)? {
-                Some(lock) if lock.k < k => last = middle,
-                _ => first = middle,
-            }
-        }
+        // k falls with the phase.
+        let (first, last) = band.phases();
+        let [_, last] = bisect(first, last, 60, |phase| {
+            let found = at(phase).ok().flatten();
+            found.is_none_or(|found| found.lock.k >= k)
+        });
         at(last)
     }
 
     /// State just after each impact: phase t0 in rad and velocity psi in `b w`.
     pub fn state(&self) -> PartState {
-        self.state
+        self.lock.state
     }
 
-    /// Trace and determinant of the tangent map with a contact time.
-    fn contact_tangent(&self) -> [f64; 2] {
-        let [_, c0, a0, jerk] = self.wave.motion(self.state.phase);
-        let [_, c1, a1, _] = (self.wave).motion(self.state.phase - self.contact.radians());
-        ContactTerms::new(self.restitution, f64::from(self.order), self.contact).tangent(
-            self.k,
-            self.state.velocity,
-            [c0, a0, jerk],
-            [c1, a1],
-        )
+    fn tangent(&self) -> [f64; 2] {
+        let push = self.wave.push(self.lock.state.phase);
+        self.lock.tangent_on(push, |phase| {
+            let [_, speed, push, jerk] = self.wave.motion(phase);
+            [speed, push, jerk]
+        })
     }
 
-    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2/k`.
-    fn trace(&self) -> f64 {
-        if !self.contact.is_instant() {
-            return self.contact_tangent()[0];
-        }
-        let r = self.restitution;
-        let [_, _, push, _] = self.wave.motion(self.state.phase);
-        1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k
-    }
-
-    /// Determinant of the tangent map, R^2; with a contact time `R psi/s`.
-    fn determinant(&self) -> f64 {
-        if !self.contact.is_instant() {
-            return self.contact_tangent()[1];
-        }
-        self.restitution * self.restitution
-    }
-
-    /// Whether the orbit is asymptotically stable: both multipliers are inside the unit circle.
     fn attracts(&self) -> bool {
-        libm::fabs(self.trace()) < 1.0 + self.determinant()
+        is_stable(self.tangent())
     }
 
-    /// Whether the flight takes r cycles without an earlier contact with the track.
+    fn map(&self) -> Result<WaveMap, OutOfRange> {
+        WaveMap::on(self.wave, self.lock.k, self.lock.restitution)
+    }
+
     fn is_first_return(&self) -> bool {
-        let period = TAU * f64::from(self.order);
-        // At the saddle-node the error of the root is the square root of the rounding of t0.
-        WaveMap::on(self.wave, self.k, self.restitution)
-            .is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
+        self.lock.returns_first(self.map())
     }
 
     /// Whether a part from rest reaches the orbit within this number of impacts, to 1e-3 in phase
     /// (rad) and velocity (`b w`).
     pub fn is_reached_from_rest(&self, impacts: usize) -> bool {
-        let Ok(map) = WaveMap::on(self.wave, self.k, self.restitution) else {
+        let Ok(map) = self.map() else {
             return false;
         };
-        let mut orbit = Orbit::from_rest(&map).with_contact(self.contact);
+        let mut orbit = Orbit::from_rest(&map).with_contact(self.lock.contact);
         // At most a rest and a lift-off for each impact.
-        for _ in 0..3 * impacts {
-            if orbit.next().is_none() {
-                return false;
-            }
-        }
-        let at = orbit.state();
-        let difference = wrap_phase(at.phase - self.state.phase);
-        libm::fabs(difference) < 1e-3 && libm::fabs(at.velocity - self.state.velocity) < 1e-3
+        let events = 3 * impacts;
+        orbit.by_ref().take(events).count() == events && self.lock.distance(orbit.state()) < 1e-3
     }
 }
 
@@ -243,7 +205,6 @@ impl WaveBand {
     }
 }
 
-/// Largest number of bands of one order.
 const MAX_BANDS: usize = 6;
 
 /// Bands of one order in falling k.
@@ -281,9 +242,8 @@ impl WaveBands {
         let square = restitution * restitution;
         let steepest = 2.0 * (1.0 + square) / (PI * r * (1.0 - square));
         let lock = |phase: f64| {
-            WaveLock::with_impact_phase(wave, phase, restitution, order, contact)
-                .ok()
-                .flatten()
+            let lock = WaveLock::with_impact_phase(wave, phase, restitution, order, contact);
+            lock.ok().flatten()
         };
         let attracts = |phase: f64| {
             if !contact.is_instant() {
@@ -295,17 +255,10 @@ impl WaveBands {
         let holds =
             |phase: f64| attracts(phase) && lock(phase).is_some_and(|lock| lock.is_first_return());
         // Bisection for the edge between a phase inside and one outside a band.
-        let end = |mut inside: f64, mut outside: f64| {
-            for _ in 0..60 {
-                let middle = 0.5 * (inside + outside);
-                if holds(middle) {
-                    inside = middle;
-                } else {
-                    outside = middle;
-                }
-            }
+        let end = |inside: f64, outside: f64| {
+            let [inside, outside] = bisect(inside, outside, 60, holds);
             let [_, speed, push, _] = wave.motion(outside);
-            lock(inside).map(|lock| BandEdge {
+            lock(inside).map(|WaveLock { lock, .. }| BandEdge {
                 k: lock.k,
                 phase: lock.state.phase,
                 bifurcation: if attracts(outside) {
@@ -321,9 +274,8 @@ impl WaveBands {
         let mut result = Self::default();
         let mut count = 0;
         // Start outside any band, so that none spans the ends of the scan.
-        let start = (0..SCANNED_PHASES)
-            .find(|&n| !holds(f64::from(n) * step))
-            .unwrap_or(0);
+        let mut scan = 0..SCANNED_PHASES;
+        let start = scan.find(|&n| !holds(f64::from(n) * step)).unwrap_or(0);
         let mut begin = None;
         for n in start..=start + SCANNED_PHASES {
             let phase = f64::from(n) * step;
@@ -365,9 +317,8 @@ impl WaveBands {
             let share = f64::from(part) / f64::from(COMPARED_RESTITUTIONS - 1);
             let other = find(lot.low() + (lot.high() - lot.low()) * share)?;
             let mut both = Self::default();
-            let pairs = shared
-                .iter()
-                .flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
+            let bands = shared.iter();
+            let pairs = bands.flat_map(|a| other.iter().map(move |b| a.intersection(&b)));
             for (slot, band) in both.bands.iter_mut().zip(pairs.flatten()) {
                 *slot = Some(band);
             }
@@ -397,17 +348,16 @@ impl WaveBands {
 
 #[cfg(test)]
 mod tests {
-    use super::super::band;
     use super::*;
-    use crate::impact::Tone;
+    use crate::impact::{Kernel, Tone};
+    use crate::regime::{MAX_ORDER, band};
 
     fn two_tones(amplitude: f64, angle: f64) -> Wave {
-        Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
+        Wave::build(Tone::new(amplitude, angle), Tone::default()).unwrap()
     }
 
     #[test]
     fn narrowest_band_of_a_sine_is_found() {
-        use crate::regime::{MAX_ORDER, band};
         for order in [10, 37, 70, MAX_ORDER] {
             let actual = WaveBands::find(&Wave::sine(), 0.1, order).unwrap();
             let widest = actual.widest().expect("a sine has a band of every order");
@@ -459,40 +409,30 @@ mod tests {
                 let (first, last) = band.phases();
                 for part in 1..8 {
                     let phase = first + (last - first) * f64::from(part) / 8.0;
-                    let lock = WaveLock::with_impact_phase(
-                        &wave,
-                        phase,
-                        restitution,
-                        order,
-                        ContactTime::INSTANT,
-                    )
-                    .unwrap()
-                    .unwrap();
-                    assert!(band.contains(lock.k) && lock.attracts() && lock.is_first_return());
-                    let map = WaveMap::on(wave, lock.k, restitution).unwrap();
+                    let instant = ContactTime::INSTANT;
+                    let lock =
+                        WaveLock::with_impact_phase(&wave, phase, restitution, order, instant);
+                    let lock = lock.unwrap().unwrap();
+                    assert!(band.contains(lock.lock.k));
+                    assert!(lock.attracts() && lock.is_first_return());
+                    let map = lock.map().unwrap();
+                    let start = lock.state();
                     let at = |phase: f64, velocity: f64| {
-                        let state = PartState::new(
-                            lock.state().phase + phase,
-                            lock.state().velocity + velocity,
-                        );
+                        let state = PartState::new(start.phase + phase, start.velocity + velocity);
                         let impact = map.impact(state);
                         (impact.flight + phase, impact.next.velocity)
                     };
                     let (flight, velocity) = at(0.0, 0.0);
                     assert!((flight - TAU * f64::from(order)).abs() < 1e-11);
-                    assert!((velocity - lock.state().velocity).abs() < 1e-11);
+                    assert!((velocity - start.velocity).abs() < 1e-11);
                     // Central differences; the error is below 1e3, the largest third derivative,
                     // times the squared step.
-                    const DIFFERENCE_STEP: f64 = 1e-5;
-                    let trace = (at(DIFFERENCE_STEP, 0.0).0 - at(-DIFFERENCE_STEP, 0.0).0
-                        + at(0.0, DIFFERENCE_STEP).1
-                        - at(0.0, -DIFFERENCE_STEP).1)
-                        / (2.0 * DIFFERENCE_STEP);
-                    assert!(
-                        (trace - lock.trace()).abs() < 1e-5,
-                        "{trace} {}",
-                        lock.trace()
-                    );
+                    let step = 1e-5;
+                    let of_phase = at(step, 0.0).0 - at(-step, 0.0).0;
+                    let of_velocity = at(0.0, step).1 - at(0.0, -step).1;
+                    let trace = (of_phase + of_velocity) / (2.0 * step);
+                    let [expected, _] = lock.tangent();
+                    assert!((trace - expected).abs() < 1e-5, "{trace} {expected}");
                 }
             }
         }

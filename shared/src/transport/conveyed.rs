@@ -46,7 +46,6 @@ impl Conveyed {
         (self.impacts > 0 && self.rests == 0).then(|| self.flying / self.impacts as f64)
     }
 
-    /// Sum of both.
     pub(crate) fn plus(&self, other: &Self) -> Self {
         Self {
             impacts: self.impacts + other.impacts,
@@ -60,23 +59,8 @@ impl Conveyed {
         }
     }
 
-    /// Adds a flight of a duration in rad.
-    pub(super) fn add_flight(&mut self, distance: f64, flight: f64) {
-        self.distance += distance;
-        self.flying += flight;
-        self.velocities += distance / flight;
-        self.impacts += 1;
-    }
-
-    /// Adds a chatter of a duration in rad, up to rest. Sliding within it counts as hopping.
-    pub(super) fn add_chatter(&mut self, motion: &ContactMotion, chatter: f64) {
-        self.distance += motion.distance;
-        self.flying += chatter;
-        self.rests += 1;
-    }
-
     /// Adds a rest of a duration in rad.
-    pub(super) fn add_rest(&mut self, motion: &ContactMotion, time: f64) {
+    fn add_rest(&mut self, motion: &ContactMotion, time: f64) {
         self.distance += motion.distance;
         self.forward += motion.forward;
         self.backward += motion.backward;
@@ -84,9 +68,9 @@ impl Conveyed {
     }
 
     /// One drive cycle of a part that never leaves the track.
-    pub(super) fn from_contact_cycle(cycle: &ContactMotion) -> Self {
+    pub(super) fn from_contact_cycle(cycle: ContactMotion) -> Self {
         let mut conveyed = Self::default();
-        conveyed.add_rest(cycle, core::f64::consts::TAU);
+        conveyed.add_rest(&cycle, core::f64::consts::TAU);
         conveyed
     }
 }
@@ -104,13 +88,12 @@ pub struct Conveying<A = Tangential> {
     part: [f64; 2],
     contact: ContactTime,
     pub(super) velocity: f64,
-    /// Phase of the last rest.
     rest_phase: f64,
     /// Sums up to the first lift-off.
     before: Conveyed,
     has_lifted_off: bool,
     /// Sums since the first lift-off; all sums if there was none.
-    conveyed: Conveyed,
+    pub(super) conveyed: Conveyed,
 }
 
 impl<A: Along> Conveying<A> {
@@ -129,27 +112,16 @@ impl<A: Along> Conveying<A> {
         }
     }
 
-    /// Observer of this orbit.
     pub(super) fn of<M: OrbitMap>(along: A, orbit: &Orbit<'_, M>) -> Self {
-        let mut conveying = Self::new(along, orbit.map());
-        conveying.part[1] = orbit.restitution();
-        conveying.contact = orbit.contact();
+        let mut conveying = Self::new(along, orbit.map);
+        conveying.part[1] = orbit.restitution;
+        conveying.contact = orbit.contact;
         conveying
     }
 
     /// Sums so far.
     pub fn conveyed(&self) -> Conveyed {
         self.before.plus(&self.conveyed)
-    }
-
-    /// Sums since the first lift-off, or so far if there was none.
-    pub(crate) fn since_lift_off(&self) -> Conveyed {
-        self.conveyed
-    }
-
-    /// Whether a steady motion along the track exists.
-    pub(super) fn can_be_steady(&self) -> bool {
-        self.along.can_be_steady()
     }
 
     /// Velocity along the track just after the last impact (symbol phi) in units of `b w`.
@@ -173,35 +145,35 @@ impl<A: Along> Conveying<A> {
 
 impl<A: Along> Observer for Conveying<A> {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let (distance, velocity) = if self.contact.is_instant() {
-            self.along.move_in_flight(launch, impact, self.velocity)
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
+        let (along, contact, [_, restitution]) = (&self.along, self.contact, self.part);
+        let (distance, velocity) = if contact.is_instant() {
+            along.move_in_flight(launch, impact, self.velocity)
         } else {
-            self.along.move_through_contact(
-                launch,
-                impact,
-                self.velocity,
-                self.contact,
-                self.part[1],
-            )
+            along.move_through_contact(launch, impact, self.velocity, contact, restitution)
         };
-        self.conveyed.add_flight(distance, impact.flight);
         self.velocity = velocity;
+        let sums = &mut self.conveyed;
+        sums.distance += distance;
+        sums.flying += impact.flight;
+        sums.velocities += distance / impact.flight;
+        sums.impacts += 1;
     }
 
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
-        let motion = self
-            .along
-            .move_in_chatter(self.part, last, chatter, self.velocity);
-        self.conveyed.add_chatter(&motion, chatter);
+        let (along, velocity) = (&self.along, self.velocity);
+        let motion = along.move_in_chatter(self.part, last, chatter, velocity);
         self.velocity = motion.velocity;
         self.rest_phase = phase;
+        // Sliding within the chatter counts as hopping.
+        self.conveyed.distance += motion.distance;
+        self.conveyed.flying += chatter;
+        self.conveyed.rests += 1;
     }
 
     fn lift_off(&mut self, wait: f64, _: f64) {
-        let motion = self
-            .along
-            .move_in_contact(self.rest_phase, wait, self.velocity);
+        let (along, velocity) = (&self.along, self.velocity);
+        let motion = along.move_in_contact(self.rest_phase, wait, velocity);
         self.conveyed.add_rest(&motion, wait);
         self.velocity = motion.velocity;
         if !self.has_lifted_off {

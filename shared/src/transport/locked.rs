@@ -15,7 +15,7 @@ use crate::regime::Lock;
 /// The velocity relative to the track changes evenly during the contact. It grows if the track
 /// accelerates the part along itself after the contact's force has ended.
 pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
-    if !lock.contact().is_instant() {
+    if !lock.contact.is_instant() {
         return velocity_with_contact(lock, k, settings);
     }
     let driven = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
@@ -23,18 +23,14 @@ pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
 }
 
 fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
-    let TangentialSettings {
-        restitution: rt,
-        amplitude_ratio: eta,
-        phase_lead,
-        incline_tangent,
-    } = *settings;
+    let (rt, eta) = (settings.restitution, settings.amplitude_ratio);
     let period = 2.0 * PI * f64::from(lock.order());
-    let contact = lock.contact().radians();
+    let contact = lock.contact.radians();
     let flight = period - contact;
-    let [launch, strike] = [lock.state().phase, lock.strike_phase()].map(|t| t + phase_lead);
-    let down = k * incline_tangent;
-    let gain = lock.contact().gain_along(lock.restitution());
+    let phases = [lock.state().phase, lock.strike_phase()];
+    let [launch, strike] = phases.map(|phase| phase + settings.phase_lead);
+    let down = k * settings.incline_tangent;
+    let gain = lock.contact.gain_along(lock.restitution());
     let gained = gain * (eta * libm::sin(launch) - down);
     let change = eta * (libm::cos(launch) - libm::cos(strike)) - down * flight;
     let arrival = (change + gained) / (1.0 - rt);
@@ -78,7 +74,7 @@ pub fn velocity_in_phase(
 ///
 /// With a contact time it is where [`velocity`], which is linear in the tangent, is 0.
 pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
-    if !lock.contact().is_instant() {
+    if !lock.contact.is_instant() {
         let [level, steep] = [0.0, 1.0].map(|incline_tangent| {
             let settings = TangentialSettings {
                 incline_tangent,
@@ -125,7 +121,7 @@ mod tests {
     /// Mean velocity along the track of a part that starts on `lock`, in periods 40 to 60. Friction
     /// is Coulomb's, in an integrated contact of a linear spring and dashpot.
     fn integrated_velocity(lock: &Lock, along: &TangentialSettings, friction: f64) -> f64 {
-        let (k, contact) = (lock.k(), lock.contact().radians());
+        let (k, contact) = (lock.k(), lock.contact.radians());
         let map = Map::build(k, 1.0).unwrap();
         let spring = Spring::new(lock.restitution(), contact);
         let track = |phase: f64| [libm::sin(phase), libm::cos(phase), libm::sin(phase)];
@@ -146,21 +142,15 @@ mod tests {
                 tangential.velocity_after_impact(state, &impact, velocity) / along.restitution;
             let strike = impact.next.phase;
             let mut slid = 0.0;
-            let (launch, duration) = spring
-                .launch_watched(
-                    &track,
-                    k,
-                    strike,
-                    impact.next.velocity,
-                    |phase, step, force| {
-                        let unlimited = velocity + step * push(phase + 0.5 * step);
-                        let max_change = step * friction * force;
-                        let next = unlimited - unlimited.clamp(-max_change, max_change);
-                        slid += 0.5 * step * (velocity + next);
-                        velocity = next;
-                    },
-                )
-                .unwrap();
+            let slide = |phase: f64, step: f64, force: f64| {
+                let unlimited = velocity + step * push(phase + 0.5 * step);
+                let max_change = step * friction * force;
+                let next = unlimited - unlimited.clamp(-max_change, max_change);
+                slid += 0.5 * step * (velocity + next);
+                velocity = next;
+            };
+            let launch = spring.launch_watched(&track, k, strike, impact.next.velocity, slide);
+            let (launch, duration) = launch.unwrap();
             travelled += moved + slid;
             time += impact.flight + duration;
             state = PartState::new(launch.phase % (2.0 * PI), launch.velocity);
@@ -195,10 +185,9 @@ mod tests {
                 }
             }
         }
-        assert!(
-            worst[0] < 5e-4 && worst[1] < 2e-3 && worst[2] < 5e-3,
-            "{worst:?}"
-        );
+        let bounds = [5e-4, 2e-3, 5e-3];
+        let mut pairs = worst.iter().zip(bounds);
+        assert!(pairs.all(|(worst, bound)| *worst < bound), "{worst:?}");
     }
 
     fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {

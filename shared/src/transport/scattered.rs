@@ -3,12 +3,9 @@
 use core::f64::consts::TAU;
 
 use crate::feeder::{OutOfRange, accept};
-use crate::impact::{
-    Along, ContactTime, Friction, Impact, OrbitEvent, PartState, Scatter, Tangential, WaveMap,
-};
+use crate::impact::{Along, Friction, Orbit, OrbitEvent, PartState, Scatter, Tangential, WaveMap};
 use crate::regime::gear::{Share, watch_from_rest};
 
-/// Largest number of laws that one simulation follows.
 const MAX_LAWS: usize = 64;
 
 /// A law of the motion along a track of several tones.
@@ -21,35 +18,32 @@ pub enum WaveLaw {
 }
 
 impl WaveLaw {
-    /// Distance in b and velocity in `b w` after a flight.
-    fn fly(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> (f64, f64) {
-        match self {
-            Self::Tangential(law) => law.move_in_flight(launch, impact, velocity),
-            Self::Friction(law) => law.move_in_flight(launch, impact, velocity),
-        }
-    }
-
-    /// Distance and velocity after a chatter to rest. With tangential restitution it leaves no
-    /// velocity, and its distance is below 1e-4 of that velocity.
-    fn chatter(&self, last: PartState, chatter: f64, velocity: f64) -> (f64, f64) {
-        match self {
-            Self::Tangential(..) => (0.0, 0.0),
-            Self::Friction(law) => {
-                let motion = law.integrate_chatter(last, chatter, velocity);
-                (motion.distance, motion.velocity)
+    /// Distance in b and velocity in `b w` after an event, from the state before and the phase of
+    /// the last rest.
+    fn follow(
+        &self,
+        event: &OrbitEvent,
+        before: PartState,
+        rested: f64,
+        velocity: f64,
+    ) -> (f64, f64) {
+        let motion = match (self, event) {
+            (Self::Tangential(law), OrbitEvent::Impact(impact)) => {
+                return law.move_in_flight(before, impact, velocity);
             }
-        }
-    }
-
-    /// Distance and velocity after a rest that began at `phase`.
-    fn lie(&self, phase: f64, wait: f64, velocity: f64) -> (f64, f64) {
-        match self {
-            Self::Tangential(..) => (0.0, 0.0),
-            Self::Friction(law) => {
-                let motion = law.move_in_contact(phase, wait, velocity);
-                (motion.distance, motion.velocity)
+            // A chatter leaves no velocity, and its distance is below 1e-4 of the one before.
+            (Self::Tangential(_), _) => return (0.0, 0.0),
+            (Self::Friction(law), OrbitEvent::Impact(impact)) => {
+                return law.move_in_flight(before, impact, velocity);
             }
-        }
+            (Self::Friction(law), OrbitEvent::Rest { chatter, .. }) => {
+                law.move_in_chatter([0.0; 2], before, *chatter, velocity)
+            }
+            (Self::Friction(law), OrbitEvent::LiftOff { wait, .. }) => {
+                law.move_in_contact(rested, *wait, velocity)
+            }
+        };
+        (motion.distance, motion.velocity)
     }
 }
 
@@ -59,7 +53,6 @@ type LawStates = [(f64, f64); MAX_LAWS];
 #[derive(Clone, Copy)]
 struct Paths {
     states: LawStates,
-    /// Phase of the last rest.
     rested: f64,
     /// Time and motion where the measurement began.
     begun: Option<(f64, LawStates)>,
@@ -78,11 +71,7 @@ impl Paths {
             self.rested = *phase;
         }
         for (law, (distance, velocity)) in laws.iter().zip(&mut self.states) {
-            let (further, after) = match event {
-                OrbitEvent::Impact(impact) => law.fly(before, impact, *velocity),
-                OrbitEvent::Rest { chatter, .. } => law.chatter(before, *chatter, *velocity),
-                OrbitEvent::LiftOff { wait, .. } => law.lie(rested, *wait, *velocity),
-            };
+            let (further, after) = law.follow(event, before, rested, *velocity);
             *distance += further;
             *velocity = after;
         }
@@ -102,14 +91,9 @@ pub fn convey_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share, &[f64]),
 ) -> Result<(), OutOfRange> {
-    accept(
-        "number of laws",
-        laws.len() as f64,
-        laws.len() <= MAX_LAWS,
-        "0..64",
-    )?;
+    let count = laws.len();
+    accept("number of laws", count as f64, count <= MAX_LAWS, "0..64")?;
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
-    let instant = ContactTime::INSTANT;
     let watch = |paths: &mut Paths, time: f64, before: PartState, event: &OrbitEvent| {
         if paths.begun.is_none() && time >= begin {
             paths.begun = Some((time, paths.states));
@@ -126,30 +110,21 @@ pub fn convey_from_rest(
         }
         each(n, share, &speeds[..laws.len()]);
     };
-    watch_from_rest(
-        map,
-        instant,
-        scatters,
-        order,
-        periods,
-        Paths::NONE,
-        watch,
-        each,
-    )
+    let map = map.with_coarse_chatter();
+    let (orbit, record) = (Orbit::from_rest(&map), Paths::NONE);
+    watch_from_rest(orbit, scatters, order, periods, record, watch, each)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::{FrictionSettings, Orbit, TangentialSettings, Tone, Wave};
+    use crate::impact::{FrictionSettings, TangentialSettings, Tone, Wave};
     use crate::transport::{Effort, Motion, measure_on_tones};
 
     fn waves() -> [Wave; 2] {
         let second = Tone::new(0.15, 2.5);
-        [
-            Wave::sine(),
-            Wave::build(second, Tone::default()).expect("in range"),
-        ]
+        let of_two = Wave::build(second, Tone::default());
+        [Wave::sine(), of_two.expect("in range")]
     }
 
     /// Without scatter the speed is that of an independent measurement, also with rests.

@@ -41,10 +41,9 @@ mod tests {
             let actual = Sensitivity::between(at(0.4), at(0.5)).unwrap();
             assert!((actual.value - (1.0 - power)).abs() < 1e-13);
         }
-        assert_eq!(
-            Sensitivity::between((0.4, 1.0, 0.0), (0.5, -1.0, 0.0)),
-            None
-        );
-        assert_eq!(Sensitivity::between((0.5, 1.0, 0.0), (0.4, 1.0, 0.0)), None);
+        for (low, high) in [((0.4, 1.0), (0.5, -1.0)), ((0.5, 1.0), (0.4, 1.0))] {
+            let between = Sensitivity::between((low.0, low.1, 0.0), (high.0, high.1, 0.0));
+            assert_eq!(between, None);
+        }
     }
 }

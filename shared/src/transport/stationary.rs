@@ -79,16 +79,14 @@ impl PhaseMeans {
             ..*settings
         };
         let led = settings.amplitude_ratio * sine * (self.sine + self.chord) / count;
-        (self.impacts > 0)
-            .then(|| impact_mean(k, restitution, &normal, self.flying / count))
-            .flatten()
-            .map(|mean| mean - led)
+        let mean = impact_mean(k, restitution, &normal, self.flying / count)?;
+        (self.impacts > 0).then_some(mean - led)
     }
 }
 
 impl Observer for PhaseMeans {
     #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         let half = 0.5 * impact.flight;
         self.impacts += 1;
         self.flying += impact.flight;

@@ -73,9 +73,9 @@ pub fn measure(
     let mut conveying = Conveying::of(along, &orbit);
     orbit.watch(effort.settle, &mut conveying);
     conveying.restart();
-    let (ended, steady) = measure_until_steady(&mut orbit, &mut conveying, effort, also);
+    let (ended, steady) = measure_until_steady(&mut orbit, along, &mut conveying, effort, also);
     let conveyed = match ended {
-        StopReason::Repeats => conveying.since_lift_off(),
+        StopReason::Repeats => conveying.conveyed,
         StopReason::RestsForEver | StopReason::Counted => conveying.conveyed(),
     };
     classify_run(ended, conveyed, steady, along)
@@ -89,13 +89,10 @@ pub(super) fn classify_run(
     along: impl Along,
 ) -> Measured {
     if ended == StopReason::RestsForEver {
+        let cycle = along.steady_cycle().map(Conveyed::from_contact_cycle);
         return Measured {
             motion: Motion::Rest,
-            conveyed: along
-                .steady_cycle()
-                .map_or_else(Conveyed::default, |cycle| {
-                    Conveyed::from_contact_cycle(&cycle)
-                }),
+            conveyed: cycle.unwrap_or_default(),
         };
     }
     let time = conveyed.flying + conveyed.resting;
@@ -105,27 +102,22 @@ pub(super) fn classify_run(
         Motion::Hopping
     };
     // A part that accelerates for ever has no speed.
-    let steady = steady && along.can_be_steady();
-    Measured {
-        motion,
-        conveyed: if steady {
-            conveyed
-        } else {
-            Conveyed::default()
-        },
-    }
+    let has_speed = steady && along.can_be_steady();
+    let conveyed = has_speed.then_some(conveyed).unwrap_or_default();
+    Measured { motion, conveyed }
 }
 
 /// Observes the measured run; returns whether the velocity along the track has converged. With
 /// friction it converges later than the flights, so the run is repeated.
 fn measure_until_steady<A: Along>(
     orbit: &mut Orbit<'_>,
+    along: A,
     conveying: &mut Conveying<A>,
     effort: Effort,
     also: &mut impl Observer,
 ) -> (StopReason, bool) {
     let mut steady = true;
-    if !A::REST_ERASES_HISTORY && conveying.can_be_steady() {
+    if !A::REST_ERASES_HISTORY && along.can_be_steady() {
         for _ in 0..CONVERGENCE_PERIODS {
             let before = conveying.velocity();
             let ended = orbit.watch_period(effort.impacts, conveying);
@@ -136,10 +128,8 @@ fn measure_until_steady<A: Along>(
             }
         }
     }
-    (
-        orbit.watch_period(effort.impacts, &mut (conveying, also)),
-        steady,
-    )
+    let ended = orbit.watch_period(effort.impacts, &mut (conveying, also));
+    (ended, steady)
 }
 
 #[cfg(test)]
@@ -159,34 +149,26 @@ mod tests {
 
     #[test]
     fn motions_are_classified() {
-        let settings = CHAOTIC_SETTINGS;
-        let tangential = Tangential::build(0.43, settings).unwrap();
-        let map = Map::build(0.43, 0.2).unwrap();
         let effort = Effort {
             settle: 200,
             impacts: 1000,
         };
-        // At k = 0.43 a part from rest chatters to rest every three cycles; one that starts on the
-        // lock stays there (docs/theory-capture.md#t7.1).
-        let resting_part = measure(Orbit::from_rest(&map), tangential, effort, &mut ());
-        assert_eq!(resting_part.motion, Motion::HopAndRest);
-        let locked = Origin::Hop(Map::state(0.457, 0.45).unwrap());
-        assert_eq!(
-            measure(locked.orbit(&map), tangential, effort, &mut ()).motion,
-            Motion::Hopping
-        );
-        let resting_map = Map::build(1.5, 0.5).unwrap();
-        let tangential = Tangential::build(1.5, settings).unwrap();
-        let resting = measure(Orbit::from_rest(&resting_map), tangential, effort, &mut ());
-        assert_eq!(
-            (resting.motion, resting.conveyed.time_mean()),
-            (Motion::Rest, None)
-        );
-        let thrown = Origin::Hop(Map::state(1.0, 2.0).unwrap());
-        assert_eq!(
-            measure(thrown.orbit(&resting_map), tangential, effort, &mut ()).motion,
-            Motion::Rest
-        );
+        let hop = |phase, velocity| Origin::Hop(Map::state(phase, velocity).unwrap());
+        for (k, restitution, origin, motion) in [
+            // At k = 0.43 a part from rest chatters to rest every three cycles; one that starts on
+            // the lock stays there (docs/theory-capture.md#t7.1).
+            (0.43, 0.2, Origin::Rest, Motion::HopAndRest),
+            (0.43, 0.2, hop(0.457, 0.45), Motion::Hopping),
+            (1.5, 0.5, Origin::Rest, Motion::Rest),
+            (1.5, 0.5, hop(1.0, 2.0), Motion::Rest),
+        ] {
+            let map = Map::build(k, restitution).unwrap();
+            let along = Tangential::build(k, CHAOTIC_SETTINGS).unwrap();
+            let actual = measure(origin.orbit(&map), along, effort, &mut ());
+            assert_eq!(actual.motion, motion, "{k} {origin:?}");
+            let has_mean = actual.conveyed.time_mean().is_some();
+            assert_eq!(has_mean, motion != Motion::Rest, "{k} {origin:?}");
+        }
     }
 
     /// In lock the speed is the closed form, and 0 on the critical slope.

@@ -70,7 +70,7 @@ mod tests {
     }
 
     fn two_tones(amplitude: f64, angle: f64) -> Wave {
-        Wave::build(Tone { amplitude, angle }, Tone::default()).unwrap()
+        Wave::build(Tone::new(amplitude, angle), Tone::default()).unwrap()
     }
 
     const EFFORT: Effort = Effort {
@@ -103,12 +103,9 @@ mod tests {
                 let time = of.flying + of.resting;
                 [of.distance, of.forward, of.backward].map(|sum| sum / time)
             };
-            let differences = means(&one).into_iter().zip(means(&same));
-            let differences = differences.map(|(one, same)| (one - same).abs());
-            assert!(
-                differences.fold(0.0, f64::max) < tolerance,
-                "{k}: {one:?} {same:?}"
-            );
+            let mut means = means(&one).into_iter().zip(means(&same));
+            let agrees = |(one, same): (f64, f64)| (one - same).abs() < tolerance;
+            assert!(means.all(agrees), "{k}: {one:?} {same:?}");
             exact += usize::from(!long);
         }
         assert!(exact > 20, "{exact}");
@@ -160,11 +157,8 @@ mod tests {
                 }
                 let conveyed = run.conveyed();
                 let clock = conveyed.flying + conveyed.resting;
-                let invariant = invariant_of(orbit.state(), &run);
-                assert!(
-                    (invariant - initial).abs() < 1e-8 * (1.0 + clock),
-                    "{n}: {invariant} {initial}"
-                );
+                let error = (invariant_of(orbit.state(), &run) - initial).abs();
+                assert!(error < 1e-8 * (1.0 + clock), "{n}: {error} of {initial}");
                 runs += 1;
             }
         }
@@ -190,13 +184,12 @@ mod tests {
             let below = moves(first_slide * (1.0 - 1e-6));
             assert_eq!((below.forward, below.backward), (0.0, 0.0));
             let slides = moves(first_slide * (1.0 + 1e-3));
-            assert!(
-                if up < down {
-                    slides.forward
-                } else {
-                    slides.backward
-                } > 0.0
-            );
+            let slid = if up < down {
+                slides.forward
+            } else {
+                slides.backward
+            };
+            assert!(slid > 0.0);
             assert_eq!(moves(hops * (1.0 - 1e-6)).flying, 0.0);
             assert!(moves(hops * (1.0 + 1e-3)).flying > 0.0);
         }

@@ -9,7 +9,6 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 use super::{Column, MAX_LANES, ROUNDING_OFFSET, Vector};
 use crate::arithmetic::node;
 
-/// Four f64.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2(__m256d);
 
@@ -18,8 +17,8 @@ pub(crate) struct Avx2(__m256d);
 pub(crate) struct Mask(__m256d);
 
 macro_rules! operators {
-    ($($operator:ident $method:ident $intrinsic:ident,)*) => {$(
-        impl $operator for Avx2 {
+    ($($type:ident $operator:ident $method:ident $intrinsic:ident,)*) => {$(
+        impl $operator for $type {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
@@ -31,10 +30,12 @@ macro_rules! operators {
 }
 
 operators! {
-    Add add _mm256_add_pd,
-    Sub sub _mm256_sub_pd,
-    Mul mul _mm256_mul_pd,
-    Div div _mm256_div_pd,
+    Avx2 Add add _mm256_add_pd,
+    Avx2 Sub sub _mm256_sub_pd,
+    Avx2 Mul mul _mm256_mul_pd,
+    Avx2 Div div _mm256_div_pd,
+    Mask BitAnd bitand _mm256_and_pd,
+    Mask BitOr bitor _mm256_or_pd,
 }
 
 impl Neg for Avx2 {
@@ -43,24 +44,6 @@ impl Neg for Avx2 {
     fn neg(self) -> Self {
         // SAFETY: the CPU has AVX2, see the module.
         Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
-    }
-}
-
-impl BitAnd for Mask {
-    type Output = Self;
-    #[inline(always)]
-    fn bitand(self, other: Self) -> Self {
-        // SAFETY: the CPU has AVX2, see the module.
-        Self(unsafe { _mm256_and_pd(self.0, other.0) })
-    }
-}
-
-impl BitOr for Mask {
-    type Output = Self;
-    #[inline(always)]
-    fn bitor(self, other: Self) -> Self {
-        // SAFETY: the CPU has AVX2, see the module.
-        Self(unsafe { _mm256_or_pd(self.0, other.0) })
     }
 }
 

@@ -22,7 +22,6 @@ pub(crate) const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 /// Bytes of a register of lane numbers: the largest number of lanes of a register.
 pub(crate) const MAX_LANES: usize = 8;
 
-/// Number of lanes of a column.
 pub(crate) const COLUMN_LANES: usize = 256;
 
 /// One quantity of many orbits, indexed by eight bits.
@@ -46,9 +45,7 @@ pub(crate) trait Vector:
     /// Number of lanes, at most [`MAX_LANES`].
     const WIDTH: usize;
 
-    /// The same number in every lane.
     fn splat(value: f64) -> Self;
-    /// Square root.
     fn sqrt(self) -> Self;
     /// Square root in f32, for numbers within its range: relative error 6e-8, in a third of the
     /// time.
@@ -57,7 +54,6 @@ pub(crate) trait Vector:
     fn max(self, other: Self) -> Self;
     /// `self < other ? self : other`, so that a NaN gives `other`.
     fn min(self, other: Self) -> Self;
-    /// Magnitude.
     fn abs(self) -> Self;
     /// `self < other`; false for NaN.
     fn below(self, other: Self) -> Self::Mask;
@@ -67,7 +63,6 @@ pub(crate) trait Vector:
     fn keep_where(self, mask: Self::Mask) -> Self;
     /// The mask as one bit per lane.
     fn bits(mask: Self::Mask) -> u32;
-    /// Whether the mask holds in any lane.
     #[inline(always)]
     fn any(mask: Self::Mask) -> bool {
         Self::bits(mask) != 0
@@ -100,12 +95,9 @@ pub(crate) fn floor<V: Vector>(x: V) -> V {
     nearest - V::splat(1.0).keep_where(x.below(nearest))
 }
 
-/// A node of the table.
 #[derive(Clone, Copy)]
 pub(crate) struct Node<V> {
-    /// Sine of the node.
     pub sine: V,
-    /// Cosine of the node.
     pub cosine: V,
     /// Phase from the origin given to [`Node::near`] to the node, in rad.
     pub distance: V,
@@ -114,10 +106,8 @@ pub(crate) struct Node<V> {
 }
 
 impl<V: Vector> Node<V> {
-    /// Node nearest to phase `origin + ahead`.
-    ///
-    /// Its distance from `origin` is exact to an ulp for up to 2^24 nodes (6 600 turns). The phase
-    /// is reduced by an integer mask.
+    /// Node nearest to phase `origin + ahead`. Its distance from `origin` is exact to an ulp for up
+    /// to 2^24 nodes (6 600 turns). The phase is reduced by an integer mask.
     #[inline(always)]
     pub fn near(origin: V, ahead: V) -> Self {
         let rounded = node_sum(origin + ahead);
@@ -146,7 +136,6 @@ impl<V: Vector> Node<V> {
 /// The parts of sine and cosine `d` rad from a node.
 #[derive(Clone, Copy)]
 pub(crate) struct Arc<V> {
-    /// `sin d`.
     pub sine: V,
     /// `1 - cos d`.
     pub versine: V,

@@ -43,7 +43,6 @@ impl Queue {
         }
     }
 
-    /// Removes the lanes that are not kept.
     pub fn retain(&mut self, keeps: impl Fn(usize) -> bool) {
         let mut kept = 0;
         for n in 0..self.count.min(COLUMN_LANES) {

@@ -40,7 +40,6 @@ pub(super) fn fall(track: &impl Track, phase: u32, height: f32, rise: f32) -> Op
 /// Node nearest to the impact, and the last step from there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Approach {
-    /// Node where the step starts.
     pub node: i32,
     /// Length of the step in rad.
     pub step: f32,
@@ -82,10 +81,8 @@ const MAX_CURVATURE_RATIO: f32 = 0.1;
 /// the track, one step can lead a thousand rad away and the next back.
 const MAX_DISTANCE_LOSS: f32 = 2e-6;
 
-/// Householder's method of order 3 on nodes until a step is short.
-///
-/// It starts at a node, `dt` rad after the part fell through height `base` at `speed`. `None` if
-/// no step gets short.
+/// Householder's method of order 3 on nodes until a step is short. It starts at a node, `dt` rad
+/// after the part fell through height `base` at `speed`. `None` if no step gets short.
 #[inline(always)]
 pub(super) fn approach<T: Track>(
     track: &T,
@@ -131,9 +128,8 @@ pub(super) fn approach<T: Track>(
     None
 }
 
-/// Step of Householder's method of order 3 on `u0 + u1 d + b2 d^2 + u3 d^3 / 6`.
-///
-/// `square` is that of `u1`, `product` is `b2 u0`. The sign of all coefficients is free.
+/// Step of Householder's method of order 3 on `u0 + u1 d + b2 d^2 + u3 d^3 / 6`. `square` is that
+/// of `u1`, `product` is `b2 u0`. The sign of all coefficients is free.
 #[inline(always)]
 pub(super) fn householder(u0: f32, u1: f32, square: f32, product: f32, u3: f32) -> f32 {
     -u0 * (square - product) / (u1 * (square - 2.0 * product) + u3 * (1.0 / 6.0) * u0 * u0)

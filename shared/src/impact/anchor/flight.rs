@@ -17,14 +17,12 @@ pub(super) const GAP_ROUNDING: f32 = 1e-5;
 /// 1.5 * 2^23: adding it rounds an f32 below 2^22 to an integer in the low bits.
 const ROUNDING_OFFSET: f32 = 12_582_912.0;
 
-/// A launch in f32.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Launch {
     /// Phase, steps.
     pub phase: u32,
     /// Velocity relative to the track (psi).
     pub velocity: f32,
-    /// Sine and cosine of the phase.
     pub sine: f32,
     pub cosine: f32,
     /// `k - sin` of the phase, to the precision of the kernel.
@@ -43,7 +41,6 @@ pub(super) struct Local {
     pub snap: f32,
 }
 
-/// Motion of the track at a node.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::impact) struct Motion {
     /// Displacement S.
@@ -56,7 +53,6 @@ pub(in crate::impact) struct Motion {
     pub snap: f32,
 }
 
-/// k, half of it and its inverse.
 #[derive(Clone, Copy)]
 pub(super) struct Gravity {
     pub k: f32,
@@ -66,7 +62,6 @@ pub(super) struct Gravity {
     pub min_tall_speed_squared: f32,
 }
 
-/// A track, for steps on nodes.
 pub(in crate::impact) trait Track {
     /// Flight time in rad below which the form divided by the flight time keeps more digits than a
     /// node.
@@ -82,11 +77,9 @@ pub(in crate::impact) trait Track {
 
     fn gravity(&self) -> Gravity;
 
-    /// The track at a node.
     fn at(&self, node: i32) -> Motion;
 }
 
-/// A flight in f32.
 #[derive(Clone, Copy)]
 pub(in crate::impact) struct Ballistic<'a, T> {
     pub track: &'a T,
@@ -118,7 +111,6 @@ impl<T: Track> Ballistic<'_, T> {
     }
 }
 
-/// Steps from a phase to a node.
 #[inline(always)]
 pub(super) fn steps_to(phase: u32, node: i32) -> i64 {
     (i64::from(node) << 24) - i64::from(phase)

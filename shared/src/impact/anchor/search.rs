@@ -183,9 +183,8 @@ fn find_bracket(
     (bracket, true)
 }
 
-/// Number of humps under a ball above height 1, from the one at `begin` to the last.
-///
-/// The ball left at `v` from a track with sine `sine`.
+/// Number of humps under a ball above height 1, from the one at `begin` to the last. The ball left
+/// at `v` from a track with sine `sine`.
 #[inline(never)]
 fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
     let leaving = v * v - 2.0 * track.k * (1.0 - sine);
@@ -199,10 +198,8 @@ fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
     }
 }
 
-/// Minimum of the gap over a hump around `middle`.
-///
-/// Returns a bracket that ends there if the minimum is below the track, and whether it is within
-/// rounding.
+/// Minimum of the gap over a hump around `middle`. Returns a bracket that ends there if the minimum
+/// is below the track, and whether it is within rounding.
 #[inline(never)]
 fn find_minimum(
     flight: &Ballistic<'_, SineTrack>,

@@ -57,10 +57,9 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
     )
 }
 
-/// A simple root from `offset` near a node, by one or two steps of Chebyshev's method.
-///
-/// `None` if two steps do not suffice, at an up-crossing (the steps may have led back to launch),
-/// or near a graze.
+/// A simple root from `offset` near a node, by one or two steps of Chebyshev's method. `None` if
+/// two steps do not suffice, at an up-crossing (the steps may have led back to launch), or near a
+/// graze.
 #[inline(always)]
 pub(super) fn settle<T: Track>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
     let (settled, remaining) = settle_once::<T>(k, local, offset);
@@ -98,9 +97,8 @@ fn finished(local: &Local, offset: f32, gain: f32, b2: f32, e: f32) -> Settled {
     }
 }
 
-/// Cauchy's step: to the down-crossing of `u0 + u1 d + b2 d^2`, or to its extremum without one.
-///
-/// The second value is the root of the discriminant.
+/// Cauchy's step: to the down-crossing of `u0 + u1 d + b2 d^2`, or to its extremum without one. The
+/// second value is the root of the discriminant.
 #[inline(always)]
 pub(super) fn down_crossing(u0: f32, u1: f32, b2: f32) -> (f32, f32) {
     let square = root(u1 * u1 - 4.0 * b2 * u0);

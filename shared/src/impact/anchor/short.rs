@@ -48,13 +48,17 @@ pub(super) const MAX_LAST_STEP_RATIO: f32 = 4e-3;
 
 /// Result of the cubic near launch.
 pub(super) enum ShortFlight {
-    /// Undecided.
     Open,
     /// The first impact is `near` this flight time, to the accuracy of the cubic. `grazes`: the
     /// flight clears the coming hump except for rounding.
-    Hop { near: f32, grazes: bool },
+    Hop {
+        near: f32,
+        grazes: bool,
+    },
     /// The flight clears the coming hump; `grazes`: by rounding alone.
-    Clears { grazes: bool },
+    Clears {
+        grazes: bool,
+    },
 }
 
 #[inline(always)]
@@ -195,11 +199,9 @@ pub(super) fn hop(launch: &Launch, mut x: f32) -> (f32, f32) {
 }
 
 /// Whether the cubic is too inaccurate for a short hop: pull and cosine both vanish at the top of
-/// the track, with k near 1.
-///
-/// Within a short hop of the top the cosine is below [`Track::MAX_SHORT_FLIGHT`] and the sine
-/// above 0.96, which is a quicker test. Below the bound of the pull, the fourth order of `u`,
-/// `d^4/24`, exceeds a quarter of the pull's term.
+/// the track, with k near 1. Within a short hop of the top the cosine is below
+/// [`Track::MAX_SHORT_FLIGHT`] and the sine above 0.96, which is a quicker test. Below the bound of
+/// the pull, the fourth order of `u`, `d^4/24`, exceeds a quarter of the pull's term.
 #[inline(always)]
 pub(super) fn is_flat(launch: &Launch) -> bool {
     launch.sine > 0.96

@@ -60,11 +60,9 @@ impl SineTrack {
     }
 
     /// Whether a down-crossing `steps` after launch lies between the short hops and the end of the
-    /// next hump.
-    ///
-    /// The lower bound excludes launch itself and impacts that the short form settles with more
-    /// digits. It is a fifth below the longest short hop, because a candidate only approximates the
-    /// impact.
+    /// next hump. The lower bound excludes launch itself and impacts that the short form settles
+    /// with more digits. It is a fifth below the longest short hop, because a candidate only
+    /// approximates the impact.
     #[inline(always)]
     pub fn ends(&self, phase: u32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
@@ -73,12 +71,10 @@ impl SineTrack {
     }
 
     /// Whether the flight clears the next hump and a down-crossing `steps` after launch comes
-    /// before the hump after it.
-    ///
-    /// At the hump's begin `u` has the height `h` and falls at `p`. From there on `u` is above
-    /// `h - p x + f x^3 / 6` with `f = 0.8 lift_off_cosine`. This holds as far as
-    /// `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The minimum of that bound, at
-    /// `x^2 = 2 p / f`, is above 0 if `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
+    /// before the hump after it. At the hump's begin `u` has the height `h` and falls at `p`. From
+    /// there on `u` is above `h - p x + f x^3 / 6` with `f = 0.8 lift_off_cosine`. This holds as
+    /// far as `k x / (4 lift_off_cosine) + x^2 / 20 <= 0.2`. The minimum of that bound, at `x^2 = 2
+    /// p / f`, is above 0 if `h^2 f > 8 p^3 / 9`; beyond it `u` rises.
     #[inline(never)]
     pub fn clears(&self, phase: u32, v: f32, pull: f32, steps: i64) -> bool {
         let to_lift_off = self.lift_off.wrapping_sub(phase).wrapping_sub(1);
@@ -94,10 +90,8 @@ impl SineTrack {
             && steps <= i64::from(to_lift_off) + Phase::STEPS
     }
 
-    /// `k - sin` near an end of a hump, where the difference of the rounded values loses digits.
-    ///
-    /// It is computed from the distance to the nearer end, whose rounding is half a step of the
-    /// phase.
+    /// `k - sin` near an end of a hump, where the difference of the rounded values loses digits. It
+    /// is computed from the distance to the nearer end, whose rounding is half a step of the phase.
     #[inline(never)]
     pub fn pull_near_ends(&self, phase: u32) -> f32 {
         let after_begin = phase.wrapping_sub(self.lift_off) as i32 as f32 * RADIANS_PER_STEP;

@@ -21,7 +21,6 @@ pub struct SingleState {
     pub velocity: f32,
 }
 
-/// The impact map in f32 on a track of one tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SineSingle(SineTrack);
 
@@ -78,7 +77,6 @@ impl SineSingle {
         self.land_low(&{ flight }, &{ launch }, restitution)
     }
 
-    /// Whether the track throws a part that rests at `phase`.
     pub(super) fn throws(&self, phase: Phase) -> bool {
         self.0.throws(phase.bits())
     }
@@ -165,7 +163,6 @@ pub(super) fn land_found<T: Track>(
     }
 }
 
-/// The impact at the end of a short hop.
 #[inline(always)]
 pub(super) fn land_short(
     phase: u32,
@@ -178,7 +175,6 @@ pub(super) fn land_short(
     landing(phase, i64::from(steps), arrival, restitution, grazes)
 }
 
-/// The state after an impact at `speed`.
 #[inline(always)]
 pub(super) fn landing(
     phase: u32,

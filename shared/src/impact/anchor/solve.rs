@@ -64,10 +64,9 @@ pub(super) struct Bracket {
     pub(super) start: f32,
 }
 
-/// Approximate root in `bracket`, which holds one down-crossing.
-///
-/// So any step that converges within it has found the root. Householder's method serves simple and
-/// near roots, the safeguarded search all others.
+/// Approximate root in `bracket`, which holds one down-crossing. So any step that converges within
+/// it has found the root. Householder's method serves simple and near roots, the safeguarded search
+/// all others.
 #[inline(always)]
 pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> Found {
     let Ballistic {
@@ -119,9 +118,8 @@ pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> F
     }
 }
 
-/// Approximate root in `bracket`, by Cauchy's step on nodes.
-///
-/// Bisection replaces steps without a near root and steps that leave the bracket.
+/// Approximate root in `bracket`, by Cauchy's step on nodes. Bisection replaces steps without a
+/// near root and steps that leave the bracket.
 #[inline(never)]
 fn solve_safely<T: Track>(flight: &Ballistic<'_, T>, bracket: Bracket) -> (i32, f32) {
     let k = flight.track.gravity().k;

@@ -3,6 +3,7 @@
 use super::lanes::LANES;
 use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::impact::double::launch::{Launch, Track};
+use crate::impact::kernel::PartState;
 
 /// One quantity of many orbits, aligned to a cache line, so that no register spans two.
 #[derive(Clone, Debug)]
@@ -13,7 +14,6 @@ impl<const N: usize> Aligned<N> {
     pub const ZERO: Self = Self([0.0; N]);
 }
 
-/// The columns of a block.
 #[derive(Clone, Debug)]
 pub(super) struct Columns {
     phase: Aligned<LANES>,
@@ -40,7 +40,6 @@ impl Columns {
         restitution: Aligned::ZERO,
     };
 
-    /// Puts a lane on a track.
     pub fn put(&mut self, lane: usize, track: &Track<f64>, restitution: f64) {
         self.k.0[lane] = track.k;
         self.per_k.0[lane] = track.per_k;
@@ -55,23 +54,19 @@ impl Columns {
         self.flight.0[lane] = 0.0;
     }
 
-    /// Phase and velocity of a lane.
-    pub fn state(&self, lane: usize) -> [f64; 2] {
-        [self.phase.0[lane], self.velocity.0[lane]]
+    pub fn state(&self, lane: usize) -> PartState {
+        PartState::new(self.phase.0[lane], self.velocity.0[lane])
     }
 
-    /// The last flight of a lane.
     pub fn flight(&self, lane: usize) -> f64 {
         self.flight.0[lane]
     }
 
-    /// Phase and velocity of these lanes.
     #[inline(always)]
     pub fn states<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> [V; 2] {
         [&self.phase, &self.velocity].map(|column| V::pick(&column.0, lanes))
     }
 
-    /// The launches of these lanes.
     #[inline(always)]
     pub fn launch<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> Launch<V> {
         Launch {
@@ -82,7 +77,6 @@ impl Columns {
         }
     }
 
-    /// The tracks of these lanes.
     #[inline(always)]
     pub fn track<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> Track<V> {
         let k = V::pick(&self.k.0, lanes);
@@ -94,7 +88,6 @@ impl Columns {
         }
     }
 
-    /// The restitutions of these lanes.
     #[inline(always)]
     pub fn restitution<V: Vector>(&self, lanes: [u8; MAX_LANES]) -> V {
         V::pick(&self.restitution.0, lanes)

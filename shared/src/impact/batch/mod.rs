@@ -43,13 +43,10 @@ pub use lanes::LANES;
 pub struct Block {
     simd: Simd,
     columns: Columns,
-    /// Lanes that hold an orbit.
     filled: Set,
     /// Lanes that wait for the caller.
     resting: Set,
-    /// Lanes whose last impact grazes.
     grazing: Set,
-    /// The next flights.
     plan: Plan,
     /// Lanes without a plan; only their state is set.
     unplanned: Set,
@@ -82,10 +79,7 @@ impl Block {
         }
     }
 
-    /// Puts an orbit into a lane and replaces any other there.
-    ///
-    /// # Errors
-    /// `OutOfRange` for a lane that does not exist.
+    /// Puts an orbit into a lane and replaces any other there; an error if the lane does not exist.
     #[inline]
     pub fn put(&mut self, lane: usize, map: &Map, state: PartState) -> Result<(), OutOfRange> {
         accept("lane", lane as f64, lane < LANES, "0..255")?;
@@ -112,21 +106,12 @@ impl Block {
         self.resting.put(lane, false);
     }
 
-    /// The state of a lane's orbit; `None` without an orbit.
-    #[inline]
-    fn state(&self, lane: usize) -> Option<PartState> {
-        self.filled.contains(lane).then(|| {
-            let [phase, velocity] = self.columns.state(lane);
-            PartState { phase, velocity }
-        })
-    }
-
     /// The last impact of a lane's orbit, with flight 0 before the first; `None` without an orbit.
     #[inline]
-    pub fn impact(&self, lane: usize) -> Option<Impact<PartState>> {
-        self.state(lane).map(|next| Impact {
+    pub fn impact(&self, lane: usize) -> Option<Impact> {
+        self.filled.contains(lane).then(|| Impact {
             flight: self.columns.flight(lane),
-            next,
+            next: self.columns.state(lane),
             grazes: self.grazing.contains(lane),
         })
     }
@@ -155,7 +140,6 @@ impl Block {
     }
 }
 
-/// Advances every orbit that does not rest by this many impacts.
 #[inline(always)]
 fn advance<V: Vector>(block: &mut Block, impacts: u32) {
     begin::<V>(block);
@@ -204,9 +188,8 @@ fn begin<V: Vector>(block: &mut Block) {
     block.unplanned = Set::EMPTY;
 }
 
-/// One impact of the lanes of a register, of which `count` are valid, and their next plan.
-///
-/// Lanes of a low flight whose interval is not certain are added to `open` instead.
+/// One impact of the lanes of a register, of which `count` are valid, and their next plan. Lanes of
+/// a low flight whose interval is not certain are added to `open` instead.
 #[inline(always)]
 fn fly<V: Vector>(
     columns: &mut Columns,
@@ -272,11 +255,8 @@ fn decide<V: Vector>(
         if bits >> m & 1 == 1
             && let Some((exact, grazes)) = first_impact(&columns.track(all), &columns.launch(all))
         {
-            for (values, value) in
-                landings
-                    .iter_mut()
-                    .zip([exact.flight, exact.phase, exact.arrival])
-            {
+            let exact = [exact.flight, exact.phase, exact.arrival];
+            for (values, value) in landings.iter_mut().zip(exact) {
                 // A register that is not full repeats its last lane.
                 for (place, other) in values.iter_mut().zip(lanes) {
                     *place = if other == lane { value } else { *place };

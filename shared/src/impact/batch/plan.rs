@@ -5,7 +5,6 @@ use crate::arithmetic::vector::queue::Queue;
 use crate::arithmetic::vector::{MAX_LANES, Vector};
 use crate::impact::double::launch::{Launch, Track};
 
-/// Kinds of flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Tall,
@@ -33,7 +32,6 @@ pub(super) struct Plan(pub [Queue; Kind::ALL.len()]);
 impl Plan {
     pub const EMPTY: Self = Self([Queue::EMPTY; Kind::ALL.len()]);
 
-    /// Removes lanes without an orbit.
     pub fn leave_out(&mut self, removed: &Set) {
         for queue in &mut self.0 {
             queue.retain(|lane| !removed.contains(lane));

@@ -7,14 +7,11 @@
 use super::step::Landing;
 use crate::arithmetic::square_root;
 
-/// The gap at some time of the flight.
+/// The gap u at some time of the flight, u' and u''.
 #[derive(Clone, Copy)]
 pub(crate) struct Gap {
-    /// `u`.
     pub value: f64,
-    /// `u'`.
     pub slope: f64,
-    /// `u''`.
     pub curvature: f64,
     /// Phase there, in 0..2 pi.
     pub phase: f64,
@@ -28,19 +25,16 @@ pub(crate) trait Path {
     /// digits.
     const MAX_SHORT_HOP: f64;
 
-    /// The gap `d` after the launch.
     fn at(&self, d: f64) -> Gap;
 
     /// Flight time of a short hop in rad, `2 psi` over the pull at launch; `None` without a pull.
     fn hop(&self) -> Option<f64>;
 }
 
-/// The impact before or within the hump `begin..end`, if any. The interval before it starts
-/// at `low`.
-///
-/// Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is convex, so
-/// the sign of its minimum decides; there is none while the ball `passes` high above. `grazes`
-/// keeps whether a touch is within rounding.
+/// The impact before or within the hump `begin..end`, if any. The interval before it starts at
+/// `low`. Between humps the gap is concave, so its sign at `begin` decides. Over the hump it is
+/// convex, so the sign of its minimum decides; there is none while the ball `passes` high above.
+/// `grazes` keeps whether a touch is within rounding.
 pub(crate) fn impact_at_hump<P: Path>(
     path: &P,
     at_begin: Gap,

@@ -4,21 +4,16 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::arithmetic::vector::{Vector, sine_cosine};
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Track<V> {
-    /// k.
     pub k: V,
-    /// `1/k`.
     pub per_k: V,
     /// Phase of lift-off, `arcsin k`, in rad; pi/2 if k >= 1. A hump begins here.
     pub lift_off: V,
-    /// Cosine of `lift_off`.
     pub lift_off_cosine: V,
 }
 
 impl Track<f64> {
-    /// The track of `k`.
     pub fn new(k: f64) -> Self {
         Self {
             k,
@@ -30,7 +25,6 @@ impl Track<f64> {
 }
 
 impl<V: Vector> Track<V> {
-    /// Cosine of the phase of lift-off.
     #[inline(always)]
     pub fn lift_off_cosine(k: V) -> V {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));
@@ -49,9 +43,8 @@ impl<V: Vector> Track<V> {
         self.k.min(V::splat(1.0))
     }
 
-    /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more.
-    ///
-    /// Let `A = k - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
+    /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more. Let `A = k
+    /// - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
     /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
     /// is at most 7.7e-6 (1 + k)^(5/3).
     #[inline(always)]
@@ -60,10 +53,8 @@ impl<V: Vector> Track<V> {
         !(V::splat(1e-5) * (reach * reach)).below(velocity)
     }
 
-    /// Phase in rad at which a hump ends, `pi - arcsin k`: the track's push falls below k.
-    ///
-    /// `u` is convex over the hump, from lift-off to here, and concave from here to the next
-    /// lift-off.
+    /// Phase in rad at which a hump ends, `pi - arcsin k`: the track's push falls below k. `u` is
+    /// convex over the hump, from lift-off to here, and concave from here to the next lift-off.
     #[inline(always)]
     pub(super) fn hump_end(&self) -> V {
         V::splat(PI) - self.lift_off
@@ -77,14 +68,11 @@ pub(crate) struct Launch<V> {
     pub phase: V,
     /// Velocity psi relative to the track.
     pub velocity: V,
-    /// `sin t`.
     pub sine: V,
-    /// `cos t`.
     pub cosine: V,
 }
 
 impl<V: Vector> Launch<V> {
-    /// The launch of a state.
     #[inline(always)]
     pub fn new(phase: V, velocity: V) -> Self {
         let (sine, cosine) = sine_cosine(phase);
@@ -136,9 +124,8 @@ impl<V: Vector> Launch<V> {
         V::splat(6e-14) * (V::splat(1.0) + v * v * track.per_k)
     }
 
-    /// Whether the part rests: its velocity is 0 and the track does not throw it.
-    ///
-    /// Within rounding of lift-off (`sin t = k` going up) the part is thrown.
+    /// Whether the part rests: its velocity is 0 and the track does not throw it. Within rounding
+    /// of lift-off (`sin t = k` going up) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track<V>) -> V::Mask {
         let zero = V::splat(0.0);
@@ -152,7 +139,6 @@ impl<V: Vector> Launch<V> {
     }
 
     /// Whether the part rests, or hops so little that its chatter has a closed form exact to f64.
-    ///
     /// Let `A = k - sin t` and `z = psi / (A (1 - R))`. The third order of the chatter's duration
     /// is at most `z^3 (2.1 (c/A)^2 + 0.9 |s|/A)`. It must be below [`MAX_CHATTER_REMAINDER`], and
     /// the relative change of A below [`MAX_PULL_CHANGE`]. The form has no divisions.

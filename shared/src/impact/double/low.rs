@@ -47,11 +47,9 @@ impl<V: Vector> Launch<V> {
             & V::splat(0.0).below(self.rise())
     }
 
-    /// Whether a flight that is neither tall nor short meets the track once.
-    ///
-    /// Either it [is certified](Self::is_certified), or the ball is below the track at the next
-    /// hump's begin. Up to there the gap is concave, or convex and growing and then concave; so it
-    /// has one root.
+    /// Whether a flight that is neither tall nor short meets the track once. Either it [is
+    /// certified](Self::is_certified), or the ball is below the track at the next hump's begin. Up
+    /// to there the gap is concave, or convex and growing and then concave; so it has one root.
     #[inline(always)]
     pub fn has_one_root(&self, track: &Track<V>) -> V::Mask {
         let height = self.height(track, self.time_to_next_hump(track));
@@ -77,9 +75,8 @@ struct Hump<V: Vector> {
 }
 
 impl<V: Vector> Hump<V> {
-    /// The hump of the turn that begins `turn` rad after the launch.
-    ///
-    /// `FIND_MINIMUM` computes the minimum of the gap if the tangents leave its sign open.
+    /// The hump of the turn that begins `turn` rad after the launch. `FIND_MINIMUM` computes the
+    /// minimum of the gap if the tangents leave its sign open.
     #[inline(always)]
     fn new<const FIND_MINIMUM: bool>(
         track: &Track<V>,
@@ -142,10 +139,9 @@ impl<V: Vector> Hump<V> {
     }
 }
 
-/// The gap near its minimum over the hump `begin..end`, where it is convex.
-///
-/// The tangent there bounds the gap from below. Newton's steps on the slope start in the middle,
-/// where the slope grows fastest, and converge from one side.
+/// The gap near its minimum over the hump `begin..end`, where it is convex. The tangent there
+/// bounds the gap from below. Newton's steps on the slope start in the middle, where the slope
+/// grows fastest, and converge from one side.
 // Not inlined on a microcontroller, like `settle`: four soft-f64 copies would take 6 KiB of flash.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
@@ -175,9 +171,8 @@ fn find_minimum<V: Vector>(
 pub(crate) struct Interval<V: Vector> {
     /// Start in rad after launch: intersection of the ball's and the track's parabola.
     pub start: V,
-    /// Begin of the interval, after launch.
+    /// Begin and end of the interval, after launch.
     pub low: V,
-    /// Its end.
     pub high: V,
     /// Whether the closed forms certify the interval.
     pub certain: V::Mask,
@@ -229,10 +224,9 @@ impl<V: Vector> Interval<V> {
     }
 }
 
-/// The interval of a flight that [meets the track once](Launch::has_one_root).
-///
-/// It lies in the half turn in which the parabola falls through height 0. At the ends of that half
-/// turn the sine is 0, and the track is not at the ball's height.
+/// The interval of a flight that [meets the track once](Launch::has_one_root). It lies in the half
+/// turn in which the parabola falls through height 0. At the ends of that half turn the sine is 0,
+/// and the track is not at the ball's height.
 #[inline(always)]
 pub(crate) fn find_single_interval<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Interval<V> {
     let (zero, quarter) = (V::splat(0.0), V::splat(FRAC_PI_2));
@@ -397,7 +391,6 @@ fn is_above_humps<V: Vector>(
 }
 
 /// Flight time close to the impact in the interval, by one step of Householder's method of order 4.
-///
 /// The error is within 1e-6 rad for all but one flight in a hundred.
 #[inline(always)]
 pub(crate) fn approach<V: Vector>(
@@ -416,9 +409,8 @@ pub(crate) fn approach<V: Vector>(
     LandingEstimate { rounded, step }
 }
 
-/// Landing of a low flight from a time close to it; the mask marks certified first impacts.
-///
-/// Lanes of a certain interval whose last step is too long repeat it.
+/// Landing of a low flight from a time close to it; the mask marks certified first impacts. Lanes
+/// of a certain interval whose last step is too long repeat it.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(
     track: &Track<V>,
@@ -437,10 +429,8 @@ pub(crate) fn landing<V: Vector>(
     (landing, settled & interval.contains(&landing))
 }
 
-/// Landing of a low flight that barely clears a hump or barely touches it.
-///
-/// Nearly every flight whose [`Interval`] is not certain is of this kind. The mask marks certified
-/// first impacts.
+/// Landing of a low flight that barely clears a hump or barely touches it. Nearly every flight
+/// whose [`Interval`] is not certain is of this kind. The mask marks certified first impacts.
 #[inline(always)]
 pub(crate) fn land_near_hump<V: Vector>(
     track: &Track<V>,
@@ -451,10 +441,8 @@ pub(crate) fn land_near_hump<V: Vector>(
     landing(track, launch, &interval, &estimate)
 }
 
-/// Landing of a low flight that [`landing`] cannot certify, with up to eight steps.
-///
-/// Without a certain interval it searches the one of `FIND_MINIMUM`; `None` if that is not certain
-/// either.
+/// Landing of a low flight that [`landing`] cannot certify, with up to eight steps. Without a
+/// certain interval it searches the one of `FIND_MINIMUM`; `None` if that is not certain either.
 #[cold]
 pub(crate) fn land_by_iteration(
     track: &Track<f64>,
@@ -498,10 +486,8 @@ pub(crate) fn land_by_iteration(
     None
 }
 
-/// The last step, by Chebyshev's method (third order, Traub 1964).
-///
-/// The mask marks steps so short that the remaining error is below rounding. The phase may be a
-/// rounding error below zero.
+/// The last step, by Chebyshev's method (third order, Traub 1964). The mask marks steps so short
+/// that the remaining error is below rounding. The phase may be a rounding error below zero.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn take_chebyshev_step<V: Vector>(

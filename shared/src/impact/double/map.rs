@@ -39,9 +39,8 @@ impl Map {
         self.track.k
     }
 
-    /// Checks `k` and `restitution` without the set-up of a map.
-    ///
-    /// Errors: `OutOfRange` outside k 0.001..=1000 or restitution 0..=1.
+    /// Checks `k` and `restitution` without the set-up of a map. Errors: `OutOfRange` outside k
+    /// 0.001..=1000 or restitution 0..=1.
     pub(crate) fn accepts(k: f64, restitution: f64) -> Result<(), OutOfRange> {
         accept_in("k", k, 1e-3..=1e3, "0.001..1000")?;
         accept_in("restitution", restitution, 0.0..=1.0, "0..1")?;
@@ -94,7 +93,7 @@ impl Kernel for Map {
     }
 
     #[inline]
-    fn impact(&self, state: PartState) -> Impact<PartState> {
+    fn impact(&self, state: PartState) -> Impact {
         let launch = Launch::new(state.phase, state.velocity);
         build_impact(self.restitution, state, first_impact(&self.track, &launch))
     }

@@ -14,7 +14,6 @@ use crate::arithmetic::vector::Vector;
 pub(crate) const MAX_SHORT_HOP: f64 = 0.5;
 
 impl<V: Vector> Launch<V> {
-    /// Whether the flight, if it is not tall, is short.
     #[inline(always)]
     pub fn is_short(&self, track: &Track<V>) -> V::Mask {
         self.is_over_within(track, MAX_SHORT_HOP)
@@ -28,10 +27,9 @@ impl<V: Vector> Launch<V> {
 }
 
 /// Whether a flight that is not tall ends within about `longest` rad. It is decided by the
-/// quadratic of `u/d`, from the launch velocity, the pull and the slope of the track's push.
-///
-/// Either the quadratic crosses zero before half of `longest` and its roots are well apart, or it
-/// bends down and is below zero at `longest`.
+/// quadratic of `u/d`, from the launch velocity, the pull and the slope of the track's push. Either
+/// the quadratic crosses zero before half of `longest` and its roots are well apart, or it bends
+/// down and is below zero at `longest`.
 #[inline(always)]
 pub(in crate::impact) fn ends_within<V: Vector>(psi: V, pull: V, c: V, longest: f64) -> V::Mask {
     let is_certain = (psi * V::splat(2.75 / longest)).below(pull)
@@ -41,13 +39,10 @@ pub(in crate::impact) fn ends_within<V: Vector>(psi: V, pull: V, c: V, longest: 
     is_certain | falling
 }
 
-/// `u/d` and `u'` at some flight time.
+/// `u/d`, `u'` and `u''` at some flight time.
 pub(in crate::impact) struct Deflated<V> {
-    /// `u/d`.
     pub value: V,
-    /// `u'`.
     pub slope: V,
-    /// `u''`.
     pub curvature: V,
 }
 
@@ -101,9 +96,8 @@ pub(in crate::impact) fn quadratic_root<V: Vector>(psi: V, pull: V, c: V) -> V {
     V::select(pulled, psi + psi, a1 - root) / V::select(pulled, a1 + root, a2 + a2)
 }
 
-/// Landing of a short hop from a guess; the mask marks certified first impacts.
-///
-/// Lanes whose last step is too long repeat it.
+/// Landing of a short hop from a guess; the mask marks certified first impacts. Lanes whose last
+/// step is too long repeat it.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(
     track: &Track<V>,
@@ -134,9 +128,8 @@ pub(crate) fn land_by_iteration(track: &Track<f64>, launch: &Launch<f64>) -> Opt
     None
 }
 
-/// Whether a landing is the first.
-///
-/// Up to the next hump u is concave, or convex and then concave, so it has one root there.
+/// Whether a landing is the first. Up to the next hump u is concave, or convex and then concave, so
+/// it has one root there.
 #[inline(always)]
 fn is_first_impact<V: Vector>(
     track: &Track<V>,
@@ -175,9 +168,8 @@ fn take_householder_step<V: Vector>(track: &Track<V>, launch: &Launch<V>, d: V) 
     d - d * step
 }
 
-/// The last step, by Chebyshev's method (third order, Traub 1964).
-///
-/// The mask marks steps so short that the remaining error is below rounding.
+/// The last step, by Chebyshev's method (third order, Traub 1964). The mask marks steps so short
+/// that the remaining error is below rounding.
 #[inline(always)]
 fn take_chebyshev_step<V: Vector>(
     track: &Track<V>,

@@ -9,10 +9,8 @@ use crate::arithmetic::node;
 use crate::arithmetic::vector::{Arc, Node, ROUNDING_OFFSET, Vector};
 use crate::impact::kernel::{Impact, PartState};
 
-/// The end of a flight.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Landing<V> {
-    /// Duration of the flight.
     pub flight: V,
     /// Phase of the impact, in 0..2 pi.
     pub phase: V,
@@ -26,7 +24,7 @@ pub(crate) fn build_impact(
     restitution: f64,
     state: PartState,
     landing: Option<(Landing<f64>, bool)>,
-) -> Impact<PartState> {
+) -> Impact {
     let Some((landing, grazes)) = landing else {
         return Impact {
             flight: 0.0,
@@ -57,9 +55,7 @@ impl<V: Vector> Landing<V> {
 #[derive(Clone, Copy)]
 pub(super) struct Local<V> {
     pub node: Node<V>,
-    /// `u` at the node.
     pub value: V,
-    /// `u'` at the node.
     pub slope: V,
 }
 
@@ -83,10 +79,8 @@ impl<V: Vector> Local<V> {
     }
 }
 
-/// Step of Householder's method of order 4, backwards to the root, with one division.
-///
-/// `f` is the value, `g` to `g4` are the derivatives. The sign of the whole function does not
-/// matter.
+/// Step of Householder's method of order 4, backwards to the root, with one division. `f` is the
+/// value, `g` to `g4` are the derivatives. The sign of the whole function does not matter.
 #[inline(always)]
 pub(crate) fn householder<V: Vector>(f: V, g: V, g2: V, g3: V, g4: V) -> V {
     let (gg, ff, curved) = (g * g, f * f, g2 * f);
@@ -124,10 +118,9 @@ impl<V: Vector> LandingEstimate<V> {
     }
 }
 
-/// The gap near an impact, to rounding.
-///
-/// The ball is expanded about the node of the approach, the track about the node next to the
-/// impact. Every sum starts with the terms that are computed first.
+/// The gap u near an impact and u', to rounding, with the track's sine and cosine. The ball is
+/// expanded about the node of the approach, the track about the node next to the impact. Every sum
+/// starts with the terms that are computed first.
 #[derive(Clone, Copy)]
 pub(crate) struct GapNearImpact<V> {
     /// The node next to the impact; its distance is that of the approach's node from the launch.
@@ -136,18 +129,13 @@ pub(crate) struct GapNearImpact<V> {
     pub step: V,
     /// Time in rad from the node next to the impact.
     pub x: V,
-    /// `u`.
     pub value: V,
-    /// `u'`.
     pub slope: V,
-    /// The track's sine.
     pub sine: V,
-    /// Its cosine.
     pub cosine: V,
 }
 
 impl<V: Vector> GapNearImpact<V> {
-    /// At `estimate`.
     #[inline(always)]
     pub fn new(track: &Track<V>, launch: &Launch<V>, estimate: &LandingEstimate<V>) -> Self {
         let rounded = estimate.next_node_sum();

@@ -14,14 +14,12 @@ use crate::arithmetic::node;
 use crate::arithmetic::vector::{ROUNDING_OFFSET, Vector};
 
 /// Smallest squared speed at height 1 of a tall flight, in `(b w)^2`; the certificate holds from 1.
-///
 /// At 3 one step comes within 1.4e-3 of the root, at 4 within 4.4e-4, at 6 within 9.4e-5. Measured
 /// over 300 000 states or more in each of five ranges, k in 0.02..0.98. The golden data bound the
 /// residual after the second step.
 pub(crate) const MIN_TALL_SPEED_SQUARED: f64 = 3.0;
 
 impl<V: Vector> Launch<V> {
-    /// Whether the flight is tall.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track<V>) -> V::Mask {
         let bound = V::splat(MIN_TALL_SPEED_SQUARED) + (track.k + track.k);
@@ -34,7 +32,6 @@ impl<V: Vector> Launch<V> {
 struct Crossing<V> {
     /// Phase in node spacings, counted through all turns.
     nodes: V,
-    /// Speed downwards.
     speed: V,
 }
 
@@ -66,7 +63,6 @@ fn approach<V: Vector>(track: &Track<V>, crossing: &Crossing<V>) -> LandingEstim
     LandingEstimate { rounded, step }
 }
 
-/// The end of a tall flight.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Landing<V> {
     let estimate = approach(track, &crossing(track, launch));

@@ -40,19 +40,14 @@ pub trait Along: Copy {
     const REST_ERASES_HISTORY: bool;
 
     /// Distance in b and velocity after `impact`, for a launch with `velocity` along the track.
-    fn move_in_flight(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> (f64, f64);
+    fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64);
 
     /// The same if the impact takes time, of a part with this restitution: distance in b and
     /// velocity after flight and contact (docs/theory-real-parts.md#t10.6).
     fn move_through_contact(
         &self,
         launch: PartState,
-        impact: &Impact<PartState>,
+        impact: &Impact,
         velocity: f64,
         contact: ContactTime,
         restitution: f64,
@@ -69,16 +64,10 @@ pub trait Along: Copy {
     }
 
     /// Distance in b and velocity along the track at the end of a flight, before the impact.
-    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64);
+    fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64);
 
     /// Velocity along the track after an impact that a part meets with `arriving`.
-    fn rebound(
-        &self,
-        launch: PartState,
-        flight: &Impact<PartState>,
-        arriving: f64,
-        restitution: f64,
-    ) -> f64;
+    fn rebound(&self, launch: PartState, flight: &Impact, arriving: f64, restitution: f64) -> f64;
 
     /// Acceleration of a free part along the track, relative to it, in `b w^2`.
     fn push(&self, phase: f64) -> f64;

@@ -114,10 +114,8 @@ mod tests {
         }
     }
 
-    /// The closed form against the hops that it sums.
-    ///
-    /// It hops on until the closed form is 100 times shorter, with a remainder of 1e-6 of the
-    /// tested one.
+    /// The closed form against the hops that it sums. It hops on until the closed form is 100 times
+    /// shorter, with a remainder of 1e-6 of the tested one.
     #[test]
     fn chatter_time_is_the_sum_of_its_hops() {
         for k in [0.05, 0.43, 0.9, 1.0, 1.5] {
@@ -143,15 +141,11 @@ mod tests {
                         summed += impact.flight;
                         hop = impact.next;
                     }
-                    summed += map
-                        .time_to_rest(hop)
-                        .unwrap_or_else(|| panic!("{k} {restitution} {state:?} {hop:?}"));
+                    summed += map.time_to_rest(hop).expect("a shorter chatter closes");
                     // The remainder, and the rounding of phases of 2 pi to which tiny hops are
                     // added.
-                    assert!(
-                        (summed - closed).abs() < MAX_CHATTER_REMAINDER + 1e-9 * closed,
-                        "{k} {restitution} {phase}: {summed} {closed}"
-                    );
+                    let bound = MAX_CHATTER_REMAINDER + 1e-9 * closed;
+                    assert!((summed - closed).abs() < bound, "{map:?} {phase}");
                     assert!(libm::sin(phase + closed) < k);
                 }
             }

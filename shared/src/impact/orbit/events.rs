@@ -1,9 +1,8 @@
 //! Events of one part on one track: impacts, rests and lift-offs (event-driven simulation).
 
 use super::observe::Observer;
-use super::orbit_map::OrbitMap;
-use super::release::Release;
-use crate::feeder::{OutOfRange, accept};
+use super::orbit_map::{OrbitMap, Release};
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::double::Map;
 use crate::impact::kernel::{Impact, PartState};
@@ -18,7 +17,7 @@ const MIN_SCATTERED_RESTITUTION: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OrbitEvent {
     /// The part flew and struck the track.
-    Impact(Impact<PartState>),
+    Impact(Impact),
     /// The part chattered to rest.
     Rest {
         /// Duration of the chatter in rad, from its closed form.
@@ -62,26 +61,23 @@ pub(crate) enum StopReason {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Orbit<'a, M = Map> {
-    map: &'a M,
+    pub(crate) map: &'a M,
     state: PartState,
     stage: Stage,
     /// The last release, kept because a part is thrown at few phases.
     release: Option<Release<PartState>>,
     /// Mean restitution, and that of each impact; `None` if it is the mean.
-    restitution: f64,
+    pub(crate) restitution: f64,
     scatter: Option<Scatter>,
-    /// The last factor of [`OrbitMap::restitution_factor`].
-    drawn: f64,
-    contact: ContactTime,
+    /// The last factor of [`OrbitMap::restitution_factor`]; 1 without scatter.
+    pub(crate) drawn: f64,
+    pub(crate) contact: ContactTime,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Just after an impact.
     Hopping,
-    /// At rest.
     Resting,
-    /// Just thrown off.
     Released,
 }
 
@@ -92,12 +88,8 @@ impl Orbit<'_> {
     /// restitution below 1e-6.
     pub fn scattering(self, scatter: Scatter) -> Result<Self, OutOfRange> {
         let mean = scatter.mean();
-        accept(
-            "restitution",
-            mean,
-            mean >= MIN_SCATTERED_RESTITUTION,
-            "0.000001..1 where it scatters: what is left of no speed cannot be drawn",
-        )?;
+        let accepted = "0.000001..1 where it scatters: what is left of no speed cannot be drawn";
+        accept_in("restitution", mean, MIN_SCATTERED_RESTITUTION.., accepted)?;
         Ok(self.drawing(scatter))
     }
 }
@@ -157,26 +149,6 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
     /// that. A chatter's closed form neglects the contacts.
     pub fn with_contact(self, contact: ContactTime) -> Self {
         Self { contact, ..self }
-    }
-
-    /// The map.
-    pub(crate) fn map(&self) -> &M {
-        self.map
-    }
-
-    /// Mean restitution.
-    pub(crate) fn restitution(&self) -> f64 {
-        self.restitution
-    }
-
-    /// Duration of an impact.
-    pub(crate) fn contact(&self) -> ContactTime {
-        self.contact
-    }
-
-    /// The last drawn restitution over that of the map; 1 without scatter.
-    pub(crate) fn drawn(&self) -> f64 {
-        self.drawn
     }
 
     /// The state after the last event.
@@ -251,10 +223,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
         }
         self.state = self.release?.launch;
         self.stage = Stage::Released;
-        Some(OrbitEvent::LiftOff {
-            wait,
-            phase: self.state.phase,
-        })
+        let phase = self.state.phase;
+        Some(OrbitEvent::LiftOff { wait, phase })
     }
 }
 
@@ -299,7 +269,7 @@ mod tests {
     struct Count([u64; 3]);
 
     impl Observer for Count {
-        fn impact(&mut self, _: PartState, _: &Impact<PartState>) {
+        fn impact(&mut self, _: PartState, _: &Impact) {
             self.0[0] += 1;
         }
 
@@ -354,11 +324,8 @@ mod tests {
         for (k, restitution) in [(0.9, 0.5), (0.43, 0.2), (0.6, 0.1), (0.7, 0.0)] {
             let map = Map::build(k, restitution).unwrap();
             let all: Vec<OrbitEvent> = Orbit::from_rest(&map).skip(1).take(4000).collect();
-            let cycle = all
-                .iter()
-                .position(|event| matches!(event, OrbitEvent::LiftOff { .. }))
-                .unwrap_or_else(|| panic!("k {k} R {restitution} comes to rest"))
-                + 1;
+            let is_lift_off = |event: &OrbitEvent| matches!(event, OrbitEvent::LiftOff { .. });
+            let cycle = all.iter().position(is_lift_off).expect("it comes to rest") + 1;
             for (n, event) in all.iter().enumerate() {
                 assert_eq!(*event, all[n % cycle], "k {k} R {restitution} event {n}");
             }
@@ -375,10 +342,8 @@ mod tests {
         let map = Map::build(1.5, 0.5).unwrap();
         let mut count = Count::default();
         let mut orbit = Orbit::new(&map, Map::state(2.0, 1.0).unwrap());
-        assert_eq!(
-            orbit.watch_period(u64::MAX, &mut count),
-            StopReason::RestsForEver
-        );
+        let ended = orbit.watch_period(u64::MAX, &mut count);
+        assert_eq!(ended, StopReason::RestsForEver);
         assert_eq!(count.0[1..], [1, 0]);
         assert_eq!(Orbit::from_rest(&map).next(), None);
 
@@ -388,10 +353,10 @@ mod tests {
         assert_eq!(orbit.watch_period(2000, &mut ()), StopReason::Counted);
         let PartState { phase, velocity } = orbit.state();
         // The reference is printed to 15 digits; the orbit contracts its own rounding.
-        assert!((phase - 1.138_585_860_520_52).abs() < 1e-13, "{phase}");
-        assert!(
-            (velocity - 3.351_032_163_829_11).abs() < 1e-13,
-            "{velocity}"
-        );
+        let errors = [
+            phase - 1.138_585_860_520_52,
+            velocity - 3.351_032_163_829_11,
+        ];
+        assert!(errors.iter().all(|error| error.abs() < 1e-13), "{errors:?}");
     }
 }

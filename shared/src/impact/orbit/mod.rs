@@ -6,7 +6,6 @@ mod events;
 mod friction;
 mod observe;
 mod orbit_map;
-mod release;
 mod tangent;
 mod tangential;
 
@@ -17,7 +16,6 @@ pub use events::{Orbit, OrbitEvent};
 pub use friction::{Friction, FrictionSettings};
 pub use observe::Observer;
 pub(crate) use orbit_map::OrbitMap;
-pub use release::LIFT_OFF_DELAY;
-pub use release::Release;
+pub use orbit_map::{LIFT_OFF_DELAY, Release};
 pub use tangent::{Growth, Tangent};
 pub use tangential::{Tangential, TangentialSettings};

@@ -15,7 +15,7 @@ use crate::impact::kernel::{Impact, PartState};
 /// struct Longest(f64);
 ///
 /// impl Observer for Longest {
-///     fn impact(&mut self, _: PartState, impact: &Impact<PartState>) {
+///     fn impact(&mut self, _: PartState, impact: &Impact) {
 ///         self.0 = self.0.max(impact.flight);
 ///     }
 /// }
@@ -28,59 +28,44 @@ use crate::impact::kernel::{Impact, PartState};
 /// ```
 pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
-    #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
-        let _ = (launch, impact);
-    }
+    fn impact(&mut self, _launch: PartState, _impact: &Impact) {}
 
     /// The part chattered to rest in `chatter` rad; it rests from `phase` on.
     ///
     /// `last` is the state after the last computed impact.
-    #[inline]
-    fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
-        let _ = (last, chatter, phase);
-    }
+    fn rest(&mut self, _last: PartState, _chatter: f64, _phase: f64) {}
 
     /// After `wait` rad at rest the track threw the part off at `phase`.
-    #[inline]
-    fn lift_off(&mut self, wait: f64, phase: f64) {
-        let _ = (wait, phase);
-    }
+    fn lift_off(&mut self, _wait: f64, _phase: f64) {}
 }
 
 impl Observer for () {}
 
 impl<O: Observer> Observer for &mut O {
-    #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         O::impact(self, launch, impact);
     }
 
-    #[inline]
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         O::rest(self, last, chatter, phase);
     }
 
-    #[inline]
     fn lift_off(&mut self, wait: f64, phase: f64) {
         O::lift_off(self, wait, phase);
     }
 }
 
 impl<A: Observer, B: Observer> Observer for (A, B) {
-    #[inline]
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         self.0.impact(launch, impact);
         self.1.impact(launch, impact);
     }
 
-    #[inline]
     fn rest(&mut self, last: PartState, chatter: f64, phase: f64) {
         self.0.rest(last, chatter, phase);
         self.1.rest(last, chatter, phase);
     }
 
-    #[inline]
     fn lift_off(&mut self, wait: f64, phase: f64) {
         self.0.lift_off(wait, phase);
         self.1.lift_off(wait, phase);

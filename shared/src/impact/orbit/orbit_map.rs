@@ -1,22 +1,25 @@
-//! Interface of an orbit to a map: the next contact of a part, and its throw from rest.
+//! Interface of an orbit to a map: the next contact of a part, its throw from rest, and its release:
+//! the flight of a part that the track throws off from rest.
 
-use super::release::Release;
 use crate::arithmetic::vector::sine_cosine;
 use crate::impact::double::Map;
-use crate::impact::kernel::{Kernel, PartState};
+use crate::impact::kernel::{Impact, Kernel, PartState};
 use crate::impact::wave::{Tone, Wave, in_turn};
 use crate::impact::wave_map::{Hop, WaveMap};
 
 /// The map of an orbit: [`Map`] on a track of one tone, [`WaveMap`] on one of several.
 pub trait OrbitMap: Kernel<State = PartState> {
-    /// k of the track and restitution of the part.
     fn parameters(&self) -> [f64; 2];
 
     /// Motion of the track; `None` is a sine.
     fn wave(&self) -> Option<&Wave>;
 
     /// Downward acceleration of the track (symbol A) at a phase in 0..2 pi, in `b w^2`.
-    fn push(&self, phase: f64) -> f64;
+    #[inline]
+    fn push(&self, phase: f64) -> f64 {
+        self.wave()
+            .map_or_else(|| sine_cosine(phase).0, |wave| wave.push(phase))
+    }
 
     /// The tones of the track, each with its number.
     fn tones(&self) -> impl Iterator<Item = (f64, Tone)>;
@@ -46,11 +49,6 @@ impl OrbitMap for Map {
     #[inline]
     fn wave(&self) -> Option<&Wave> {
         None
-    }
-
-    #[inline]
-    fn push(&self, phase: f64) -> f64 {
-        sine_cosine(phase).0
     }
 
     #[inline]
@@ -91,10 +89,6 @@ impl OrbitMap for WaveMap {
     #[inline]
     fn wave(&self) -> Option<&Wave> {
         Some(WaveMap::wave(self))
-    }
-
-    fn push(&self, phase: f64) -> f64 {
-        WaveMap::wave(self).push(phase)
     }
 
     fn tones(&self) -> impl Iterator<Item = (f64, Tone)> {
@@ -142,9 +136,41 @@ impl WaveMap {
     }
 }
 
+/// A part thrown off from rest: its launch and the flight that follows.
+///
+/// The launch is at `sin t = k` going up with velocity 0, independent of the earlier motion
+/// (docs/theory-impacts.md#t4.2). So launch and flight depend on k and the restitution alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Release<S> {
+    /// The state at launch.
+    pub launch: S,
+    /// The flight from there.
+    pub impact: Impact<S>,
+}
+
+/// Delay of a lift-off in rad, for arithmetics coarser than f64.
+///
+/// It exceeds their rounding of `arcsin k` and of a phase, so that the part always leaves the
+/// track. It omits a launch velocity of at most half its square, 5e-9 `b w`.
+pub const LIFT_OFF_DELAY: f64 = 1e-4;
+
+impl<S: Copy> Release<S> {
+    /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, which is `arcsin k` in
+    /// rad.
+    ///
+    /// `None` if the kernel finds no flight there.
+    pub fn build<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
+        let launch = K::state(lift_off + delay, 0.0).ok()?;
+        let impact = kernel.impact(launch);
+        (impact.flight > 0.0).then_some(Self { launch, impact })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::impact::anchor::Single;
+    use crate::impact::integer::Integer;
     use crate::impact::orbit::{Orbit, OrbitEvent};
 
     #[test]
@@ -169,6 +195,33 @@ mod tests {
                     assert!(idle < 3, "{map:?}");
                 }
             }
+        }
+    }
+
+    /// Flights from rest at k evenly and down to rounding below 1, where the top of the sine is
+    /// flat.
+    fn flights<K: Kernel>(delay: f64) -> impl Iterator<Item = (f64, Option<f64>)> {
+        (0..40_000).map(move |step| {
+            let part = (f64::from(step) * 0.618_034).rem_euclid(1.0);
+            let ks = [0.005 + 0.994 * part, 1.0 - libm::exp10(-15.9 * part)];
+            let k = ks[step as usize % 2].max(0.005);
+            let kernel = K::build(k, 0.3).unwrap();
+            let release = Release::build(&kernel, libm::asin(k), delay);
+            (k, release.map(|release| release.impact.flight))
+        })
+    }
+
+    #[test]
+    fn resting_part_lifts_off_in_every_arithmetic() {
+        for (k, flight) in flights::<Map>(0.0) {
+            assert!(flight.is_some(), "{k:e}");
+        }
+        let coarse = flights::<Single>(LIFT_OFF_DELAY).chain(flights::<Integer>(LIFT_OFF_DELAY));
+        for (k, flight) in coarse {
+            // Within LIFT_OFF_DELAY of the top of the sine the track's push has ended after the
+            // delay.
+            let is_flat = k > 1.0 - LIFT_OFF_DELAY * LIFT_OFF_DELAY;
+            assert!(flight.is_some() || is_flat, "{k:e}");
         }
     }
 }

@@ -20,11 +20,7 @@ pub struct Tangent {
 impl Tangent {
     /// The tangent of the impact that `map` computed from `state`; `None` at arrival speed 0, where
     /// no derivative exists.
-    pub fn build<M: OrbitMap>(
-        map: &M,
-        state: PartState,
-        impact: &Impact<PartState>,
-    ) -> Option<Self> {
+    pub fn build<M: OrbitMap>(map: &M, state: PartState, impact: &Impact) -> Option<Self> {
         let [k, r] = map.parameters();
         let push = map.push(state.phase);
         let d = impact.flight;
@@ -102,7 +98,7 @@ impl<'a> Growth<'a> {
 }
 
 impl Observer for Growth<'_> {
-    fn impact(&mut self, launch: PartState, impact: &Impact<PartState>) {
+    fn impact(&mut self, launch: PartState, impact: &Impact) {
         let Some(tangent) = Tangent::build(self.map, launch, impact) else {
             return;
         };

@@ -43,9 +43,8 @@ pub struct Tangential {
 }
 
 impl Tangential {
-    /// The motion along a sinusoidal track of these settings at `k`, 0.001..=1000.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The motion along a sinusoidal track of these settings at `k`, 0.001..=1000; an error names
+    /// the parameter out of range.
     pub fn build(k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
         Self::on(&Wave::sine(), k, settings)
     }
@@ -53,19 +52,11 @@ impl Tangential {
     /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
     /// whole.
     pub fn on(wave: &Wave, k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
-        let TangentialSettings {
-            restitution,
-            amplitude_ratio,
-            phase_lead,
-            incline_tangent,
-        } = settings;
-        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept_in(
-            "tangential restitution",
-            restitution,
-            0.0..1.0,
-            "0..1, 1 itself excluded: without loss the speed never settles",
-        )?;
+        let (restitution, incline_tangent) = (settings.restitution, settings.incline_tangent);
+        let (eta, lead) = (settings.amplitude_ratio, settings.phase_lead);
+        accept_motion(k, eta, lead, incline_tangent)?;
+        let accepted = "0..1, 1 itself excluded: without loss the speed never settles";
+        accept_in("tangential restitution", restitution, 0.0..1.0, accepted)?;
         Ok(Self {
             settings,
             wave: *wave,
@@ -83,52 +74,34 @@ impl Tangential {
     /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
     /// The form `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
     /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
-    pub fn distance(&self, launch: PartState, impact: &Impact<PartState>, velocity: f64) -> f64 {
+    pub fn distance(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
-        let acceleration: f64 = self
-            .wave
-            .tones()
-            .map(|(n, tone)| {
-                let (sine, cosine) = libm::sincos(n * lead + tone.angle);
-                let x = n * d;
-                n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
-            })
-            .sum();
-        let push = self.settings.amplitude_ratio * acceleration - 0.5 * self.gravity;
+        let terms = self.wave.tones().map(|(n, tone)| {
+            let (sine, cosine) = libm::sincos(n * lead + tone.angle);
+            let x = n * d;
+            n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
+        });
+        let push = self.settings.amplitude_ratio * terms.sum::<f64>() - 0.5 * self.gravity;
         d * (velocity + d * push)
     }
 
     /// Velocity along the track just after the impact (symbol phi', equation 10).
-    pub fn velocity_after_impact(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
+    pub fn velocity_after_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         self.settings.restitution * self.velocity_before_impact(launch, impact, velocity)
     }
 
     /// Velocity along the track at the end of a flight.
-    fn velocity_before_impact(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> f64 {
+    fn velocity_before_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
         // S'(t+d+gamma) - S'(t+gamma), without cancellation.
-        let change: f64 = self
-            .wave
-            .tones()
-            .map(|(n, tone)| {
-                let half = 0.5 * n * d;
-                let middle = n * lead + tone.angle + half;
-                -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
-            })
-            .sum();
-        velocity - self.settings.amplitude_ratio * change - self.gravity * d
+        let changes = self.wave.tones().map(|(n, tone)| {
+            let half = 0.5 * n * d;
+            let middle = n * lead + tone.angle + half;
+            -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
+        });
+        velocity - self.settings.amplitude_ratio * changes.sum::<f64>() - self.gravity * d
     }
 }
 
@@ -137,27 +110,17 @@ impl Along for Tangential {
     const REST_ERASES_HISTORY: bool = true;
 
     #[inline]
-    fn move_in_flight(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> (f64, f64) {
-        let distance = self.distance(launch, impact, velocity);
-        (
-            distance,
-            self.velocity_after_impact(launch, impact, velocity),
-        )
+    fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
+        let after = self.velocity_after_impact(launch, impact, velocity);
+        (self.distance(launch, impact, velocity), after)
     }
 
-    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
-        (
-            self.distance(launch, flight, velocity),
-            self.velocity_before_impact(launch, flight, velocity),
-        )
+    fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
+        let arriving = self.velocity_before_impact(launch, flight, velocity);
+        (self.distance(launch, flight, velocity), arriving)
     }
 
-    fn rebound(&self, _: PartState, _: &Impact<PartState>, arriving: f64, _: f64) -> f64 {
+    fn rebound(&self, _: PartState, _: &Impact, arriving: f64, _: f64) -> f64 {
         self.settings.restitution * arriving
     }
 
@@ -166,10 +129,9 @@ impl Along for Tangential {
         self.settings.amplitude_ratio * acceleration - self.gravity
     }
 
-    /// The velocity decays geometrically over hops that shrink geometrically: the distance is
-    /// `2 phi psi / (A (1 - R Rt))`, to first order in psi.
-    ///
-    /// The drive's effect is of second order in a chatter of at most 1e-4 rad.
+    /// The velocity decays geometrically over hops that shrink geometrically: the distance is `2
+    /// phi psi / (A (1 - R Rt))`, to first order in psi. The drive's effect is of second order in a
+    /// chatter of at most 1e-4 rad.
     fn move_in_chatter(
         &self,
         [k, restitution]: [f64; 2],

@@ -245,7 +245,7 @@ fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Inter
         return Some(Interval {
             start: launch.falls_to(track, 0.0),
             low: 0.0,
-            high: launch.falls_to(track, -track.wave.bottom()) + 1e-9,
+            high: launch.falls_to(track, -track.wave.bottom) + 1e-9,
         });
     }
     let (k, v) = (track.k, launch.rise());
@@ -295,7 +295,7 @@ fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Inter
         if round == 0 {
             // No hump meets the part while it is above the track's highest point. Two turns cover
             // the rounding and the first hump.
-            let square = launch.speed_at(track, track.wave.top()) - ROUNDING_MARGIN;
+            let square = launch.speed_at(track, track.wave.top) - ROUNDING_MARGIN;
             let leaving = square_root(square.max(0.0));
             let above_to = ((v + leaving) * track.per_k * (1.0 - 1e-12)).min(1e12);
             let last = floor(above_to * (1.0 / TAU)) - 2.0;
@@ -310,9 +310,8 @@ fn between_humps<const N: usize>(track: &Track, launch: &Launch) -> Option<Inter
 }
 
 /// Whether a convex gap is certainly above `margin`, by value and slope at both ends. Both values
-/// are above it.
-///
-/// The gap lies above its tangents there, which meet at the height `cross/(dthen - du)`.
+/// are above it. The gap lies above its tangents there, which meet at the height `cross/(dthen -
+/// du)`.
 #[inline(always)]
 fn is_clear(margin: f64, [u, du]: [f64; 2], [then, dthen]: [f64; 2], width: f64) -> bool {
     let cross = u * dthen - du * then + du * dthen * width;
@@ -321,9 +320,7 @@ fn is_clear(margin: f64, [u, du]: [f64; 2], [then, dthen]: [f64; 2], width: f64)
 
 /// Minimum of the gap over a hump whose ends are above the track. Returns the approximate time in
 /// rad after launch, and whether the gap there is below 0. The last value: whether the gap is
-/// certainly above 0 over the whole hump.
-///
-/// `ends` holds value and slope of the gap at both ends.
+/// certainly above 0 over the whole hump. `ends` holds value and slope of the gap at both ends.
 #[inline(always)]
 fn minimum_on_hump<const N: usize>(
     track: &Track,
@@ -355,10 +352,8 @@ fn minimum_on_hump<const N: usize>(
 }
 
 /// Time of the node next to `d`, a time closer to the impact, and whether the gap at the node is
-/// positive.
-///
-/// The step is Householder's of order 4 within [`MAX_CONVERGENCE_RATIO`], else Cauchy's to the
-/// down-crossing.
+/// positive. The step is Householder's of order 4 within [`MAX_CONVERGENCE_RATIO`], else Cauchy's
+/// to the down-crossing.
 #[inline(always)]
 fn approach<const N: usize>(track: &Track, launch: &Launch, d: f64) -> (f64, f64, bool) {
     let node = Node::near(launch.phase, d);
@@ -380,10 +375,9 @@ fn approach<const N: usize>(track: &Track, launch: &Launch, d: f64) -> (f64, f64
     (node.distance, node.distance + step, 0.0 < gap)
 }
 
-/// The last step, by Householder's method of order 4 (convergence of order 5).
-///
-/// The flag marks steps so short that the remaining error is below rounding. The phase may be a
-/// rounding error below zero.
+/// The last step, by Householder's method of order 4 (convergence of order 5). The flag marks steps
+/// so short that the remaining error is below rounding. The phase may be a rounding error below
+/// zero.
 #[inline(always)]
 fn take_householder_step<const N: usize>(
     track: &Track,

@@ -16,21 +16,17 @@ pub(super) struct Launch {
     pub phase: f64,
     /// Velocity psi relative to the track.
     pub velocity: f64,
-    /// The tones at the phase.
     pub parts: Parts,
-    /// Motion of the track at the phase.
     pub at: Motion,
 }
 
 impl Launch {
-    /// The launch of a state.
     #[inline(always)]
     pub fn new<const N: usize>(track: &Track, phase: f64, velocity: f64) -> Self {
         let (sine, cosine) = sine_cosine(phase);
         Self::with_sine_cosine::<N>(track, phase, velocity, sine, cosine)
     }
 
-    /// The launch of a state, given its sine and cosine.
     #[inline(always)]
     pub fn with_sine_cosine<const N: usize>(
         track: &Track,
@@ -87,12 +83,11 @@ impl Launch {
         6e-14 * (2.0 + v * v * track.per_k)
     }
 
-    /// Whether the ball leaves the track's reach faster than the track's top speed.
-    ///
-    /// It returns equally fast, so it meets the track once, in one monotone interval.
+    /// Whether the ball leaves the track's reach faster than the track's top speed. It returns
+    /// equally fast, so it meets the track once, in one monotone interval.
     #[inline(always)]
     pub fn is_tall(&self, track: &Track) -> bool {
-        let leaving = self.speed_at(track, track.wave.top());
+        let leaving = self.speed_at(track, track.wave.top);
         1.2 * track.fastest + ROUNDING_MARGIN < leaving && 0.0 < self.rise()
     }
 
@@ -103,9 +98,8 @@ impl Launch {
         if ahead > 0.0 { ahead } else { ahead + TAU }
     }
 
-    /// Whether the part rests: its velocity is 0 and the track does not throw it.
-    ///
-    /// Within rounding of lift-off (A rising through k) the part is thrown.
+    /// Whether the part rests: its velocity is 0 and the track does not throw it. Within rounding
+    /// of lift-off (A rising through k) the part is thrown.
     #[inline(always)]
     pub fn rests(&self, track: &Track) -> bool {
         let rounding = if self.at.jerk > 0.0 {
@@ -172,9 +166,8 @@ impl ChatterLimits {
         pull_change: MAX_PULL_CHANGE,
     };
 
-    /// The duration is within 1e-4 rad, as in the board's plan.
-    ///
-    /// The pull lasts, so that the part comes to rest and is thrown off at the same phase.
+    /// The duration is within 1e-4 rad, as in the board's plan. The pull lasts, so that the part
+    /// comes to rest and is thrown off at the same phase.
     pub const COARSE: Self = Self {
         remainder: 1e-4,
         pull_change: 0.1,

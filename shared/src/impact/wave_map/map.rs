@@ -38,9 +38,8 @@ pub struct WaveMap {
 }
 
 impl WaveMap {
-    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The map for a wave, k within 0.001..=1000 and a restitution within 0..=1; an error names the
+    /// parameter out of range.
     pub fn on(wave: Wave, k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         Map::build(k, restitution)?;
         Ok(Self {
@@ -72,22 +71,17 @@ impl WaveMap {
     }
 
     #[inline(always)]
-    fn impact_after<const N: usize>(
-        &self,
-        restitution: f64,
-        state: PartState,
-    ) -> Impact<PartState> {
+    fn impact_after<const N: usize>(&self, restitution: f64, state: PartState) -> Impact {
         let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
         build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
     }
 
-    /// The impact of a part with another restitution.
     #[inline(always)]
     pub(in crate::impact) fn impact_with_restitution(
         &self,
         restitution: f64,
         state: PartState,
-    ) -> Impact<PartState> {
+    ) -> Impact {
         if self.track.wave.is_of_two() {
             self.impact_after::<2>(restitution, state)
         } else {
@@ -133,7 +127,7 @@ pub enum Hop {
     /// It chatters to rest within this time, in rad.
     Rest(f64),
     /// It flies and strikes the track; the velocity is the arrival speed.
-    Impact(Impact<PartState>),
+    Impact(Impact),
 }
 
 impl Kernel for WaveMap {
@@ -155,7 +149,7 @@ impl Kernel for WaveMap {
     }
 
     #[inline]
-    fn impact(&self, state: PartState) -> Impact<PartState> {
+    fn impact(&self, state: PartState) -> Impact {
         self.impact_with_restitution(self.restitution, state)
     }
 }

@@ -32,7 +32,7 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landin
     let Some(first) = humps.first() else {
         // Concave throughout: below the track's reach there is no impact.
         let v = launch.rise();
-        let max_speed = launch.speed_at(track, -track.wave.bottom()).max(0.0);
+        let max_speed = launch.speed_at(track, -track.wave.bottom).max(0.0);
         let high = (v + square_root(max_speed)) * track.per_k;
         return root(&flight, 0.0, high + 1e-9 * (1.0 + high), false);
     };
@@ -95,7 +95,7 @@ impl<const N: usize> Flight<'_, N> {
     /// Begin and end in rad of the ball's time above the track's reach.
     fn time_above_reach(&self) -> (f64, f64) {
         let v = self.launch.rise();
-        let leaving = self.launch.speed_at(self.track, self.track.wave.top()) - ROUNDING_MARGIN;
+        let leaving = self.launch.speed_at(self.track, self.track.wave.top) - ROUNDING_MARGIN;
         if v > 0.0 && leaving > 0.0 {
             let root = square_root(leaving);
             let per_k = self.track.per_k;

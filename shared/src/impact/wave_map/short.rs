@@ -36,9 +36,8 @@ pub(super) fn deflated<const N: usize>(track: &Track, launch: &Launch, d: f64) -
     }
 }
 
-/// Landing of a short hop, if it is certified as the first impact.
-///
-/// A last step that is too long is repeated up to twice.
+/// Landing of a short hop, if it is certified as the first impact. A last step that is too long is
+/// repeated up to twice.
 #[inline(always)]
 pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> Option<Landing<f64>> {
     let near = quadratic_root(launch.velocity, launch.pull(track), launch.at.jerk);
@@ -52,9 +51,8 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> Option<
     (settled && is_first_impact::<N>(track, launch, &landing)).then_some(landing)
 }
 
-/// Whether a landing is the first.
-///
-/// Up to the next hump u is concave, or convex and then concave, so it has one root there.
+/// Whether a landing is the first. Up to the next hump u is concave, or convex and then concave, so
+/// it has one root there.
 #[inline(always)]
 fn is_first_impact<const N: usize>(track: &Track, launch: &Launch, landing: &Landing<f64>) -> bool {
     let d = landing.flight;
@@ -78,9 +76,8 @@ fn take_householder_step(track: &Track, launch: &Launch, d: f64) -> f64 {
     d - householder(w, w1, w2, -(6.0 * third), 0.0)
 }
 
-/// The last step, by Chebyshev's method (third order, Traub 1964).
-///
-/// The flag marks steps so short that the remaining error is below rounding.
+/// The last step, by Chebyshev's method (third order, Traub 1964). The flag marks steps so short
+/// that the remaining error is below rounding.
 #[inline(always)]
 fn take_chebyshev_step<const N: usize>(
     track: &Track,

@@ -2,7 +2,9 @@
 
 use core::f64::consts::TAU;
 
-use crate::impact::wave::{MAX_HUMPS, MAX_ZEROS, Motion, Wave, crossing};
+use heapless::Vec;
+
+use crate::impact::wave::{MAX_HUMPS, Wave, crossing};
 
 /// Edge of a hump: the push equals k.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -24,7 +26,6 @@ pub(in crate::impact) struct HumpEnd {
 pub(in crate::impact) struct Hump {
     /// Start of the hump: a resting part is thrown off here.
     pub begin: HumpEnd,
-    /// End of the hump.
     pub end: HumpEnd,
     /// Length in rad.
     pub width: f64,
@@ -32,13 +33,10 @@ pub(in crate::impact) struct Hump {
     pub before: f64,
 }
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::impact) struct Track {
     pub wave: Wave,
-    /// k.
     pub k: f64,
-    /// `1/k`.
     pub per_k: f64,
     humps: [Hump; MAX_HUMPS],
     count: usize,
@@ -47,7 +45,6 @@ pub(in crate::impact) struct Track {
 }
 
 impl Track {
-    /// The track of a wave for `k`.
     pub fn new(wave: Wave, k: f64) -> Self {
         let mut track = Self {
             wave,
@@ -55,73 +52,46 @@ impl Track {
             per_k: 1.0 / k,
             humps: [Hump::default(); MAX_HUMPS],
             count: 0,
-            fastest: wave.steepest() * wave.steepest(),
+            fastest: wave.steepest * wave.steepest,
         };
+        let in_turn = |phase: f64| if phase < TAU { phase } else { phase - TAU };
+        let excess = |phase: f64| {
+            let at = wave.at(in_turn(phase));
+            [at.push - k, at.jerk]
+        };
+        let (mut begins, mut ends) = (Vec::<_, MAX_HUMPS>::new(), Vec::<_, MAX_HUMPS>::new());
         // A is monotone between neighbouring extrema.
-        let mut extrema = [[0.0; 2]; MAX_ZEROS];
-        let mut count = 0;
-        for (slot, extremum) in extrema.iter_mut().zip(wave.extrema()) {
-            *slot = extremum;
-            count += 1;
-        }
-        let (mut begins, mut ends) = (
-            [HumpEnd::default(); MAX_HUMPS],
-            [HumpEnd::default(); MAX_HUMPS],
-        );
-        let (mut rising, mut falling) = (0, 0);
-        for n in 0..count {
-            let [low, push] = extrema[n];
-            let [high, then] = extrema[(n + 1) % count];
-            let high = if n + 1 == count { high + TAU } else { high };
+        let next = wave.extrema().skip(1);
+        let first = wave.extrema().map(|[phase, push]| [phase + TAU, push]);
+        for ([low, push], [high, then]) in wave.extrema().zip(next.chain(first)) {
             if (push < k) == (then < k) {
                 continue;
             }
-            let phase = crossing(
-                &|phase| {
-                    let at = wave.at(if phase < TAU { phase } else { phase - TAU });
-                    [at.push - k, at.jerk]
-                },
-                low,
-                high,
-            );
-            let phase = if phase < TAU { phase } else { phase - TAU };
-            let Motion {
-                height,
-                speed,
-                jerk,
-                snap,
-                ..
-            } = wave.at(phase);
-            let hump_end = HumpEnd {
+            let phase = in_turn(crossing(&excess, low, high));
+            let at = wave.at(phase);
+            let edges = if push < k { &mut begins } else { &mut ends };
+            // Each half of the zeros fits.
+            let _ = edges.push(HumpEnd {
                 phase,
-                height,
-                speed,
-                jerk,
-                snap,
-            };
-            if push < k {
-                begins[rising] = hump_end;
-                rising += 1;
-            } else {
-                ends[falling] = hump_end;
-                falling += 1;
-            }
+                height: at.height,
+                speed: at.speed,
+                jerk: at.jerk,
+                snap: at.snap,
+            });
         }
         // Both are in the order of their phases, except those that passed the turn.
-        begins[..rising].sort_unstable_by(|a, b| a.phase.total_cmp(&b.phase));
-        for (n, begin) in begins.iter().enumerate().take(rising) {
-            let nearest = ends[..falling]
-                .iter()
-                .min_by(|a, b| ahead(begin.phase, a.phase).total_cmp(&ahead(begin.phase, b.phase)));
-            let last = ends[..falling]
-                .iter()
-                .min_by(|a, b| ahead(a.phase, begin.phase).total_cmp(&ahead(b.phase, begin.phase)));
-            if let (Some(end), Some(last)) = (nearest, last) {
+        begins.sort_unstable_by(|a, b| a.phase.total_cmp(&b.phase));
+        for (n, begin) in begins.iter().enumerate() {
+            let width = |end: &HumpEnd| ahead(begin.phase, end.phase);
+            let before = |end: &HumpEnd| ahead(end.phase, begin.phase);
+            let next = ends.iter().min_by(|a, b| width(a).total_cmp(&width(b)));
+            let last = ends.iter().min_by(|a, b| before(a).total_cmp(&before(b)));
+            if let (Some(end), Some(last)) = (next, last) {
                 track.humps[n] = Hump {
                     begin: *begin,
                     end: *end,
-                    width: ahead(begin.phase, end.phase),
-                    before: ahead(last.phase, begin.phase),
+                    width: width(end),
+                    before: before(last),
                 };
                 track.count = n + 1;
             }

@@ -1,6 +1,6 @@
 //! Shape of a kick: a hold followed by a linear descent (docs/theory-capture.md#t7.4).
 
-use crate::feeder::{OutOfRange, accept, accept_in};
+use crate::feeder::{OutOfRange, accept_in};
 
 /// Commanded amplitude over the target amplitude during a capture.
 ///
@@ -38,32 +38,15 @@ impl Kick {
 
     /// Builds the kick; an error names the parameter out of range.
     pub fn build(settings: KickSettings) -> Result<Self, OutOfRange> {
-        let KickSettings {
-            factor,
-            hold,
-            descent,
-            release,
-        } = settings;
-        accept_in(
-            "factor",
-            f64::from(factor),
-            1.0..=10.0,
-            "1..10 times the target amplitude",
-        )?;
-        for (parameter, cycles) in [("hold", hold), ("descent", descent)] {
-            accept(
-                parameter,
-                f64::from(cycles),
-                cycles <= 10_000,
-                "0..10000 drive cycles",
-            )?;
+        let factor = settings.factor.into();
+        let accepted = "1..10 times the target amplitude";
+        accept_in("factor", factor, 1.0..=10.0, accepted)?;
+        for (parameter, cycles) in [("hold", settings.hold), ("descent", settings.descent)] {
+            let cycles = cycles.into();
+            accept_in(parameter, cycles, ..=10_000.0, "0..10000 drive cycles")?;
         }
-        accept_in(
-            "release",
-            f64::from(release),
-            1.0..=f64::from(factor),
-            "1..factor times the target amplitude",
-        )?;
+        let accepted = "1..factor times the target amplitude";
+        accept_in("release", settings.release.into(), 1.0..=factor, accepted)?;
         Ok(Self { settings })
     }
 

@@ -34,39 +34,26 @@ impl DriveLagSettings {
 pub struct DriveLag {
     decay: f32,
     start: f32,
-    limit: f32,
+    /// Highest amplitude over the target amplitude.
+    pub(super) limit: f32,
 }
 
 impl DriveLag {
     /// Builds the drive; an error names the parameter out of range.
     pub fn build(settings: DriveLagSettings) -> Result<Self, OutOfRange> {
-        let DriveLagSettings {
-            time_constant,
-            start,
-            limit,
-        } = settings;
-        accept_in(
-            "time_constant",
-            time_constant,
-            0.0..=1000.0,
-            "0..1000 drive cycles",
-        )?;
-        accept_in("start", start, 0.0..=1.0, "0..1")?;
-        accept_in("limit", limit, 1.0..=10.0, "1..10")?;
+        let cycles = settings.time_constant;
+        let accepted = "0..1000 drive cycles";
+        accept_in("time_constant", cycles, 0.0..=1000.0, accepted)?;
+        accept_in("start", settings.start, 0.0..=1.0, "0..1")?;
+        accept_in("limit", settings.limit, 1.0..=10.0, "1..10")?;
         Ok(Self {
-            decay: if time_constant > 0.0 {
-                libm::exp(-1.0 / time_constant) as f32
-            } else {
-                0.0
+            decay: match cycles {
+                0.0 => 0.0,
+                _ => libm::exp(-1.0 / cycles) as f32,
             },
-            start: start as f32,
-            limit: limit as f32,
+            start: settings.start as f32,
+            limit: settings.limit as f32,
         })
-    }
-
-    /// Highest amplitude over the target amplitude.
-    pub(crate) fn limit(&self) -> f32 {
-        self.limit
     }
 }
 
@@ -143,26 +130,25 @@ mod tests {
     use super::super::KickSettings;
     use super::*;
 
-    fn rectangle(factor: f32, hold: u16) -> Kick {
-        let settings = KickSettings {
-            factor,
+    /// Envelope of a rectangular kick of twice the target.
+    fn envelope(hold: u16, [time_constant, start, limit]: [f64; 3]) -> KickEnvelope {
+        let drive = DriveLag::build(DriveLagSettings {
+            time_constant,
+            start,
+            limit,
+        });
+        let kick = Kick::build(KickSettings {
+            factor: 2.0,
             hold,
             descent: 0,
             release: 1.0,
-        };
-        Kick::build(settings).unwrap()
+        });
+        KickEnvelope::new(drive.unwrap(), kick.unwrap())
     }
 
     #[test]
     fn envelope_is_exponential() {
-        let drive = DriveLag::build(DriveLagSettings {
-            time_constant: 5.0,
-            start: 1.0,
-            limit: 3.0,
-        })
-        .unwrap();
-        let kick = rectangle(2.0, 20);
-        let mut envelope = KickEnvelope::new(drive, kick);
+        let mut envelope = envelope(20, [5.0, 1.0, 3.0]);
         for step in 0..2000 {
             let time = step as f32 * 0.05;
             let rise = |time: f32| 2.0 - libm::exp(f64::from(-time) / 5.0);
@@ -174,40 +160,34 @@ mod tests {
             let amplitude = f64::from(envelope.amplitude(time));
             // Error bound: the chord of the exponential over one cycle, step / (8 tau^2) = 1/200,
             // plus SETTLED_TOLERANCE.
-            assert!(
-                (amplitude - exact).abs() < 0.0051,
-                "{time} {amplitude} {exact}"
-            );
+            let error = amplitude - exact;
+            assert!(error.abs() < 0.0051, "{time} {amplitude} {exact}");
         }
         assert!(envelope.is_settled() && envelope.amplitude(200.0) == 1.0);
     }
 
     #[test]
     fn drive_without_lag_follows_at_the_next_cycle() {
-        let drive = DriveLag::build(DriveLagSettings {
-            time_constant: 0.0,
-            start: 0.0,
-            limit: 1.5,
-        })
-        .unwrap();
-        let mut envelope = KickEnvelope::new(drive, rectangle(2.0, 3));
-        assert_eq!(envelope.amplitude(0.0), 0.0);
-        assert_eq!(envelope.amplitude(1.0), 1.5);
-        assert_eq!(envelope.amplitude(3.0), 1.5);
-        assert_eq!(envelope.amplitude(4.0), 1.0);
+        let mut envelope = envelope(3, [0.0, 0.0, 1.5]);
+        let amplitudes = [0.0, 1.0, 3.0, 4.0].map(|time| envelope.amplitude(time));
+        assert_eq!(amplitudes, [0.0, 1.5, 1.5, 1.0]);
         assert!(envelope.is_settled());
     }
 
     #[test]
     fn refusals_name_the_parameter() {
-        let refused = |change: fn(&mut DriveLagSettings)| {
-            let mut settings = DriveLagSettings::DEFAULT;
-            change(&mut settings);
-            DriveLag::build(settings).unwrap_err().parameter
-        };
-        assert_eq!(refused(|s| s.time_constant = -1.0), "time_constant");
-        assert_eq!(refused(|s| s.start = 1.1), "start");
-        assert_eq!(refused(|s| s.limit = f64::NAN), "limit");
-        assert_eq!(refused(|s| s.limit = 10.1), "limit");
+        for (time_constant, start, limit, parameter) in [
+            (-1.0, 0.0, 2.5, "time_constant"),
+            (5.0, 1.1, 2.5, "start"),
+            (5.0, 0.0, f64::NAN, "limit"),
+            (5.0, 0.0, 10.1, "limit"),
+        ] {
+            let refused = DriveLag::build(DriveLagSettings {
+                time_constant,
+                start,
+                limit,
+            });
+            assert_eq!(refused.unwrap_err().parameter, parameter);
+        }
     }
 }

@@ -117,7 +117,6 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Sorts the kept kicks by expected share, largest first.
     fn sort_by_share(&mut self) {
         // Bubble sort: stable and without allocation.
         for end in (1..self.ranked.len()).rev() {
@@ -145,10 +144,8 @@ impl Plan {
     /// each further cycle holds the kick one drive cycle longer, so no attempt repeats.
     pub fn attempt(&self, attempt: u32) -> Option<Kick> {
         let mut settings = self.scored(attempt)?.kick.settings();
-        settings.hold = settings
-            .hold
-            .saturating_add((attempt / self.ranked.len() as u32).min(1000) as u16)
-            .min(10_000);
+        let longer = (attempt / self.ranked.len() as u32).min(1000) as u16;
+        settings.hold = settings.hold.saturating_add(longer).min(10_000);
         Kick::build(settings).ok()
     }
 
@@ -195,13 +192,6 @@ const SEARCH_EFFORT_FIFTHS: u32 = 3;
 
 /// Largest number of parts of the recount of a kick.
 const RECOUNTED_PARTS: u32 = 96;
-
-/// Result of one impact of a trial.
-enum TrialProgress {
-    Flying,
-    StopReason(ScoredKick),
-    Refused,
-}
 
 /// Number of impacts after which a trial counts as missed; it bounds the work of one trial.
 const MAX_TRIAL_IMPACTS: u32 = 6_000;
@@ -287,11 +277,8 @@ impl Planner {
                 release: factor(to).max(1.0),
             }
         };
-        Ok(if settings.factor > self.settings.drive.limit() {
-            None
-        } else {
-            Kick::build(settings).ok()
-        })
+        let is_within_limit = settings.factor <= self.settings.drive.limit;
+        Ok(Kick::build(settings).ok().filter(|_| is_within_limit))
     }
 
     /// Computes at most `slice` further impacts and returns the plan at the end of the search.
@@ -337,23 +324,19 @@ impl Planner {
             entry.filter(|scored| scored.tried < RECOUNTED_PARTS)
         };
         let Some(scored) = open(rank) else {
-            let next = (1..=MAX_KICKS)
-                .map(|ahead| (rank + ahead) % MAX_KICKS)
-                .find(|rank| open(*rank).is_some());
+            let mut others = (1..=MAX_KICKS).map(|ahead| (rank + ahead) % MAX_KICKS);
+            let next = others.find(|rank| open(*rank).is_some());
             self.recounted = next.or(self.recounted);
             return next.is_some();
         };
-        match self.simulate_part(scored) {
-            TrialProgress::Flying => true,
-            TrialProgress::Refused => false,
-            TrialProgress::StopReason(scored) => {
-                if let Some(entry) = self.plan.ranked.get_mut(rank) {
-                    *entry = scored;
-                }
-                self.recounted = Some((rank + 1) % MAX_KICKS);
-                true
+        let progress = self.simulate_part(scored);
+        if let Ok(Poll::Ready(scored)) = progress {
+            if let Some(entry) = self.plan.ranked.get_mut(rank) {
+                *entry = scored;
             }
+            self.recounted = Some((rank + 1) % MAX_KICKS);
         }
+        progress.is_ok()
     }
 
     /// Computes one impact of the search; returns `false` once a kick captured each of
@@ -378,15 +361,13 @@ impl Planner {
             return true;
         };
         let scored = match self.simulate_part(scored) {
-            TrialProgress::Flying => return true,
-            TrialProgress::Refused => return false,
-            TrialProgress::StopReason(scored) => scored,
+            Ok(Poll::Ready(scored)) => scored,
+            progress => return progress.is_ok(),
         };
         let missed = scored.tried - scored.locked;
-        let enough = if missed > 1 {
-            SCREENED_PARTS
-        } else {
-            CONFIRMED_PARTS
+        let enough = match missed {
+            0 | 1 => CONFIRMED_PARTS,
+            _ => SCREENED_PARTS,
         };
         // Even with no further miss in the screen this kick would not be kept.
         let is_rejected = match self.plan.ranked.get(MAX_KICKS - 1) {
@@ -408,36 +389,32 @@ impl Planner {
         missed > 0 || scored.tried < CONFIRMED_PARTS
     }
 
-    /// Computes one impact of the next part of `scored`.
-    fn simulate_part(&mut self, mut scored: ScoredKick) -> TrialProgress {
-        let lot = &self.settings.lot;
-        let drive = self.settings.drive;
+    /// Computes one impact of the next part of `scored`; returns the new count once the part's
+    /// outcome is decided.
+    fn simulate_part(&mut self, mut scored: ScoredKick) -> Result<Poll<ScoredKick>, OutOfRange> {
+        let PlanSettings { lot, drive, .. } = &self.settings;
         let (_, trial_run) = self.running.get_or_insert((scored, None));
-        if trial_run.is_none() {
-            match TrialRun::new(lot.part(scored.tried), drive, scored.kick) {
-                Ok(begun) => {
-                    self.plan.set_ups += begun.set_ups();
-                    *trial_run = Some(begun);
-                }
-                Err(_) => return TrialProgress::Refused,
+        let trial_run = match trial_run {
+            Some(begun) => begun,
+            None => {
+                let begun = TrialRun::new(lot.part(scored.tried), *drive, scored.kick)?;
+                self.plan.set_ups += begun.set_ups;
+                trial_run.insert(begun)
             }
-        }
-        let Some(trial_run) = trial_run else {
-            return TrialProgress::Refused;
         };
-        let set_ups = trial_run.set_ups();
-        let outcome = trial_run
-            .simulate_impact()
-            .or((trial_run.steps() >= MAX_TRIAL_IMPACTS).then_some(Outcome::Missed));
+        let set_ups = trial_run.set_ups;
+        let outcome = trial_run.simulate_impact();
+        let ends = trial_run.steps() >= MAX_TRIAL_IMPACTS;
+        let outcome = outcome.or(ends.then_some(Outcome::Missed));
         self.plan.impacts += 1;
-        self.plan.set_ups += trial_run.set_ups() - set_ups;
+        self.plan.set_ups += trial_run.set_ups - set_ups;
         let Some(outcome) = outcome else {
-            return TrialProgress::Flying;
+            return Ok(Poll::Pending);
         };
         self.running = None;
         scored.tried += 1;
         scored.locked += u32::from(outcome == Outcome::Locked);
-        TrialProgress::StopReason(scored)
+        Ok(Poll::Ready(scored))
     }
 
     /// Inserts a kick by rank; at equal rank the earlier, shorter one stays ahead.
@@ -479,12 +456,12 @@ mod tests {
     }
 
     fn drive(time_constant: f64, start: f64) -> DriveLag {
-        DriveLag::build(DriveLagSettings {
+        let settings = DriveLagSettings {
             time_constant,
             start,
-            limit: 2.5,
-        })
-        .unwrap()
+            ..DriveLagSettings::DEFAULT
+        };
+        DriveLag::build(settings).unwrap()
     }
 
     fn plan(settings: PlanSettings) -> Plan {
@@ -499,28 +476,22 @@ mod tests {
 
     fn captured(part: Trial, drive: DriveLag, kick: Kick) -> bool {
         let mut trial_run = TrialRun::new(part, drive, kick).unwrap();
-        for _ in 0..MAX_TRIAL_IMPACTS {
-            if let Some(outcome) = trial_run.simulate_impact() {
-                return outcome == Outcome::Locked;
-            }
-        }
-        false
+        let outcome = (0..MAX_TRIAL_IMPACTS).find_map(|_| trial_run.simulate_impact());
+        outcome == Some(Outcome::Locked)
     }
 
     /// Share of `runs` parts captured within `attempts` kicks, on parts other than those of the
     /// plan.
     fn rate(settings: PlanSettings, plan: &Plan, runs: u32, attempts: u32) -> f64 {
-        let mut captured_runs = 0;
-        for run in 0..runs {
+        let is_captured = |run: &u32| {
             let part = settings.lot.part(1000 + run);
-            captured_runs += u32::from((0..attempts).any(|attempt| {
-                let start = if attempt == 0 { 0.0 } else { 1.0 };
-                let drive = drive(settings.time_constant, start);
-                plan.attempt(attempt)
-                    .is_some_and(|kick| captured(part, drive, kick))
-            }));
-        }
-        f64::from(captured_runs) / f64::from(runs)
+            (0..attempts).any(|attempt| {
+                let drive = drive(settings.time_constant, f64::from(attempt.min(1)));
+                let kick = plan.attempt(attempt);
+                kick.is_some_and(|kick| captured(part, drive, kick))
+            })
+        };
+        (0..runs).filter(is_captured).count() as f64 / f64::from(runs)
     }
 
     #[test]
@@ -540,12 +511,10 @@ mod tests {
             let captured = rate(settings, &plan, 100, 6);
             assert!(captured >= min_rate, "{low}..{high}: {captured}");
             if low > 0.26 {
-                let by_band = (0..100)
-                    .filter(|&run| {
-                        self::captured(settings.lot.part(run), settings.drive, Kick::NONE)
-                    })
-                    .count();
-                assert!(by_band <= 2, "{low}..{high}: {by_band} % by the band alone");
+                let parts = (0..100).map(|run| settings.lot.part(run));
+                let by_band =
+                    parts.filter(|part| self::captured(*part, settings.drive, Kick::NONE));
+                assert!(by_band.count() <= 2, "{low}..{high}: by the band alone");
             }
         }
     }
@@ -576,11 +545,9 @@ mod tests {
     #[test]
     fn plan_is_empty_where_the_drive_limit_is_too_low() {
         let mut weak = settings(0.28, 0.32, 5.0);
-        weak.drive = DriveLag::build(DriveLagSettings {
-            limit: 1.1,
-            ..DriveLagSettings::DEFAULT
-        })
-        .unwrap();
+        let limit = 1.1;
+        let default = DriveLagSettings::DEFAULT;
+        weak.drive = DriveLag::build(DriveLagSettings { limit, ..default }).unwrap();
         let plan = plan(weak);
         assert_eq!(plan.best(), None);
         assert_eq!(plan.attempt(0), None);

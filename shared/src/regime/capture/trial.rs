@@ -77,7 +77,8 @@ pub struct TrialRun {
     settled_since: Option<f32>,
     rests: u8,
     steps: u32,
-    set_ups: u32,
+    /// Number of set-ups of the map so far.
+    pub(super) set_ups: u32,
 }
 
 impl TrialRun {
@@ -111,11 +112,6 @@ impl TrialRun {
     /// Number of impacts and of waits of a resting part so far.
     pub fn steps(&self) -> u32 {
         self.steps
-    }
-
-    /// Number of set-ups of the map so far.
-    pub(super) fn set_ups(&self) -> u32 {
-        self.set_ups
     }
 
     /// Simulates one impact or one wait for the next cycle; returns the outcome once it is decided.
@@ -192,16 +188,14 @@ impl TrialRun {
         (self.envelope.amplitude(time) * AMPLITUDE_STEPS + 0.5) as i32 as f32 / AMPLITUDE_STEPS
     }
 
-    /// Sets the map up for an amplitude over target, if it changed.
     fn set_amplitude(&mut self, amplitude: f32) {
         if amplitude == self.amplitude {
             return;
         }
         self.amplitude = amplitude;
-        let k = if amplitude == 1.0 {
-            self.trial.k
-        } else {
-            f64::from(self.k_at(amplitude).min(MAX_K))
+        let k = match amplitude {
+            1.0 => self.trial.k,
+            _ => f64::from(self.k_at(amplitude).min(MAX_K)),
         };
         if let Ok(map) = Single::build(k, self.trial.restitution) {
             self.map = map;
@@ -209,7 +203,6 @@ impl TrialRun {
         }
     }
 
-    /// k at an amplitude over target.
     fn k_at(&self, amplitude: f32) -> f32 {
         self.k / amplitude
     }
@@ -322,11 +315,8 @@ mod tests {
             let map = Map::build(k, restitution).unwrap();
             for corner in 0..4 {
                 let side = |bit: i32| {
-                    f64::from(if corner & bit == 0 {
-                        LOCK_CAPTURE_DISTANCE
-                    } else {
-                        -LOCK_CAPTURE_DISTANCE
-                    })
+                    let sign = if corner & bit == 0 { 1.0 } else { -1.0 };
+                    f64::from(sign * LOCK_CAPTURE_DISTANCE)
                 };
                 let PartState { phase, velocity } = lock.state();
                 let mut state = Map::state(phase + side(1), velocity + side(2)).unwrap();

@@ -9,7 +9,8 @@ use crate::arithmetic::gauss;
 /// [`Scatter`](crate::impact::Scatter) in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Draw {
-    mean: f32,
+    /// Mean before clipping.
+    pub mean: f32,
     deviation: f32,
     state: u32,
 }
@@ -26,12 +27,6 @@ impl Draw {
         }
     }
 
-    /// Mean before clipping.
-    pub fn mean(&self) -> f32 {
-        self.mean
-    }
-
-    /// Draws the restitution of the next impact.
     #[inline]
     pub fn draw(&mut self) -> f32 {
         if self.deviation == 0.0 {
@@ -40,16 +35,11 @@ impl Draw {
         (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f32::EPSILON)
     }
 
-    #[inline]
-    fn next_bits(&mut self) -> u32 {
-        self.state = self.state.wrapping_add(0x9E37_79B9);
-        mix_bits(self.state)
-    }
-
     /// Uniform in 0..1 without 0, in steps of 2^-24.
     #[inline]
     fn next_uniform(&mut self) -> f32 {
-        ((self.next_bits() >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
+        self.state = self.state.wrapping_add(0x9E37_79B9);
+        ((mix_bits(self.state) >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
     }
 }
 

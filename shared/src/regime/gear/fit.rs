@@ -52,9 +52,8 @@ fn back_substitute(triangle: &[f32], rhs: &mut [f32; TERMS]) {
 }
 
 /// Normal equations of the fit over k and one tone's amplitude and angle about a centre. The
-/// coordinates are normalized to half-widths of the region; an amplitude error may exceed them.
-///
-/// The restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
+/// coordinates are normalized to half-widths of the region; an amplitude error may exceed them. The
+/// restitution within the lot has terms of its own, with mean 0 over the lot. They remove the
 /// effect of the random restitutions.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
@@ -84,7 +83,6 @@ impl Fit {
         }
     }
 
-    /// Solves for the mean share over the lot.
     pub fn solve(&self) -> FittedShare {
         // Ridge in runs. It keeps coefficients without data at 0, such as those of an absent second
         // tone.
@@ -114,7 +112,6 @@ impl Fit {
     }
 }
 
-/// Coefficients of the fitted share.
 #[derive(Clone, Copy, Debug)]
 pub struct FittedShare([f32; TERMS]);
 
@@ -164,7 +161,6 @@ fn terms([x, y, z]: [f32; 3], lot: Option<f32>) -> [f32; TERMS] {
 mod tests {
     use super::*;
 
-    /// Fit to `runs` points with uniform noise.
     fn fitted(runs: u32, noise: f32, lots: bool) -> FittedShare {
         let mut fit = Fit::EMPTY;
         for n in 0..runs {

@@ -22,10 +22,8 @@ use crate::impact::{ContactTime, Orbit, OrbitEvent, PartState, Scatter, WaveMap}
 pub use limits::{GearLimits, peaks};
 pub use part::Tones;
 pub use plan::{GEAR_BAND_LOSS, GearPlan, GearPlanSettings, GearPlanner};
-pub use strikes::StrikeCount;
-pub use strikes::{
-    GROUPS, PHASE_BINS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
-};
+pub use strikes::{GROUPS, PHASE_BINS, RESTITUTION_MARGIN};
+pub use strikes::{StrikeCount, StrikeProfile, StrikeProfiler, StrikeSettings};
 
 /// Shortest and longest flight in gear, over r drive periods.
 pub const FLIGHT_RANGE: [f64; 2] = [0.6, 1.4];
@@ -52,7 +50,6 @@ pub(crate) struct GearDetector<T = f64> {
     shortest: T,
     longest: T,
     flights: u32,
-    /// Duration of the current run of flights.
     duration: T,
     losses: u64,
 }
@@ -69,9 +66,8 @@ impl GearDetector<i64> {
     /// Detector of an order, 1..=100 drive periods a flight, with times in steps of 2^-32 turns.
     pub(crate) fn build_in_steps(order: u32) -> Result<Self, OutOfRange> {
         let period = Phase::TURN * accept_order(order)?;
-        Ok(Self::from_range(
-            FLIGHT_RANGE.map(|share| (share * period) as i64),
-        ))
+        let range = FLIGHT_RANGE.map(|share| (share * period) as i64);
+        Ok(Self::from_range(range))
     }
 }
 
@@ -86,21 +82,15 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         }
     }
 
-    /// Whether the part is in gear.
     pub(crate) fn is_in_gear(&self) -> bool {
         self.flights >= MIN_FLIGHTS_IN_GEAR
-    }
-
-    /// Number of losses of gear.
-    pub(crate) fn losses(&self) -> u64 {
-        self.losses
     }
 
     /// Adds a flight and returns the time in gear that it adds; the eighth adds the duration of all
     /// eight.
     pub(crate) fn add_flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
-            self.end_gear();
+            self.add_rest();
             return T::default();
         }
         self.flights = self.flights.saturating_add(1);
@@ -112,12 +102,7 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         }
     }
 
-    /// Adds a rest, which ends gear.
     pub(crate) fn add_rest(&mut self) {
-        self.end_gear();
-    }
-
-    fn end_gear(&mut self) {
         self.losses += u64::from(self.is_in_gear());
         self.flights = 0;
         self.duration = T::default();
@@ -215,12 +200,7 @@ impl GearWatch {
     pub fn begin(&mut self, now: f64) {
         self.begin = now;
         self.in_gear = 0.0;
-        self.losses_before = self.gear.losses();
-    }
-
-    /// Ends the count at time `now` in rad of drive phase.
-    pub(crate) fn end(&mut self, now: f64) {
-        self.end = now;
+        self.losses_before = self.gear.losses;
     }
 
     /// Adds a landing at `time` after a `flight`, both in rad of drive phase.
@@ -242,7 +222,7 @@ impl GearWatch {
 
     fn update_losses_before(&mut self, time: f64) {
         if time <= self.begin {
-            self.losses_before = self.gear.losses();
+            self.losses_before = self.gear.losses;
         }
     }
 
@@ -253,7 +233,7 @@ impl GearWatch {
         Share {
             in_gear: self.in_gear / TAU,
             observed: (end - self.begin).max(0.0) / TAU,
-            losses: self.gear.losses() - self.losses_before,
+            losses: self.gear.losses - self.losses_before,
             before: (waited - self.begin).max(0.0) / TAU,
             waited: waited / TAU,
             captured: u64::from(self.captured < end),
@@ -274,28 +254,17 @@ pub fn shares_from_rest(
     periods: f64,
     mut each: impl FnMut(usize, Share),
 ) -> Result<(), OutOfRange> {
+    let map = map.with_coarse_chatter();
+    let orbit = Orbit::from_rest(&map).with_contact(contact);
     let each = |n, share, _, ()| each(n, share);
-    watch_from_rest(
-        map,
-        contact,
-        scatters,
-        order,
-        periods,
-        (),
-        |(), _, _, _| {},
-        each,
-    )
+    watch_from_rest(orbit, scatters, order, periods, (), |_, _, _, _| {}, each)
 }
 
 /// As [`shares_from_rest`]. `watch` receives the time before each event, the state there and the
-/// event; `each` also receives the time at the end. Both have a `record` of each part.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the inputs of a simulation and its two observers"
-)]
+/// event; `each` also receives the time at the end. Both have a `record` of each part. The map of
+/// the orbit sums chatters coarsely.
 pub(crate) fn watch_from_rest<R: Clone>(
-    map: &WaveMap,
-    contact: ContactTime,
+    mut orbit: Orbit<'_, WaveMap>,
     scatters: &[Scatter],
     order: u32,
     periods: f64,
@@ -304,12 +273,10 @@ pub(crate) fn watch_from_rest<R: Clone>(
     mut each: impl FnMut(usize, Share, f64, R),
 ) -> Result<(), OutOfRange> {
     accept_in("periods", periods, 16.0..=1e7, "16..1e7 drive periods")?;
-    let map = map.with_coarse_chatter();
-    let mut orbit = Orbit::from_rest(&map).with_contact(contact);
     let (begin, end) = (0.25 * periods * TAU, periods * TAU);
     let mut gear_watch = GearWatch::build(order)?;
     gear_watch.begin(begin);
-    gear_watch.end(end);
+    gear_watch.end = end;
     for (n, scatter) in scatters.iter().enumerate() {
         let (mut gear, mut time, mut record) = (gear_watch, 0.0, record.clone());
         orbit.restart(*scatter);
@@ -352,32 +319,35 @@ mod tests {
             }
         }
         assert!(gear.is_in_gear() && gear.add_flight(period) == period);
-        assert!(gear.add_flight(1.41 * period) == 0.0 && !gear.is_in_gear() && gear.losses() == 1);
+        assert!(gear.add_flight(1.41 * period) == 0.0 && !gear.is_in_gear() && gear.losses == 1);
         for _ in 0..20 {
             gear.add_flight(period);
         }
         gear.add_rest();
-        assert!(!gear.is_in_gear() && gear.losses() == 2);
+        assert!(!gear.is_in_gear() && gear.losses == 2);
         gear.add_rest();
-        assert_eq!(gear.losses(), 2);
+        assert_eq!(gear.losses, 2);
+    }
+
+    /// Share of N runs of 1000 periods from successive seeds.
+    fn watched<const N: usize>(
+        map: &WaveMap,
+        contact: ContactTime,
+        deviation: f64,
+        first_seed: u64,
+    ) -> Share {
+        let scatters: [Scatter; N] = core::array::from_fn(|n| {
+            Scatter::build(map.restitution(), deviation, first_seed + n as u64).unwrap()
+        });
+        let mut sum = Share::default();
+        let add = |_, share: Share| sum = sum.plus(&share);
+        shares_from_rest(map, contact, &scatters, 1, 1000.0, add).unwrap();
+        sum
     }
 
     fn share(wave: &Wave, k: f64, restitution: f64, deviation: f64) -> Share {
         let map = WaveMap::on(*wave, k, restitution).unwrap();
-        let scatters: [Scatter; 20] = core::array::from_fn(|seed| {
-            Scatter::build(restitution, deviation, seed as u64).unwrap()
-        });
-        let mut sum = Share::default();
-        shares_from_rest(
-            &map,
-            ContactTime::INSTANT,
-            &scatters,
-            1,
-            1000.0,
-            |_, share| sum = sum.plus(&share),
-        )
-        .unwrap();
-        sum
+        watched::<20>(&map, ContactTime::INSTANT, deviation, 0)
     }
 
     /// Shares from a separate C program with its own map and generator, over 20 runs of 1000
@@ -395,8 +365,7 @@ mod tests {
             (0.5, 0.10, 0.573, [0.23, 2.60, 0.0, 0.0], 0.945),
             (0.5, 0.10, 0.55, [0.274, 2.73, 0.07, 5.74], 0.982),
         ] {
-            let tone = |amplitude, angle| Tone { amplitude, angle };
-            let wave = Wave::build(tone(e, th), tone(e3, th3)).unwrap();
+            let wave = Wave::build(Tone::new(e, th), Tone::new(e3, th3)).unwrap();
             let actual = share(&wave, k, restitution, deviation);
             assert!((actual.share() - expected).abs() < 0.03, "{k} {actual:?}");
         }
@@ -415,14 +384,7 @@ mod tests {
             (0.3, 0.10, 0.44),
         ] {
             let map = WaveMap::on(Wave::sine(), k, restitution).unwrap();
-            let scatters: [Scatter; 40] = core::array::from_fn(|seed| {
-                Scatter::build(restitution, deviation, 100 + seed as u64).unwrap()
-            });
-            let mut double = Share::default();
-            shares_from_rest(&map, contact, &scatters, 1, 1000.0, |_, share| {
-                double = double.plus(&share);
-            })
-            .unwrap();
+            let double = watched::<40>(&map, contact, deviation, 100).share();
             let track = part::TrackMap::build(k as f32, [[0.0; 2]; 2]).unwrap();
             let track = track.with_contact(contact.radians() as f32);
             let span = part::Span::from_periods(1000, 250);
@@ -434,7 +396,6 @@ mod tests {
                 while !part.simulate_flight(&track) {}
                 single += f64::from(part.share()) / 40.0;
             }
-            let double = double.share();
             // Runs scatter by 0.01 to 0.015 if gear is lost every 30 periods.
             assert!((single - double).abs() < 0.035, "{k}: {single} {double}");
         }

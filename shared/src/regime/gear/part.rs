@@ -13,10 +13,8 @@ use crate::regime::{MAX_SERIES_CHATTER_VELOCITY, chatter_duration};
 /// Second and third tone: amplitude over the first (symbol e) and angle in rad (symbol th) of each.
 pub type Tones = [[f32; 2]; 2];
 
-/// The upper tones of a track in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpperTones {
-    /// Amplitudes over the first.
     pub ratios: [f32; 2],
     angles: [Phase; 2],
 }
@@ -116,9 +114,7 @@ const NO_FLIGHT_DELAY_STEPS: i64 = 1 << 20;
 /// Simulated time, in steps of 2^-32 turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// Start of the counted time.
     pub begin: i64,
-    /// End of the simulation.
     pub end: i64,
 }
 
@@ -132,7 +128,6 @@ impl Span {
     }
 }
 
-/// An impact of the simulated part.
 #[derive(Clone, Copy, Debug)]
 pub struct SimulatedImpact {
     launch: SingleState,
@@ -142,9 +137,7 @@ pub struct SimulatedImpact {
     velocity: f32,
     /// Flight before the impact with the contact, in steps of 2^-32 turns.
     pub steps: i64,
-    /// Whether the flight began from rest.
     pub from_rest: bool,
-    /// Whether the part is in gear after the impact.
     pub in_gear: bool,
 }
 
@@ -176,7 +169,8 @@ pub struct SimulatedPart {
     phase: Phase,
     velocity: f32,
     is_at_rest: bool,
-    time: i64,
+    /// Simulated time so far, in steps of 2^-32 turns.
+    pub time: i64,
     in_gear: i64,
 }
 
@@ -205,15 +199,8 @@ impl SimulatedPart {
         }
     }
 
-    /// Simulated time so far, in steps of 2^-32 turns.
-    pub fn time(&self) -> i64 {
-        self.time
-    }
-
-    /// Share of the counted time in gear, 0..=1.
     pub fn share(&self) -> f32 {
-        let watched = self.span.end - self.span.begin;
-        self.in_gear as f32 / watched as f32
+        self.in_gear as f32 / (self.span.end - self.span.begin) as f32
     }
 
     /// Simulates one flight, with a rest before it, and returns whether the end is reached.
@@ -302,10 +289,9 @@ impl SimulatedPart {
     /// Sums a decaying chatter if the pull outlasts it; the part is at rest afterwards.
     fn sum_chatter(&mut self, map: &TrackMap) {
         let (pull, slope) = map.pull(self.phase);
-        let Some(chatter) = chatter_duration(self.velocity, [pull, slope], self.draw.mean()) else {
-            return;
-        };
-        self.advance_time((chatter * Phase::STEPS_PER_RADIAN as f32) as i64);
-        self.begin_rest();
+        if let Some(chatter) = chatter_duration(self.velocity, [pull, slope], self.draw.mean) {
+            self.advance_time((chatter * Phase::STEPS_PER_RADIAN as f32) as i64);
+            self.begin_rest();
+        }
     }
 }

@@ -108,9 +108,8 @@ impl StrikeProfile {
                 return 0.0;
             }
             let variance = 2.0 * mean * mean * (1.0 - mean) * out / periods.max(1.0);
-            minimum
-                .min(mean - 3.0 * square_root_single(variance))
-                .max(0.0)
+            let bound = mean - 3.0 * square_root_single(variance);
+            minimum.min(bound).max(0.0)
         })
     }
 }
@@ -203,7 +202,6 @@ impl StrikeProfiler {
         low + (high - low) * (group as f32 + 0.5) * (1.0 / GROUPS as f32)
     }
 
-    /// Lowest and highest simulated restitution.
     fn restitution_range(&self) -> [f32; 2] {
         let lot = self.settings.restitution;
         [
@@ -299,10 +297,7 @@ impl StrikeProfiler {
             // The end of the simulation is no loss of gear.
             self.was_in_gear = false;
             self.end_sequence();
-            let time = self
-                .simulated
-                .take()
-                .map_or(0, |simulated| simulated.time());
+            let time = self.simulated.take().map_or(0, |part| part.time);
             let all = time as f32 * (1.0 / Phase::TURN as f32);
             let group = self.group();
             self.profile.periods[0][group] += self.periods;
@@ -331,28 +326,23 @@ impl StrikeProfiler {
         self.was_in_gear = false;
     }
 
-    fn add_in_gear(&mut self, pending_impact: PendingImpact) {
-        self.periods += pending_impact.periods;
+    fn add_in_gear(&mut self, impact: PendingImpact) {
+        self.periods += impact.periods;
         let group = self.group();
-        if let Some(sum) = self.profile.in_gear[group].get_mut(usize::from(pending_impact.bin)) {
-            *sum += pending_impact.energy;
+        if let Some(sum) = self.profile.in_gear[group].get_mut(usize::from(impact.bin)) {
+            *sum += impact.energy;
         }
     }
 
-    fn add_out_of_gear(&mut self, pending_impact: PendingImpact) {
-        if pending_impact.landed {
-            self.profile.landing_energy += pending_impact.energy;
+    fn add_out_of_gear(&mut self, impact: PendingImpact) {
+        if impact.landed {
+            self.profile.landing_energy += impact.energy;
             self.profile.landing_rate += 1.0;
-        } else if let Some(sum) = self
-            .profile
-            .out_of_gear
-            .get_mut(usize::from(pending_impact.bin))
-        {
-            *sum += pending_impact.energy;
+        } else if let Some(sum) = self.profile.out_of_gear.get_mut(usize::from(impact.bin)) {
+            *sum += impact.energy;
         }
     }
 
-    /// Begins the next part, or ends the count.
     fn begin_part(&mut self) {
         self.part += 1;
         if self.part > SIMULATED_PARTS || self.impacts >= MAX_IMPACTS {
@@ -382,18 +372,14 @@ impl StrikeProfiler {
         for (sums, in_gear_periods) in profile.in_gear.iter_mut().zip(in_gear_periods) {
             sums.iter_mut().for_each(|sum| *sum *= in_gear_periods);
         }
-        for (acceleration, count) in profile
-            .launch_accelerations
-            .iter_mut()
-            .zip(self.launch_counts)
-        {
+        let accelerations = profile.launch_accelerations.iter_mut();
+        for (acceleration, count) in accelerations.zip(self.launch_counts) {
             *acceleration /= count.max(1.0);
         }
         let out_of_gear_periods = 1.0 / profile.periods[1].iter().sum::<f32>().max(1.0);
-        profile
-            .out_of_gear
-            .iter_mut()
-            .for_each(|sum| *sum *= out_of_gear_periods);
+        for sum in &mut profile.out_of_gear {
+            *sum *= out_of_gear_periods;
+        }
         profile.landing_energy *= out_of_gear_periods;
         profile.landing_rate *= out_of_gear_periods;
     }
@@ -473,9 +459,8 @@ mod tests {
         let count = StrikeCount::compute(settings).unwrap();
         // Slice sizes that divide the number of steps, and one that does not; stored result set at
         // the start and later.
-        let factor = (2..64)
-            .find(|n| count.steps.is_multiple_of(*n))
-            .unwrap_or(1);
+        let divides = |n: &u32| count.steps.is_multiple_of(*n);
+        let factor = (2..64).find(divides).unwrap_or(1);
         for (slice, after) in [(64, 0), (64, 3), (factor, 1), (count.steps - 1, 0)] {
             let mut computed = StrikeProfiler::new(settings).unwrap();
             let mut stored = computed;
@@ -497,11 +482,11 @@ mod tests {
             assert_eq!(computed, stored);
         }
         // A result at another k is rejected.
-        let mut other = StrikeProfiler::new(StrikeSettings {
+        let other = StrikeSettings {
             k: 0.45,
             ..settings
-        })
-        .unwrap();
+        };
+        let mut other = StrikeProfiler::new(other).unwrap();
         other.set_stored_result(&count);
         assert!(other.pending_settings().is_some());
     }

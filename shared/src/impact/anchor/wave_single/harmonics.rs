@@ -65,12 +65,10 @@ impl Harmonic {
     }
 }
 
-/// The harmonics of a track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Harmonics {
     pub second: Harmonic,
     pub third: Harmonic,
-    /// Whether the third harmonic is present.
     pub is_of_three: bool,
 }
 
@@ -79,9 +77,7 @@ pub(super) struct Harmonics {
 pub(super) struct Parts(pub [[f32; 2]; 3]);
 
 impl Harmonics {
-    /// The harmonics of a wave.
-    ///
-    /// Errors: `OutOfRange` with the tone out of range.
+    /// The harmonics of a wave. Errors: `OutOfRange` with the tone out of range.
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
         Ok(Self {
             second: Harmonic::build(second, "second tone, amplitude", "second tone, angle")?,
@@ -96,7 +92,6 @@ impl Harmonics {
         1.0 + self.second.size * power(2) + self.third.size * power(3)
     }
 
-    /// Motion of the track at a node.
     #[inline(always)]
     pub fn at_node(&self, node: i32) -> Motion {
         let at = |node: i32| SINE_COSINE_SINGLE[(node & 255) as usize];

@@ -19,7 +19,6 @@ const TYPICAL_PULL_ERROR: f32 = 5e-10;
 /// Pull over its typical error above which rounding does not decide its sign.
 const MAX_PULL_OVER_ERROR: f32 = 20.0;
 
-/// A launch in f32.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Launch {
     /// Phase in steps of 2^-32 turns.
@@ -69,7 +68,6 @@ impl Launch {
         }
     }
 
-    /// Whether the pull was computed in fixed point.
     #[inline(always)]
     pub fn has_fixed_point_pull(&self) -> bool {
         abs(self.pull) < MAX_FIXED_POINT_PULL
@@ -90,12 +88,11 @@ impl Launch {
             && touches(self.pull - TYPICAL_PULL_ERROR) != touches(self.pull + TYPICAL_PULL_ERROR)
     }
 
-    /// q after `x` rad, at most [`super::search::max_short_flight`]:
-    /// `q = psi - x (k - A)/2 + x^2 A'/6 + x^3 A''/24 + ...`. The sums keep every digit.
-    ///
-    /// The derivative of order m of A weighs the tone of order n by n^(m + 2). In q, q' and half of
-    /// q'' it has the coefficients 1/(m + 2)!, (m + 1)/(m + 2)! and m (m + 1)/(2 (m + 2)!). Half of
-    /// q'' only improves the last step, so that it needs fewer terms.
+    /// q after `x` rad, at most [`super::search::max_short_flight`]: `q = psi - x (k - A)/2 + x^2
+    /// A'/6 + x^3 A''/24 + ...`. The sums keep every digit. The derivative of order m of A weighs
+    /// the tone of order n by n^(m + 2). In q, q' and half of q'' it has the coefficients 1/(m +
+    /// 2)!, (m + 1)/(m + 2)! and m (m + 1)/(2 (m + 2)!). Half of q'' only improves the last step,
+    /// so that it needs fewer terms.
     #[inline(always)]
     pub fn deflated_gap(&self, x: f32) -> DeflatedGap {
         let (parts, a1) = (&self.parts, self.jerk);

@@ -52,10 +52,8 @@ const MIN_TIME_TO_HUMP: f32 = 0.2;
 const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
 
 /// A candidate from the flight near launch or from the fall of the parabola, with its validity
-/// limits.
-///
-/// The lower limit excludes launch itself and impacts that the short form settles with more digits.
-/// The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
+/// limits. The lower limit excludes launch itself and impacts that the short form settles with more
+/// digits. The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let Launch {
@@ -157,9 +155,7 @@ impl Limits {
 const MAX_PASSED_HUMPS: usize = 6;
 
 /// Whether a flight clears every hump but the last before `steps`, by more than the rounding of
-/// f32.
-///
-/// Over a hump the gap is convex, above its tangents at both ends.
+/// f32. Over a hump the gap is convex, above its tangents at both ends.
 fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     let Launch {
         phase,
@@ -239,9 +235,8 @@ pub(super) fn search(
     (solve(flight, &bracket), grazes, bracket)
 }
 
-/// Whether an arrival at `speed` may lie outside its bracket.
-///
-/// If the gap is nearly flat, a step can lead anywhere, even back to launch.
+/// Whether an arrival at `speed` may lie outside its bracket. If the gap is nearly flat, a step can
+/// lead anywhere, even back to launch.
 #[inline(always)]
 pub(super) fn may_leave(bracket: &Bracket, steps: i64, speed: f32) -> bool {
     const BRACKET_ROUNDING: f32 = 1e-3;
@@ -283,7 +278,6 @@ pub(super) fn bisect(
 }
 
 /// The interval between edges that holds the first impact, and whether the flight grazes before.
-///
 /// The interval holds one root of the gap. Between humps the gap is concave and starts positive, or
 /// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
@@ -449,7 +443,6 @@ struct Gap {
     slope: f32,
 }
 
-/// The flight at the edges and over the humps.
 struct Edges<'a> {
     track: &'a Track,
     launch: &'a Launch,
@@ -477,7 +470,6 @@ impl Edges<'_> {
     }
 
     /// Minimum of the gap over the hump from `begin` to `end`, with a start at a share of it.
-    ///
     /// Returns a bracket that ends there if the minimum is below the track, and whether it is
     /// within rounding.
     #[inline(never)]
@@ -540,7 +532,6 @@ impl Edges<'_> {
         }
     }
 
-    /// Rounding of the gap after `x`.
     fn rounding(&self, x: f32) -> f32 {
         if x >= self.short {
             return GAP_ROUNDING + Track::GAP_ROUNDING_PER_RADIAN * x;

@@ -57,7 +57,6 @@ pub struct Single {
     restitution: f32,
 }
 
-/// The track's shape: a sine or several tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum TrackKind {
     Sine(SineSingle),
@@ -88,7 +87,6 @@ impl Single {
         }
     }
 
-    /// Whether the track throws a part that rests at `phase`.
     pub(crate) fn throws(&self, phase: Phase) -> bool {
         match &self.track {
             TrackKind::Sine(single) => single.throws(phase),
@@ -105,7 +103,6 @@ impl Single {
     }
 }
 
-/// The impact on a track of several tones.
 #[inline(always)]
 fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleState> {
     let velocity = smaller(state.velocity, MAX_VELOCITY as f32);
@@ -125,7 +122,6 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
     land_low(&flight, velocity, &parts, restitution)
 }
 
-/// The impact of a flight that is not tall.
 #[inline(never)]
 fn land_low(
     flight: &Ballistic<'_, Track>,

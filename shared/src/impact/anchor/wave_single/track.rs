@@ -53,7 +53,6 @@ pub(super) struct Limit {
     pub last: i64,
 }
 
-/// The set-up constants of one track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Track {
     pub tones: Harmonics,
@@ -70,7 +69,6 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// The track of two harmonics for a k.
     pub fn build(second: Tone, third: Tone, k: f64) -> Result<Self, OutOfRange> {
         let tones = Harmonics::build(second, third)?;
         accept_in("k", k, 0.005..=4.0, "0.005..4")?;
@@ -106,7 +104,6 @@ impl Track {
         &self.humps[..self.count.min(MAX_HUMPS)]
     }
 
-    /// Whether the track throws a part at `phase`.
     #[inline(always)]
     pub fn throws(&self, phase: u32) -> bool {
         self.humps()
@@ -147,9 +144,8 @@ impl Track {
     }
 
     /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
-    /// launch.
-    ///
-    /// It is the end of the hump below the ball as it sinks into the reach, else of the next one.
+    /// launch. It is the end of the hump below the ball as it sinks into the reach, else of the
+    /// next one.
     #[inline(never)]
     pub fn limit_from_above(
         &self,
@@ -200,11 +196,10 @@ impl Track {
         self.tones.at(phase).cosines(8.0, 27.0)
     }
 
-    /// Finds every interval with A > k, node by node.
-    ///
-    /// From a node where A is far from k it skips as many nodes as the slope allows. A hump that it
-    /// misses is shorter than a node distance, with two more extrema of A within it. There A
-    /// exceeds k so little and so briefly that the gap is concave to 1e-8.
+    /// Finds every interval with A > k, node by node. From a node where A is far from k it skips as
+    /// many nodes as the slope allows. A hump that it misses is shorter than a node distance, with
+    /// two more extrema of A within it. There A exceeds k so little and so briefly that the gap is
+    /// concave to 1e-8.
     fn find_humps(&mut self) {
         let excess = |track: &Self, node: i32| flight::Track::at(track, node).push - track.k;
         // The mean of A over evenly spread nodes is 0.
@@ -254,9 +249,8 @@ impl Track {
         ((self.excess(low.wrapping_add(near)) > 0.0) != above).then_some(near)
     }
 
-    /// Finds the edge within `width` steps of `low`, by safeguarded Newton steps.
-    ///
-    /// It becomes the start of a hump, or the end of the open one.
+    /// Finds the edge within `width` steps of `low`, by safeguarded Newton steps. It becomes the
+    /// start of a hump, or the end of the open one.
     fn add_edge(&mut self, begun: &mut Option<u32>, low: u32, width: u32) {
         let rising = begun.is_none();
         let (mut near, mut far) = (0.0, width as f32);

@@ -38,25 +38,16 @@ impl FrictionSettings {
         }
     }
 
-    /// Checks `k` and the settings.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// Checks `k` and the settings. Errors: `OutOfRange` with the parameter.
     fn check(&self, k: f64) -> Result<(), OutOfRange> {
-        let Self {
-            sticking,
-            sliding,
-            amplitude_ratio,
-            phase_lead,
-            incline_tangent,
-        } = *self;
-        accept_motion(k, amplitude_ratio, phase_lead, incline_tangent)?;
-        accept_in("friction", sliding, 0.0..=10.0, "0..10")?;
-        accept_in(
-            "sticking friction",
-            sticking,
-            sliding..=10.0,
+        let (eta, lead) = (self.amplitude_ratio, self.phase_lead);
+        accept_motion(k, eta, lead, self.incline_tangent)?;
+        accept_in("friction", self.sliding, 0.0..=10.0, "0..10")?;
+        let (range, accepted) = (
+            self.sliding..=10.0,
             "the friction of sliding..10: a part at rest holds at least as well as one that slides",
-        )?;
+        );
+        accept_in("sticking friction", self.sticking, range, accepted)?;
         Ok(())
     }
 
@@ -95,9 +86,8 @@ impl FrictionSettings {
     pub fn sliding_throw_number_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
         let along = Push::new(wave, c * self.amplitude_ratio, self.phase_lead, 0.0);
-        let push = along
-            .plus(self.sticking, &Push::new(wave, 1.0, 0.0, 0.0))
-            .maximum();
+        let normal = Push::new(wave, 1.0, 0.0, 0.0);
+        let push = along.plus(self.sticking, &normal).maximum();
         let hold = self.sticking + c * self.incline_tangent;
         (push > 0.0).then(|| (hold / push).max(0.0))
     }
@@ -146,9 +136,8 @@ enum FrictionState {
 }
 
 impl Friction {
-    /// The motion along a sinusoidal track at `k`, 0.001..=1000.
-    ///
-    /// Errors: `OutOfRange` with the parameter.
+    /// The motion along a sinusoidal track at `k`, 0.001..=1000; an error names the parameter out
+    /// of range.
     pub fn build(k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         Self::on(&Wave::sine(), k, settings)
     }
@@ -157,14 +146,10 @@ impl Friction {
     /// whole.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         settings.check(k)?;
+        let (eta, gravity) = (settings.amplitude_ratio, k * settings.incline_tangent);
         Ok(Self {
             settings,
-            free: Push::new(
-                wave,
-                settings.amplitude_ratio,
-                settings.phase_lead,
-                k * settings.incline_tangent,
-            ),
+            free: Push::new(wave, eta, settings.phase_lead, gravity),
             normal: Push::new(wave, 1.0, 0.0, k),
         })
     }
@@ -177,27 +162,11 @@ impl Friction {
     }
 
     /// Speed normal to the track at the end of a flight, in `b w`.
-    fn arrival_speed(&self, launch: PartState, flight: &Impact<PartState>) -> f64 {
+    fn arrival_speed(&self, launch: PartState, flight: &Impact) -> f64 {
         let arrival = -(launch.velocity + self.normal.velocity(launch.phase, flight.flight));
         arrival.max(0.0)
     }
 
-    /// A chatter of `chatter` rad that brings a part to rest after `last`.
-    pub(crate) fn integrate_chatter(
-        &self,
-        last: PartState,
-        chatter: f64,
-        velocity: f64,
-    ) -> ContactMotion {
-        // Over its duration the impacts push like a contact, except for the part's initial normal
-        // velocity. Their impulses sum to the integral of N less psi.
-        let excess = self
-            .settings
-            .chatter_velocity_excess(velocity, last.velocity);
-        self.move_in_contact(last.phase, chatter, velocity + excess)
-    }
-
-    /// The push on a part that slides in direction c.
     fn sliding_acceleration(&self, c: f64) -> Push {
         self.free.plus(c * self.settings.sliding, &self.normal)
     }
@@ -278,11 +247,10 @@ impl Friction {
                     let stopped = d < remaining;
                     let (displacement, gained) = push.integrals(at, d);
                     motion.distance += motion.velocity * d + displacement;
-                    motion.velocity = if stopped {
-                        0.0
-                    } else {
-                        motion.velocity + gained
-                    };
+                    motion.velocity += gained;
+                    if stopped {
+                        motion.velocity = 0.0;
+                    }
                     if c > 0.0 {
                         motion.forward += d;
                     } else {
@@ -307,15 +275,10 @@ impl Friction {
     /// `None` without a steady motion (friction cannot hold the incline) and if the track
     /// throws.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
-        /// Drive cycles before the motion counts as unsteady.
-        ///
-        /// A slide that stops erases the history; one that never stops settles by its own damping.
+        /// Drive cycles before the motion counts as unsteady. A slide that stops erases the
+        /// history; one that never stops settles by its own damping.
         const MAX_CYCLES: usize = 20_000;
-        if !self.can_be_steady() {
-            return None;
-        }
-        let thrown = self.normal.bound(0) > 0.0 && self.throws();
-        if thrown {
+        if !self.can_be_steady() || (self.normal.bound(0) > 0.0 && self.throws()) {
             return None;
         }
         let mut velocity = 0.0;
@@ -347,31 +310,18 @@ impl Friction {
 impl Along for Friction {
     const REST_ERASES_HISTORY: bool = false;
 
-    fn move_in_flight(
-        &self,
-        launch: PartState,
-        impact: &Impact<PartState>,
-        velocity: f64,
-    ) -> (f64, f64) {
+    fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
         let (distance, arriving) = self.arrive(launch, impact, velocity);
         let impulse = self.arrival_speed(launch, impact) + impact.next.velocity;
-        (
-            distance,
-            self.settings.velocity_after_impact(arriving, impulse),
-        )
+        let after = self.settings.velocity_after_impact(arriving, impulse);
+        (distance, after)
     }
 
-    fn arrive(&self, launch: PartState, flight: &Impact<PartState>, velocity: f64) -> (f64, f64) {
+    fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
         self.motion_before_impact(launch.phase, flight.flight, velocity)
     }
 
-    fn rebound(
-        &self,
-        launch: PartState,
-        flight: &Impact<PartState>,
-        arriving: f64,
-        restitution: f64,
-    ) -> f64 {
+    fn rebound(&self, launch: PartState, flight: &Impact, arriving: f64, restitution: f64) -> f64 {
         let impulse = (1.0 + restitution) * self.arrival_speed(launch, flight);
         self.settings.velocity_after_impact(arriving, impulse)
     }
@@ -387,7 +337,11 @@ impl Along for Friction {
         chatter: f64,
         velocity: f64,
     ) -> ContactMotion {
-        self.integrate_chatter(last, chatter, velocity)
+        // Over its duration the impacts push like a contact, except for the part's initial normal
+        // velocity. Their impulses sum to the integral of N less psi.
+        let settings = &self.settings;
+        let excess = settings.chatter_velocity_excess(velocity, last.velocity);
+        self.move_in_contact(last.phase, chatter, velocity + excess)
     }
 
     fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion {
@@ -445,10 +399,8 @@ mod tests {
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
         }
         let at = |throw: f64| cycle(throw, case);
-        assert_eq!(
-            (at(forward - 1e-6).forward, at(forward - 1e-6).backward),
-            (0.0, 0.0)
-        );
+        let below = at(forward - 1e-6);
+        assert_eq!((below.forward, below.backward), (0.0, 0.0));
         assert!(at(forward + 1e-4).forward > 0.0);
         assert_eq!(at(backward - 1e-6).backward, 0.0);
         assert!(at(backward + 1e-3).backward > 0.0);

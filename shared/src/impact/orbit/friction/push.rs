@@ -3,10 +3,10 @@
 //! The first zero is found by steps that a bound of the second derivative limits, see
 //! docs/theory-impacts.md#t3.3.
 
+use crate::arithmetic::bisect;
 use crate::impact::orbit::tangential::{sagitta, versine_from_half};
 use crate::impact::wave::Wave;
 
-/// Harmonics of a track's motion.
 const HARMONICS: usize = 3;
 
 /// `sum over n of (sine_n sin(n tau) + cosine_n cos(n tau)) - constant`, in `b w^2`.
@@ -55,7 +55,6 @@ impl Push {
         (0..self.count).map(|n| (n as f64 + 1.0, self.sine[n], self.cosine[n]))
     }
 
-    /// Value at a phase.
     pub(super) fn at(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
@@ -64,7 +63,6 @@ impl Push {
         tones.sum::<f64>() - self.constant
     }
 
-    /// Slope at a phase.
     pub(super) fn slope(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let (sine, cosine) = libm::sincos(n * phase);
@@ -96,11 +94,8 @@ impl Push {
             let (sine, cosine) = libm::sincos(n * phase + half);
             gained += 2.0 / n * chord * (p * sine + q * cosine);
         }
-        let constant = self.constant;
-        (
-            d * d * (displacement - 0.5 * constant),
-            gained - constant * d,
-        )
+        let distance = d * d * (displacement - 0.5 * self.constant);
+        (distance, gained - self.constant * d)
     }
 
     /// Maximum in a turn, within 1e-12 of its size.
@@ -111,42 +106,29 @@ impl Push {
         let step = core::f64::consts::TAU / f64::from(SCANNED_PHASES);
         let mut highest = f64::NEG_INFINITY;
         for n in 0..SCANNED_PHASES {
-            let (mut low, mut high) = (f64::from(n) * step, f64::from(n + 1) * step);
+            let (low, high) = (f64::from(n) * step, f64::from(n + 1) * step);
             highest = highest.max(self.at(low));
-            if self.slope(low) <= 0.0 || self.slope(high) > 0.0 {
-                continue;
+            if self.slope(low) > 0.0 && self.slope(high) <= 0.0 {
+                let [top, _] = bisect(low, high, 40, |phase| self.slope(phase) > 0.0);
+                highest = highest.max(self.at(top));
             }
-            for _ in 0..40 {
-                let middle = 0.5 * (low + high);
-                if self.slope(middle) > 0.0 {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
-            }
-            highest = highest.max(self.at(low));
         }
         highest
     }
 
     /// Bound of the derivative of this order.
     pub(super) fn bound(&self, order: i32) -> f64 {
-        self.tones()
-            .map(|(n, p, q)| powi(n, order) * libm::hypot(p, q))
-            .sum()
+        let power = |n: f64| (0..order).fold(1.0, |power, _| power * n);
+        let sizes = self.tones().map(|(n, p, q)| power(n) * libm::hypot(p, q));
+        sizes.sum()
     }
 }
 
-fn powi(n: f64, order: i32) -> f64 {
-    (0..order).fold(1.0, |power, _| power * n)
-}
-
-/// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0.
-///
-/// `None` without a zero within `limit`. `at` gives value and slope; `bound` bounds the second
-/// derivative. The step is the smallest positive root of `value + slope h - bound h^2/2`, so it
-/// never passes a zero. It converges like Newton's method. A function that begins at 0 and rises
-/// counts as having left 0.
+/// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0. `None`
+/// without a zero within `limit`. `at` gives value and slope; `bound` bounds the second derivative.
+/// The step is the smallest positive root of `value + slope h - bound h^2/2`, so it never passes a
+/// zero. It converges like Newton's method. A function that begins at 0 and rises counts as having
+/// left 0.
 pub(super) fn first_zero(limit: f64, bound: f64, at: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
     /// Steps after which the current `d` counts as the zero; most zeros need some ten.
     const MAX_STEPS: usize = 10_000;
@@ -203,20 +185,14 @@ mod tests {
             let actual = first_zero(20.0, push.bound(2), |d| {
                 (push.at(from + d), push.slope(from + d))
             });
-            let scanned = (1..200_000)
-                .map(|n| 1e-4 * f64::from(n))
-                .find(|d| push.at(from + d) <= 0.0)
-                .unwrap();
+            let mut scan = (1..200_000).map(|n| 1e-4 * f64::from(n));
+            let scanned = scan.find(|d| push.at(from + d) <= 0.0).unwrap();
             let actual = actual.unwrap();
-            assert!(
-                (0.0..1e-4).contains(&(scanned - actual)),
-                "{from}: {actual} {scanned}"
-            );
+            let difference = scanned - actual;
+            assert!((0.0..1e-4).contains(&difference), "{from}: {actual}");
             assert!(push.at(from + actual).abs() < 1e-12);
         }
-        assert_eq!(
-            first_zero(20.0, 1.0, |d| (2.0 + libm::sin(d), libm::cos(d))),
-            None
-        );
+        let above_zero = |d| (2.0 + libm::sin(d), libm::cos(d));
+        assert_eq!(first_zero(20.0, 1.0, above_zero), None);
     }
 }
