@@ -1,7 +1,6 @@
 //! Phases and angles in single precision, and their advance from sample to sample.
 
 use core::f32::consts::TAU;
-
 use kband::arithmetic::Phase;
 
 /// Samples per second of the signal path.

@@ -4,11 +4,10 @@
 //! address never changes its meaning. New registers get free addresses; new settings are appended
 //! to their list.
 
-use kband_control::Settings;
-use kband_control::wire::Record;
-
 use crate::machine::Snapshot;
 use crate::protocol::Counters;
+use kband_control::Settings;
+use kband_control::wire::Record;
 
 mod list;
 
@@ -22,7 +21,6 @@ pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 pub(crate) const TABLE_VERSION: u16 = 1;
 /// Address of the first setting; setting n is at this plus 2 n.
 pub const FIRST_SETTING: u16 = 100;
-/// Address of the newest event.
 const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
@@ -76,7 +74,6 @@ pub(crate) struct Picture<'a> {
     pub event: &'a dyn Fn(u32) -> Option<Record>,
 }
 
-/// Source of a register's content.
 #[derive(Clone, Copy)]
 enum Source {
     Whole(fn(&Picture<'_>) -> u32),

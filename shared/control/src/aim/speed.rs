@@ -12,10 +12,8 @@ use kband::transport::locked;
 /// Largest accepted relative deviation of a lock's speed from the requested one.
 const SPEED_TOLERANCE: f32 = 0.1;
 
-/// The search for the lock with the speed nearest to a requested one.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedSearch {
-    /// The requested speed in mm/s.
     requested: f32,
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
@@ -52,10 +50,12 @@ impl SpeedSearch {
 
     fn choice(&self) -> Choice {
         let tolerance = SPEED_TOLERANCE * self.requested.abs();
-        let nearest_speed = self.nearest.map(|(speed, _)| speed);
         match self.nearest {
             Some((speed, choice)) if self.distance(speed) <= tolerance => choice,
-            _ => Choice::level(Level::None(NoSetpoint::Speed(nearest_speed))),
+            nearest => {
+                let speed = nearest.map(|(speed, _)| speed);
+                Choice::level(Level::None(NoSetpoint::Speed(speed)))
+            }
         }
     }
 }
@@ -112,10 +112,10 @@ mod tests {
         }
         for speed in [-80.0, 0.0, 40.0, 130.0] {
             let choice = choice(speed, &settings);
-            assert!(
-                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(nearest_speed))) if nearest_speed > 80.0),
-                "{speed}: {choice:?}"
-            );
+            let Level::None(NoSetpoint::Speed(Some(nearest))) = choice.level else {
+                panic!("{speed}: {choice:?}");
+            };
+            assert!(nearest > 80.0, "{speed}: {nearest}");
         }
     }
 

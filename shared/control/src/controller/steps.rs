@@ -1,24 +1,17 @@
 //! The steps of one drive cycle, which `Controller::advance` calls.
 
+use super::Controller;
+use crate::angle::radians_of;
+use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
+use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
+use crate::identify::{self, Driven, Step};
+use crate::supervise::{
+    Clearance, Decision, FaultDetector, LimitInputs, Observation, Prediction, SwingResult,
+};
+use crate::{Cycle, Event, Events, Fault, Inputs, Limits, Shape, State, Target, UPPER, phase_of};
 use core::f32::consts::TAU;
-
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use num_complex::Complex32 as Complex;
-
-use super::Controller;
-use crate::angle::{phase_of, radians_of};
-use crate::drive::{Approach, ImpactPhase, Shape, ToneInputs, TrackMotion, UPPER, absolute};
-use crate::hear::{
-    Cycle, DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector,
-};
-use crate::identify::{self, Driven, Step};
-use crate::inputs::Inputs;
-use crate::state::{Event, Events, Fault, Limits, State};
-use crate::supervise::{
-    Clearance, Decision, EnableResponse, FaultDetector, LimitInputs, Observation, Prediction,
-    SwingResult,
-};
-use crate::target::Target;
 
 /// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
 /// doubling (docs/theory-capture.md#t7.4).
@@ -32,10 +25,8 @@ const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
 /// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
-/// Measured state of the track in a drive cycle.
 pub(super) struct View<'c> {
     pub(super) cycle: &'c Cycle,
-    /// Whether all measurements are finite.
     pub(super) finite: bool,
     /// Amplitude b, in m.
     pub(super) measured: f32,
@@ -56,26 +47,19 @@ impl Controller {
 
     /// The view of a cycle, with the track's motion corrected for the parts' load.
     pub(super) fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
-        let sine = -cycle.quadrature / self.scale.angular_squared;
-        let cosine = -cycle.in_phase / self.scale.angular_squared;
-        let [mut sine, mut cosine] = self.estimate_load(cycle, sine, cosine);
-        let finite = finite && sine.is_finite() && cosine.is_finite();
-        if !(sine.is_finite() && cosine.is_finite()) {
-            [sine, cosine] = [0.0; 2];
+        let motion = Complex::new(-cycle.quadrature, -cycle.in_phase);
+        let mut motion = self.estimate_load(cycle, motion / self.scale.angular_squared);
+        let finite = finite && motion.is_finite();
+        if !motion.is_finite() {
+            motion = Complex::default();
         }
         View {
             cycle,
             finite,
-            measured: square_root_single(sine * sine + cosine * cosine),
-            lead: phase_of(libm::atan2f(cosine, sine)),
-            motion: self.motion(cycle, Complex::new(sine, cosine)),
+            measured: square_root_single(motion.norm_sqr()),
+            lead: phase_of(libm::atan2f(motion.im, motion.re)),
+            motion: self.motion(cycle, motion),
         }
-    }
-
-    /// Whether [`Controller::is_ready`] depends on detected gear.
-    pub(super) fn detects_gear(&self) -> bool {
-        let target = self.selection.target;
-        self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
     }
 
     pub(super) fn commands_finite(&self) -> bool {
@@ -88,16 +72,16 @@ impl Controller {
 
     /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
     /// phase, in m, for the impacts that the demodulator blanks.
-    pub(super) fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
+    fn estimate_load(&mut self, cycle: &Cycle, motion: Complex) -> Complex {
         if self.meter.is_none() {
-            return [sine, cosine];
+            return motion;
         }
         let one = self.listener.margin();
         let phases = &self.listener.phases;
         let goal = self.selection.setpoint(&self.scale);
         let (quadrature, in_phase) = sine_cosine_single(phase_of(self.output_lead));
         let observed = LoadMeasurement {
-            motion: Complex::new(sine, cosine),
+            motion,
             output: Complex::new(in_phase, quadrature) * self.output,
             blanked: cycle.blanked,
             square: self.scale.angular_squared,
@@ -107,7 +91,7 @@ impl Controller {
             order: self.order().unwrap_or(1),
             restitution: one.map(|margin| margin.restitution),
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
-            sine: self.selection.shape.is_sine(),
+            sine: self.selection.shape().is_sine(),
             concentration: phases.concentration(),
             has_impact: !cycle.impacts.is_empty(),
             settled: self.machine.kick().is_none()
@@ -116,9 +100,7 @@ impl Controller {
                 && (self.reference.value - goal).abs() < SETPOINT_TOLERANCE * goal
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
-        let corrected =
-            (self.meter.as_mut()).map_or(observed.motion, |meter| meter.cycle(&observed));
-        [corrected.re, corrected.im]
+        (self.meter.as_mut()).map_or(motion, |meter| meter.cycle(&observed))
     }
 
     /// Converts the demodulated acceleration to the track's motion, in m.
@@ -145,7 +127,7 @@ impl Controller {
         let tone_inputs = ToneInputs {
             motion: *motion,
             requested: if allowed {
-                self.selection.shape
+                self.selection.shape()
             } else {
                 Shape::SINE
             },
@@ -243,12 +225,12 @@ impl Controller {
             self.machine
                 .follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
         match response {
-            Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
-            Some(EnableResponse::Stopping) if self.resonance.is_sweeping() => {
-                self.resonance.stop();
+            Some(Event::Acknowledged) => self.faults = FaultDetector::default(),
+            Some(Event::Stopping) if self.resonance.is_sweeping() => {
+                self.resonance.sweep = None;
                 self.amplitude.resume(measured, self.output);
             }
-            Some(EnableResponse::Started) => {
+            Some(Event::Started) => {
                 self.predicted_envelopes = [Complex::default(); 3];
                 self.tones.restart();
                 self.swing.begin();
@@ -263,11 +245,10 @@ impl Controller {
                     self.update_scale();
                 }
             }
-            Some(EnableResponse::Stopping) | None => {}
+            _ => {}
         }
     }
 
-    /// Detects missing impacts, if the target depends on them.
     pub(super) fn detect_missed_impacts(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
         let limits = self.limits.limits;
         let settled = match self.machine.state {
@@ -278,27 +259,22 @@ impl Controller {
         let at_setpoint = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
             || self.machine.kick().is_some();
         let order = self.order();
-        let needs_impacts = match self.selection.target {
-            Target::Gear { .. } | Target::Flow(_) => true,
-            _ => self.selection.lock().is_some(),
-        };
         let turns = f32::from(order.unwrap_or(1));
         let unit = measured * square_root_single(self.scale.angular_squared);
         let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
         self.missed_impact_detector.cycle(&ImpactEvidence {
-            listening: settled && needs_impacts && self.selection.chosen(),
+            listening: settled && order.is_some() && self.selection.chosen(),
             single_lock: self.selection.lock().is_some(),
             at_setpoint,
             rate: self.listener.phases.rate() * turns,
             concentration: self.listener.phases.concentration(),
             speed_from_rest: unit * self.listener.gear.landing_speed_from_rest(),
             locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
-            kicked: self.machine.attempts() > 0,
+            kicked: self.machine.capture.attempts > 0,
             noise: cycle.noise,
         });
     }
 
-    /// Determines the limits that hold the drive back in this cycle.
     pub(super) fn update_limits(&mut self, inputs: &Inputs) {
         let timeout = match inputs.bus {
             None => self.settings.link_timeout,
@@ -354,8 +330,7 @@ impl Controller {
         let allowed = limits.map_or(goal, |[limit, _]| goal.min(limit));
         self.reference
             .advance(allowed, approach, self.lead, self.settings.envelope);
-        self.swing
-            .hold(allowed < goal && self.reference.value == allowed);
+        self.swing.held = allowed < goal && self.reference.value == allowed;
         goal
     }
 
@@ -424,7 +399,6 @@ impl Controller {
         }
     }
 
-    /// Updates the numbers that depend on the drive's frequency.
     pub(super) fn update_scale(&mut self) {
         self.scale.retune(&self.settings, self.resonance.frequency);
     }
@@ -437,7 +411,6 @@ impl Controller {
         self.listener.confidence(self.selection.lock())
     }
 
-    /// Moves between the states of a running drive.
     #[inline(always)]
     pub(super) fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
         let observed = Observation {
@@ -448,7 +421,7 @@ impl Controller {
             limits: self.limits.limits,
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
-            plan: self.selection.search.plan(),
+            plan: self.selection.search.plan.as_ref(),
             chaos: self.selection.chaos_result(),
         };
         let decision = self.machine.advance(&observed, events);
@@ -471,7 +444,6 @@ impl Controller {
         }
     }
 
-    /// Restarts the target for other parts.
     #[inline(never)]
     fn restart_target(&mut self) {
         if let Ok(selection) = self.select(self.selection.target, &self.settings) {
@@ -491,7 +463,6 @@ impl Controller {
         }
     }
 
-    /// Carries out a decision of the state machine.
     #[inline(always)]
     fn carry_out(&mut self, decision: Decision) {
         match decision {
@@ -546,7 +517,6 @@ impl Controller {
         }
     }
 
-    /// Controls the amplitude: the next output and its phase lead.
     pub(super) fn control_amplitude(&mut self, view: &View) {
         let reference = self.reference.value;
         let limit = self.output_limit();
@@ -560,7 +530,6 @@ impl Controller {
             .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, limit), 0.0]);
     }
 
-    /// Gives the cycle's impacts to the estimators of regime and gear.
     pub(super) fn listen(&mut self, view: &View, goal: f32) {
         let drive_state = DriveState {
             count: self.count,
@@ -574,7 +543,7 @@ impl Controller {
                 && self.reference.value == goal
                 && (view.measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal,
             contact: self.settings.contact_time(),
-            detects_gear: self.detects_gear(),
+            detects_gear: self.watches_ready && self.selection.gear_order().is_some(),
             needs_regime: self.machine.detects_chaos(),
         };
         self.listener

@@ -1,10 +1,10 @@
 //! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
 
 use super::*;
-use crate::drive::{UPPER, absolute};
+use crate::drive::absolute;
 use crate::signal_path::DetectedImpact;
-use crate::state::{Fault, Limits, State};
 use crate::testing::with;
+use crate::{Fault, Limits, State, UPPER};
 use kband::regime::classify::Regime;
 
 mod table;

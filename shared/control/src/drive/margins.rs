@@ -4,13 +4,11 @@
 //! Only the component of a change along the steady envelope matters: `P = (E(z) + E*(z)) / 2`. `E`
 //! is the envelope with its pole, `E*` with the conjugate pole, both with dead time and cycle mean.
 
-use core::f64::consts::PI;
-
-use num_complex::Complex64 as Complex;
-
 use super::amplitude::AmplitudeLoop;
 use crate::settings::Settings;
+use core::f64::consts::PI;
 use kband::feeder::OutOfRange;
+use num_complex::Complex64 as Complex;
 
 /// Number of angles per cycle on the curve: spaced logarithmically, and around the envelope's pole.
 const ANGLES: i32 = 1500;
@@ -28,7 +26,6 @@ pub struct LoopMargins {
     pub distance: f64,
 }
 
-/// Frequency response of a drive's amplitude to its output.
 #[derive(Clone, Copy, Debug)]
 struct Plant {
     pole: Complex,

@@ -11,18 +11,15 @@
 //! thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter that
 //! does not repeat. Blanked impacts limit the envelope gain to 1.1.
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-
 use super::envelope::absolute;
+use core::f32::consts::{PI, TAU};
+use num_complex::Complex32 as Complex;
 
 /// Observer gains along and across the held motion: for envelope, load per cycle, and its change.
 const OBSERVER_GAINS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
 /// Share of the lead by which the held phase moves per cycle: the lead decays over 200 cycles.
 const PHASE_YIELD_SHARE: f32 = 1.0 / 200.0;
 
-/// Phase of the impacts in the cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImpactPhase {
     /// Mean of `e^(-i phase)` over the impacts, with the phase of the output.
@@ -103,11 +100,10 @@ impl Observer {
     /// Limits the requested envelope to `high` and the track's direction; size (m), lead (rad).
     pub fn limit_output(&mut self, requested: Complex, high: f32) -> [f32; 2] {
         let relative = requested * self.held_phase.conj();
-        let mut driven = if relative.re > 0.0 {
-            relative
-        } else {
-            Complex::default()
-        };
+        let mut driven = Complex::default();
+        if relative.re > 0.0 {
+            driven = relative;
+        }
         let length = absolute(driven);
         if length > high {
             driven *= high / length;

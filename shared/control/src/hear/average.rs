@@ -16,7 +16,6 @@ const AVERAGED_LENGTH: u32 = 1 << 31;
 pub struct BinLayout {
     /// Number of samples from one bin to the next.
     pub stride: u32,
-    /// Number of bins in half a turn.
     pub bins: usize,
 }
 
@@ -152,9 +151,8 @@ impl SynchronousAverage {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
+    use std::vec::Vec;
 
     /// Runs drive cycles, averages `count` of them, and returns the output bins.
     fn output(

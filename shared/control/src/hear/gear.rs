@@ -9,18 +9,18 @@
 //! exponentially. Successive restitutions of one part are uncorrelated, which the mean square
 //! successive difference tests (von Neumann 1941).
 
-use core::f32::consts::TAU;
-
 use super::energy::{SECTORS, SECTORS_PER_CYCLE};
-use super::margin::GearMargin;
 use super::onset::DetectedImpact;
+use super::phases::share_of;
 use super::signal::Cycle;
-use crate::angle::{impact_time, phase_of, radians_of};
-use crate::drive::{Shape, UPPER};
+use crate::angle::{impact_time, radians_of};
+use crate::{Shape, UPPER, phase_of};
+use core::f32::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use kband::feeder::Restitution;
 use kband::impact::ContactTime;
 use kband::regime::gear;
+use serde::{Deserialize, Serialize};
 
 /// Memory of the share of time in gear, in drive cycles (exponential forgetting).
 const GEAR_WINDOW: f32 = 64.0;
@@ -67,6 +67,24 @@ const MAX_SERIAL_CORRELATION: f32 = 4.0;
 const STAMP_ERROR: f32 = 0.1;
 /// Relative change of k, and change of the tones, above which the flight from rest is recomputed.
 const FLIGHT_TOLERANCE: f32 = 0.003;
+
+/// Estimated margin to the loss of gear. One part: from each flight. Several parts: from the
+/// profile of their impacts over the turn (docs/theory-real-parts.md#t10.7).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GearMargin {
+    /// Trace of the tangent map of one impact (symbol tr J): `1 + R^2 - A (1 + R)^2/k`.
+    pub trace: f32,
+    /// Estimated restitution (symbol R), 0..1.
+    pub restitution: f32,
+    /// Standard error of that restitution.
+    pub error: f32,
+    /// Scatter of restitution from impact to impact (symbol s): of one part, or the lot's.
+    pub scatter: f32,
+    /// Distance from the period doubling, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
+    pub flip: f32,
+    /// Expected drive cycles until gear is lost: cycles in gear over losses plus one, or the map's.
+    pub to_loss: f32,
+}
 
 /// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
 /// acceleration A.
@@ -180,7 +198,6 @@ impl FlightFromRest {
     }
 }
 
-/// An impact, and the flight before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Impact {
     /// Time in steps of 2^-32 cycles.
@@ -217,7 +234,6 @@ fn normal_density(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-/// State of drive and settings in one cycle, as the estimators need it.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
     pub count: u32,
@@ -225,16 +241,13 @@ pub struct DriveState {
     /// Order of the gear (symbol r).
     pub order: u8,
     pub k: f32,
-    /// Measured shape of the track's motion.
     pub shape: Shape,
     /// Advance of the phase per sample.
     pub step: u32,
     /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
     /// to impact (symbol s).
     pub lot: Option<(Restitution, f32)>,
-    /// Whether the amplitude has settled at its setpoint.
     pub settled: bool,
-    /// Configured duration of an impact.
     pub contact: ContactTime,
     /// Whether gear is to be detected for READY; only then is the short histogram fitted.
     pub detects_gear: bool,
@@ -242,10 +255,8 @@ pub struct DriveState {
     pub needs_regime: bool,
 }
 
-/// Estimator of gear from single impacts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GearEstimator {
-    /// Configured restitutions of the lot, and their scatter.
     lot: [f32; 2],
     scatter: f32,
     track: TrackMotion,
@@ -310,7 +321,6 @@ impl GearEstimator {
         };
     }
 
-    /// Updates the estimates with the impacts of one drive cycle.
     pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
         let forgetting_factor = 1.0 - 1.0 / GEAR_WINDOW;
         self.in_gear *= forgetting_factor;
@@ -571,11 +581,7 @@ impl GearEstimator {
 
     /// Share of time in gear, 0..=1, with a memory of [`GEAR_WINDOW`] cycles.
     pub fn share(&self) -> f32 {
-        if self.window_cycles > 0.0 {
-            (self.in_gear / self.window_cycles).min(1.0)
-        } else {
-            0.0
-        }
+        share_of(self.in_gear, self.window_cycles).min(1.0)
     }
 
     /// Share of time in gear, 0..=1, with a memory of [`LOSS_MEMORY_CYCLES`] cycles.

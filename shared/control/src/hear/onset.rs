@@ -5,7 +5,6 @@
 //! Monro 1951). A decaying envelope of the last impact prevents repeated detections.
 
 use core::ops::{Add, Mul, Sub};
-
 use kband::arithmetic::Phase;
 
 /// Largest number of impacts with a phase per drive cycle; further impacts are dropped.

@@ -6,13 +6,11 @@ use super::signal::Cycle;
 use crate::angle::{impact_time, radians_of};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 
-/// Phases in which impacts count for a lock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LockWindow {
     /// Drive cycles per impact (symbol r).
     pub order: u8,
     pub k: f64,
-    /// Predicted phase of the impacts.
     pub phase: Phase,
     /// Half width of the window, in rad.
     pub width: f32,
@@ -25,11 +23,8 @@ pub struct LockWindow {
 pub struct PhaseStatistics {
     sine: f32,
     cosine: f32,
-    /// Weight of the impacts in memory.
     weight: f32,
-    /// Weight of the cycles in memory.
     cycles: f32,
-    /// Weight of the impacts within the lock's window.
     at_lock: f32,
     /// Weight of the cycles with such an impact, by their number modulo the order.
     cycles_by_remainder: [f32; MAX_ORDER],
@@ -50,6 +45,11 @@ const MAX_ORDER: usize = 8;
 
 /// Forgetting factor per drive cycle: memory of 16 cycles.
 const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
+
+/// A part over the whole; 0 without a whole.
+pub fn share_of(part: f32, whole: f32) -> f32 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
 
 impl PhaseStatistics {
     /// Adds the impacts of cycle number `count`, with the track's lead and the window of the lock.
@@ -119,17 +119,9 @@ impl PhaseStatistics {
             / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
     }
 
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
-
     /// Mean number of impacts per cycle.
     pub fn rate(&self) -> f32 {
-        if self.cycles > 0.0 {
-            self.weight / self.cycles
-        } else {
-            0.0
-        }
+        share_of(self.weight, self.cycles)
     }
 
     /// Mean phase of the impacts in rad, -pi..pi; 0 without any impact.
@@ -139,20 +131,8 @@ impl PhaseStatistics {
 
     /// Concentration of the phases: mean resultant length, 0 (uniform) to 1 (one phase).
     pub fn concentration(&self) -> f32 {
-        if self.weight > 0.0 {
-            square_root_single(self.sine * self.sine + self.cosine * self.cosine) / self.weight
-        } else {
-            0.0
-        }
-    }
-
-    /// Share of the impacts within the lock's window, 0..1.
-    pub fn share_at_lock(&self) -> f32 {
-        if self.weight > 0.0 {
-            self.at_lock / self.weight
-        } else {
-            0.0
-        }
+        let square = self.sine * self.sine + self.cosine * self.cosine;
+        share_of(square_root_single(square), self.weight)
     }
 
     /// Confidence that the parts are locked in `order`, 0..1: the smallest of four values. They are
@@ -173,7 +153,7 @@ impl PhaseStatistics {
         } else {
             self.at_lock / expected
         };
-        self.share_at_lock()
+        share_of(self.at_lock, self.weight)
             .min(filled_share)
             .min(self.cycles / 8.0)
             .min(self.alternation_confidence())

@@ -7,11 +7,10 @@
 //! restitution is found on a grid of [`GRID_POINTS`] values and by a parabola. The evidence is the
 //! log likelihood ratio of the residuals.
 
-use core::f32::consts::{PI, TAU};
-
 use super::bounce_train::{BounceTrain, IMPACTS};
 use super::ringing::{Pulse, SampledRinging, TrainFit, correlate_with_drive, fit_train};
 use crate::hear::{BINS_PER_CYCLE, BinLayout, MAX_BINS};
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
@@ -443,12 +442,11 @@ fn interpolate_minimum(values: &[f32]) -> Option<f32> {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use crate::angle::phase_step;
     use crate::hear::OnsetDetector;
     use kband::arithmetic::Noise;
+    use std::vec::Vec;
 
     /// Chatter of several parts at k in noise over one cycle; the ringing lasts `lasting` samples.
     fn average(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {

@@ -11,17 +11,15 @@
 //! restitution exceeds every other by a likelihood ratio. The spread of the averages gives the
 //! standard error.
 
-use core::f32::consts::TAU;
-
-use heapless::Vec;
-use serde::{Deserialize, Serialize};
-
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
-use crate::angle::phase_of;
-use crate::hear::{BINS_PER_CYCLE, BinLayout, Cycle, GearMargin};
+use crate::hear::{BINS_PER_CYCLE, BinLayout};
+use crate::{Cycle, GearMargin, phase_of};
+use core::f32::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
+use serde::{Deserialize, Serialize};
 
 /// k of the first level: a part of R = 0.84 still rests each cycle there.
 pub const FIRST_K: f64 = 0.87;
@@ -540,7 +538,6 @@ impl Identifier {
     }
 }
 
-/// Combined standard error of two independent causes.
 fn combine_errors(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }

@@ -5,10 +5,9 @@
 
 use crate::angle::phase_of;
 use crate::hear::{HighPass, OnsetDetector};
+use crate::saturate::saturate;
 use kband::arithmetic::sine_cosine_single;
 use num_complex::Complex32 as Complex;
-
-use crate::saturate::saturate;
 
 /// Number of columns: ringing and derivative, each in and out of phase, and a cubic.
 const COLUMNS: usize = 8;
@@ -21,7 +20,6 @@ const DERIVATIVE_SCALE: f32 = 0.01;
 /// Pivot up to which a column is linearly dependent and left out.
 const MIN_PIVOT: f32 = 1e-9;
 
-/// Decay and frequency of a ringing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampledRinging {
     /// Decay rate of the height per sample: positive.
@@ -49,10 +47,8 @@ impl SampledRinging {
     }
 }
 
-/// Result of the fit of a train.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainFit {
-    /// Residual sum of squares with the train.
     pub residual_sum: f32,
     /// Residual sum of squares without any impact.
     pub baseline_sum: f32,
@@ -244,10 +240,9 @@ pub fn correlate_with_drive(
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use kband::arithmetic::Noise;
+    use std::vec::Vec;
 
     const RINGING: SampledRinging = SampledRinging {
         decay: 0.05,

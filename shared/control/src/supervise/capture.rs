@@ -7,6 +7,7 @@
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks for
 //! parts outside the lot. A kick misses a part with the probability of the plan, or always.
 
+use crate::Event;
 use kband::regime::capture::{Kick, Plan};
 
 /// Predicted share of captured parts below which a plan is called uncertain.
@@ -34,7 +35,6 @@ pub enum Stage {
 /// Settled cycles at the setpoint after which a kick counts as failed, as in the plan's simulation.
 const LOCK_TEST_CYCLES: u32 = 60;
 
-/// The attempts at capturing the parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Capture {
     stage: Stage,
@@ -47,31 +47,12 @@ pub struct Capture {
     tokens_per_cycle: f32,
 }
 
-/// State of the requested lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DetectedLock {
-    /// Of all parts.
     All,
-    /// Of most parts.
     Most,
     /// Of few parts or none: the evidence of a kick that missed.
     Few,
-}
-
-/// Event of the capture in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CaptureEvent {
-    /// The plan is ready.
-    Planned {
-        /// Whether its best kick captures all but one part in twenty.
-        sure: bool,
-    },
-    Begun,
-    /// The kick is over and the test for the lock begins.
-    Ended,
-    Captured,
-    /// The attempts of this capture or of the hour are used up, or the misses are improbable.
-    Failed,
 }
 
 impl Capture {
@@ -108,24 +89,25 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `settled`: the amplitude is back at the setpoint.
+    /// Advances one cycle. `settled`: the amplitude is back at the setpoint. `NotCaptured`: the
+    /// attempts of this capture or of the hour are used up, or the misses are improbable.
     pub fn cycle(
         &mut self,
         plan: Option<&Plan>,
         lock: DetectedLock,
         settled: bool,
-    ) -> Option<CaptureEvent> {
+    ) -> Option<Event> {
         match self.stage {
             Stage::Idle => None,
-            Stage::Planning => match plan {
-                Some(plan) => {
-                    self.stage = Stage::Ready;
-                    Some(CaptureEvent::Planned {
-                        sure: (plan.best()).is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
-                    })
+            Stage::Planning => {
+                let best = plan?.best();
+                self.stage = Stage::Ready;
+                if best.is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE) {
+                    Some(Event::KickPlanned)
+                } else {
+                    Some(Event::KickUncertain)
                 }
-                None => None,
-            },
+            }
             Stage::Ready => self.next(plan),
             Stage::Kicking(kick, cycle) => {
                 if cycle + 1 < kick.length() {
@@ -133,12 +115,12 @@ impl Capture {
                     None
                 } else {
                     self.stage = Stage::Judging(0);
-                    Some(CaptureEvent::Ended)
+                    Some(Event::KickEnded)
                 }
             }
             Stage::Judging(_) if lock == DetectedLock::All && settled => {
                 self.stage = Stage::Idle;
-                Some(CaptureEvent::Captured)
+                Some(Event::Locked)
             }
             Stage::Judging(cycle) if cycle < LOCK_TEST_CYCLES => {
                 self.stage = Stage::Judging(cycle + u32::from(settled));
@@ -154,19 +136,19 @@ impl Capture {
         }
     }
 
-    fn next(&mut self, plan: Option<&Plan>) -> Option<CaptureEvent> {
+    fn next(&mut self, plan: Option<&Plan>) -> Option<Event> {
         let kick = plan
             .and_then(|plan| plan.attempt(u32::from(self.attempts)))
             .filter(|_| self.attempts < self.allowed && self.tokens >= 1.0)
             .filter(|_| self.miss_probability > MAX_MISS_PROBABILITY);
         let Some(kick) = kick else {
             self.stage = Stage::Idle;
-            return Some(CaptureEvent::Failed);
+            return Some(Event::NotCaptured);
         };
         self.attempts += 1;
         self.tokens -= 1.0;
         self.stage = Stage::Kicking(kick, 0);
-        Some(CaptureEvent::Begun)
+        Some(Event::KickBegun)
     }
 }
 
@@ -193,7 +175,8 @@ mod tests {
             let mut capture = Capture::new(8, 50.0);
             capture.begin();
             let event = capture.cycle(Some(&plan), DetectedLock::Few, true);
-            assert_eq!(event, Some(CaptureEvent::Planned { sure }), "{low}");
+            assert_eq!(event == Some(Event::KickPlanned), sure, "{low}");
+            assert_eq!(event == Some(Event::KickUncertain), !sure, "{low}");
         }
     }
 }

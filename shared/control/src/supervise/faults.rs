@@ -4,10 +4,8 @@
 //! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
 //! detected by counting reversals with hysteresis.
 
+use crate::{Cycle, Fault};
 use core::f32::consts::PI;
-
-use crate::hear::Cycle;
-use crate::state::Fault;
 
 /// Peak-to-peak range of a dead reading, in converter steps.
 const DEAD_RANGE_STEPS: u16 = 1;
@@ -65,7 +63,6 @@ struct ReversalCounter {
     extreme: f32,
     rising: bool,
     count: u8,
-    /// Cycles since the last reversal.
     since: u8,
 }
 
@@ -153,7 +150,6 @@ impl RatioEstimate {
     }
 }
 
-/// Predictions and limits against which a cycle's reading is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
     pub running: bool,
@@ -173,13 +169,11 @@ pub struct Prediction {
     pub reference: f32,
     /// Standard error of the measured amplitude, in m.
     pub error: f32,
-    /// Largest factor between measured and expected amplitude.
     pub tolerance: f32,
     /// Whether the mean reading deviates from the one at rest at commissioning.
     pub shifted: bool,
 }
 
-/// Counters of every sign of a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
     /// Of each sign, in the order of their precedence.
@@ -298,7 +292,6 @@ mod tests {
         }
     }
 
-    /// A cycle of a sensor that moves.
     fn moving() -> Cycle {
         with(Cycle::default(), |it| (it.low, it.high) = (2000, 2100))
     }

@@ -3,8 +3,7 @@
 //!
 //! Limit checks on a block average and a ratio (Isermann, Fault-Diagnosis Systems, 2006).
 
-use crate::hear::Cycle;
-use crate::settings::Settings;
+use crate::{Cycle, Settings};
 use kband::feeder::STANDARD_GRAVITY;
 
 /// Averaging time of the mean reading, in s: at 50 Hz 0.03 mV of the converter's noise remain.
@@ -28,7 +27,7 @@ const SWING_CYCLES: f32 = 8.0;
 pub const UNCOMMISSIONED_TOLERANCE: f32 = 2.5;
 
 /// Compares the mean reading with the one at rest at commissioning; motion has no mean.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct RestTest {
     /// Commissioned mean acceleration and largest deviation from it, in m/s^2.
     commissioned: Option<[f32; 2]>,
@@ -36,7 +35,6 @@ pub struct RestTest {
     length: f32,
     cycles: f32,
     sum: f32,
-    /// Whether the last complete average deviates.
     deviates: Option<bool>,
 }
 
@@ -50,9 +48,7 @@ impl RestTest {
         Self {
             commissioned: (settings.sensor_rest > 0.0).then_some([rest, bound]),
             length: libm::ceilf(REST_SECONDS * settings.frequency),
-            cycles: 0.0,
-            sum: 0.0,
-            deviates: None,
+            ..Self::default()
         }
     }
 
@@ -79,7 +75,6 @@ impl RestTest {
     }
 }
 
-/// Result of the test swing after a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SwingResult {
     Pending,
@@ -89,7 +84,7 @@ pub enum SwingResult {
 }
 
 /// A small swing at each start, compared with the predictions from output and from current.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct TestSwing {
     /// Largest factor between the two; `None` without commissioning.
     tolerance: Option<f32>,
@@ -97,7 +92,7 @@ pub struct TestSwing {
     settling: f32,
     passed: bool,
     /// Whether the reference is held at the swing, and for how many cycles.
-    held: bool,
+    pub held: bool,
     cycles: f32,
     /// Sums of the measured and predicted amplitudes, in m.
     measured: f32,
@@ -111,11 +106,7 @@ impl TestSwing {
         Self {
             tolerance: (tolerance < UNCOMMISSIONED_TOLERANCE).then_some(tolerance),
             settling: SETTLING_TIME_CONSTANTS * envelope + SETTLING_CYCLES,
-            passed: false,
-            held: false,
-            cycles: 0.0,
-            measured: 0.0,
-            expected: [0.0; 2],
+            ..Self::default()
         }
     }
 
@@ -136,11 +127,6 @@ impl TestSwing {
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * min_amplitude);
         let swing = swing.max(now);
         Some([swing, tolerance * swing])
-    }
-
-    /// Sets whether the reference is held at the swing.
-    pub fn hold(&mut self, held: bool) {
-        self.held = held;
     }
 
     /// Adds the measured amplitude of a cycle and those predicted from output and current, in m.
@@ -222,7 +208,7 @@ mod tests {
     fn a_swing_that_is_too_strong_for_its_output_ends() {
         let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
         swing.begin();
-        swing.hold(true);
+        swing.held = true;
         let actual = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
             SwingResult::Pending => None,
             other => Some(other),
@@ -234,7 +220,7 @@ mod tests {
     fn the_swing_is_averaged_after_it_has_settled() {
         let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
         swing.begin();
-        swing.hold(true);
+        swing.held = true;
         // 19 cycles to settle, in which the sensor measures nothing yet.
         let results: std::vec::Vec<_> = (1..=27)
             .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))

@@ -1,12 +1,11 @@
 //! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999),
 //! which removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
 
-use serde::{Deserialize, Serialize};
-
 use super::message::{Request, Response};
 use super::receiver::{MAX_FRAME_BYTES, Unreadable};
 use super::update::{UpdateAnswer, UpdateRequest};
 use super::{SCHEMA, VERSION};
+use serde::{Deserialize, Serialize};
 
 /// Largest content of a frame, in bytes with its CRC: COBS adds two, the final zero one.
 const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;

@@ -9,7 +9,6 @@ pub const COMPONENTS: usize = GROUPS + 3;
 pub const NOISE_INDEX: usize = GROUPS + 2;
 
 pub type SectorEnergy = [f32; SECTORS];
-/// Covariance of the weights.
 pub type Covariance = [[f32; COMPONENTS]; COMPONENTS];
 
 /// Energy of each component by sector; rows of a multiple of four allow the compiler to vectorize.

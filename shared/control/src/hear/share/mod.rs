@@ -14,11 +14,9 @@ mod fit;
 mod model;
 
 use super::energy::{SECTORS, Sectors};
-use super::gear::DriveState;
-use super::margin::GearMargin;
+use super::gear::{DriveState, GearMargin};
 use super::signal::Cycle;
-use crate::angle::SAMPLE_RATE;
-use crate::drive::UPPER;
+use crate::{SAMPLE_RATE, UPPER};
 use fit::{
     COMPONENTS, Covariance, DesignMatrix, NOISE_INDEX, SectorEnergy, fit_mixture, moving_average,
     predict_energy, residual_sum, unexplained_energy,
@@ -150,11 +148,10 @@ impl Histogram {
     }
 }
 
-/// Agreement of an energy histogram with the fitted mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Agreement {
+pub struct Agreement {
     /// Share of time in gear by the fitted weights, 0..=1.
-    in_gear: f32,
+    pub in_gear: f32,
     /// Unexplained share of the energy (total variation distance) less its bound in gear.
     excess: f32,
 }
@@ -170,7 +167,7 @@ impl Agreement {
 pub struct GearEvidence {
     /// Share of time in gear that the map predicts for the lot, 0..=1.
     predicted: f32,
-    long: Agreement,
+    pub long: Agreement,
     short: Agreement,
 }
 
@@ -182,25 +179,17 @@ impl GearEvidence {
             && self.short.in_gear > level
     }
 
-    /// Share of time in gear by the long histogram, 0..=1.
-    pub fn in_gear(&self) -> f32 {
-        self.long.in_gear
-    }
-
-    /// Whether the mixture fits both histograms.
     pub fn fits(&self) -> bool {
         self.long.fits() && self.short.fits()
     }
 }
 
-/// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug, Default)]
 pub struct ShareEstimator {
     k: f32,
     /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
     cycles: f32,
-    /// Upper tones for which the profiles were predicted.
     profiled_tones: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
     /// Energy of the last 256 cycles; the reported share is fitted to it.
@@ -211,7 +200,8 @@ pub struct ShareEstimator {
     cycles_since_short_fit: f32,
     short_fit_due: bool,
     detects_gear: bool,
-    evidence: Option<GearEvidence>,
+    /// Evidence for READY; `None` before the first fit.
+    pub evidence: Option<GearEvidence>,
     lead: Phase,
     /// Mean lead since the histogram began; a growing load turns the track.
     mean_lead: Phase,
@@ -231,7 +221,6 @@ pub struct ShareEstimator {
     /// Whether the share was estimated before the track changed.
     is_stale: bool,
     pub has_fit: bool,
-    /// Number of fits with the profiles of the present hypothesis.
     fits: u32,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
@@ -255,7 +244,6 @@ struct ParabolicSearch {
 struct Mixture {
     /// Sum over the sectors of the squared residual over the expected energy.
     residual_sum: f32,
-    /// Energy in other sectors than the mixture predicts.
     unexplained_energy: f32,
     weights: [f32; COMPONENTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
@@ -263,7 +251,6 @@ struct Mixture {
 }
 
 impl ShareEstimator {
-    /// Estimator without any data.
     pub fn new() -> Self {
         Self {
             decay_time: INITIAL_DECAY_TIME,
@@ -292,11 +279,6 @@ impl ShareEstimator {
         (self.is_stale, self.has_fit) = (false, false);
         self.evidence = None;
         (self.misfit, self.misfit_cycles) = (0.0, 0.0);
-    }
-
-    /// Evidence for READY; `None` before the first fit.
-    pub fn evidence(&self) -> Option<&GearEvidence> {
-        self.evidence.as_ref()
     }
 
     /// Predicted profile of the lot; `None` until the prediction is complete.
@@ -377,7 +359,6 @@ impl ShareEstimator {
         }
     }
 
-    /// Scatter of the present hypothesis over the configured one.
     fn scatter_factor(&self) -> f32 {
         let factor = SCATTER_FACTORS.get(self.hypothesis);
         factor.copied().unwrap_or(1.0)
@@ -537,13 +518,8 @@ impl ShareEstimator {
         measured_energy: &SectorEnergy,
         design_matrix: &DesignMatrix,
     ) -> (SectorEnergy, [f32; COMPONENTS], Covariance) {
-        let fit = |sector_variance: &SectorEnergy| {
-            fit_mixture(
-                measured_energy,
-                design_matrix,
-                sector_variance,
-                &self.weights,
-            )
+        let fit = |variance: &SectorEnergy| {
+            fit_mixture(measured_energy, design_matrix, variance, &self.weights)
         };
         let start_weights = if self.weights == [0.0; COMPONENTS] {
             fit(&moving_average(measured_energy)).0
@@ -555,7 +531,6 @@ impl ShareEstimator {
         (sector_variance, weights, covariance)
     }
 
-    /// Updates share, margin and evidence from a mixture.
     fn update_estimates(&mut self, mixture: &Mixture) {
         let noise = self.long.noise / self.long.weight;
         let aligned = DELAY_BOUNDS[0] < self.delay
@@ -645,8 +620,7 @@ impl ShareEstimator {
         }
         let group_restitutions: [f32; GROUPS] =
             core::array::from_fn(|group| profiler.restitution(group));
-        let weighted = groups.iter().zip(group_restitutions);
-        let weighted = weighted.map(|(weight, group_restitution)| weight * group_restitution);
+        let weighted = (groups.iter().zip(group_restitutions)).map(|(weight, one)| weight * one);
         let restitution = weighted.sum::<f32>() / total_weight;
         let mut variance = 0.0_f32;
         for (row, one) in mixture.covariance.iter().zip(group_restitutions) {
@@ -663,15 +637,11 @@ impl ShareEstimator {
                 + RESTITUTION_MARGIN * RESTITUTION_MARGIN,
         );
         // A group's phase follows from its restitution; the fit estimates the number of its parts.
-        let group_terms = groups
-            .iter()
-            .zip(group_restitutions)
-            .zip(profile.launch_accelerations);
-        let traces = group_terms.map(|((weight, group_restitution), acceleration)| {
-            let restitution_factor = (1.0 + group_restitution) * (1.0 + group_restitution);
-            weight
-                * (1.0 + group_restitution * group_restitution
-                    - restitution_factor * acceleration / k)
+        let groups = groups.iter().zip(group_restitutions);
+        let traces = groups.zip(profile.launch_accelerations);
+        let traces = traces.map(|((weight, one), acceleration)| {
+            let restitution_factor = (1.0 + one) * (1.0 + one);
+            weight * (1.0 + one * one - restitution_factor * acceleration / k)
         });
         let trace = traces.sum::<f32>() / total_weight;
         Some(GearMargin {
@@ -807,12 +777,13 @@ mod tests {
                 in_gear,
                 excess: -0.1,
             });
-            let evidence = GearEvidence {
-                predicted,
+            let evidence = (GearEvidence {
                 long,
                 short,
-            };
-            assert_eq!(evidence.supports(0.5), supports, "{evidence:?}");
+                predicted,
+            })
+            .supports(0.5);
+            assert_eq!(evidence, supports, "{predicted} {shares:?}");
         }
     }
 }

@@ -88,7 +88,6 @@ pub fn drive_energy([cosines, sines]: [f32; 2], step: u32) -> SectorEnergy {
     });
     core::array::from_fn(|n| half[n % half.len()])
 }
-/// Whether the profile of parts out of gear counts.
 pub fn has_out_of_gear_profile(profile: &StrikeProfile) -> bool {
     profile.periods[1].iter().sum::<f32>() >= MIN_PERIODS_OUT
 }
