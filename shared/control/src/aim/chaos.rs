@@ -139,16 +139,12 @@ impl ChaosSearch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::lot;
     use kband::impact::Map;
     use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 
     fn search(low: f32, high: f32) -> (Option<f64>, u32) {
-        let mut search = ChaosSearch::begin(&Settings {
-            restitution_low: low,
-            restitution_high: high,
-            ..Settings::default()
-        })
-        .unwrap();
+        let mut search = ChaosSearch::begin(&lot(low, high)).unwrap();
         let mut slices = 0;
         while search.step() {
             slices += 1;

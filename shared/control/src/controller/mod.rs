@@ -4,7 +4,6 @@
 //! supervisory control of a servo loop. ARCHITECTURE.md walks through one cycle.
 
 use crate::aim::Selection;
-use crate::angle::radians_of;
 use crate::drive::{AmplitudeLoop, Reference, Resonance, Scale, Tones};
 use crate::hear::{GearEstimator, Listener, LoadEvents, LoadMeter, MissedImpactDetector};
 use crate::identify::Identifier;
@@ -221,62 +220,6 @@ impl Controller {
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
         self.report()
-    }
-
-    /// As [`Controller::cycle`], without the report.
-    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
-        let mut events = core::mem::take(&mut self.pending_events);
-        self.count_cycle();
-        let silent = Cycle::default();
-        let finite = cycle.is_finite();
-        let view = self.view(if finite { cycle } else { &silent }, finite);
-        let was_limited = !self.limits.limits.is_empty();
-        let untrusted = self.detect_faults(&view, inputs, &mut events);
-        self.follow_enable_input(inputs, view.measured, &mut events);
-        if !untrusted {
-            self.lead = radians_of(view.lead);
-        }
-        self.update_limits(inputs);
-        let goal = self.move_reference();
-        if !self.machine.running() {
-            self.switch_off();
-        } else if inputs.held_off {
-            self.release_output();
-        } else if self.resonance.is_sweeping() {
-            self.advance_sweep(view.measured, &mut events);
-        } else {
-            // The reading of a sensor that may be lost is not used: the output is held.
-            if !untrusted {
-                self.control_amplitude(&view);
-                self.listen(&view, goal);
-                self.follow_resonance(view.measured);
-                self.control_tones(&view.motion, &mut events);
-            }
-            self.detect_missed_impacts(view.cycle, goal, view.measured);
-            self.advance_state(goal, view.measured, &mut events);
-            self.watch_fit();
-            self.retune_gear();
-            self.serve_flow(&mut events);
-            self.identify(view.cycle, goal, view.measured, &mut events);
-        }
-        self.report_load(&mut events);
-        self.report_limits(was_limited, &mut events);
-        if !(view.finite && self.commands_finite()) {
-            self.fail_firmware(&mut events);
-        }
-        // The limit also holds while an untrusted reading freezes the output.
-        self.output = self.output.min(self.output_limit());
-        self.predict_envelope();
-        self.measured = Measured {
-            amplitude: view.measured,
-            lead: view.lead,
-            shape: if self.tones.allowed() {
-                view.motion.shape()
-            } else {
-                Shape::SINE
-            },
-            events,
-        };
     }
 
     /// Computes one bounded slice of planning, in idle time. Returns whether more remain.

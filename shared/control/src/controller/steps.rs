@@ -1,6 +1,6 @@
-//! The steps of one drive cycle, which `Controller::advance` calls.
+//! One drive cycle of a controller, step by step.
 
-use super::Controller;
+use super::{Controller, Measured};
 use crate::angle::radians_of;
 use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
 use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
@@ -25,18 +25,80 @@ const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
 /// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
-pub(super) struct View<'c> {
-    pub(super) cycle: &'c Cycle,
-    pub(super) finite: bool,
+struct View<'c> {
+    cycle: &'c Cycle,
+    finite: bool,
     /// Amplitude b, in m.
-    pub(super) measured: f32,
+    measured: f32,
     /// Phase lead of the track before the output.
-    pub(super) lead: Phase,
-    pub(super) motion: TrackMotion,
+    lead: Phase,
+    motion: TrackMotion,
 }
 
 impl Controller {
-    pub(super) fn count_cycle(&mut self) {
+    /// As [`Controller::cycle`], without the report.
+    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
+        let mut events = core::mem::take(&mut self.pending_events);
+        self.count_cycle();
+        let silent = Cycle::default();
+        let finite = cycle.is_finite();
+        let view = self.view(if finite { cycle } else { &silent }, finite);
+        let was_limited = !self.limits.limits.is_empty();
+        let untrusted = self.detect_faults(&view, inputs, &mut events);
+        self.follow_enable_input(inputs, view.measured, &mut events);
+        if !untrusted {
+            self.lead = radians_of(view.lead);
+        }
+        self.update_limits(inputs);
+        let goal = self.move_reference();
+        if !self.machine.running() {
+            self.switch_off();
+        } else if inputs.held_off {
+            self.release_output();
+        } else if self.resonance.is_sweeping() {
+            self.advance_sweep(view.measured, &mut events);
+        } else {
+            // The reading of a sensor that may be lost is not used: the output is held.
+            if !untrusted {
+                self.control_amplitude(&view);
+                self.listen(&view, goal);
+                self.follow_resonance(view.measured);
+                self.control_tones(&view.motion, &mut events);
+            }
+            self.detect_missed_impacts(&view, goal);
+            self.advance_state(goal, view.measured, &mut events);
+            self.watch_fit();
+            if self.machine.settled() {
+                let (margin, missing) = (self.listener.margin(), self.tones.missing_tones());
+                (self.selection).retune(margin.as_ref(), missing, &self.settings, &self.scale);
+            }
+            let flow = self.load().map(|load| load.flow);
+            (self.selection).serve_flow(flow, &self.settings, &self.scale, &mut events);
+            self.identify(&view, goal, &mut events);
+        }
+        if let Some(event) = self.weighing.cycle(self.load(), self.resonance.frequency) {
+            events.push(event);
+        }
+        self.report_limits(was_limited, &mut events);
+        if !(view.finite && self.commands_finite()) {
+            self.fail_firmware(&mut events);
+        }
+        // The limit also holds while an untrusted reading freezes the output.
+        self.output = self.output.min(self.output_limit());
+        self.predict_envelope();
+        self.measured = Measured {
+            amplitude: view.measured,
+            lead: view.lead,
+            shape: if self.tones.allowed() {
+                view.motion.shape()
+            } else {
+                Shape::SINE
+            },
+            events,
+        };
+    }
+
+    fn count_cycle(&mut self) {
         self.count = self.count.wrapping_add(1);
         // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
         if self.count == 0 {
@@ -46,7 +108,7 @@ impl Controller {
     }
 
     /// The view of a cycle, with the track's motion corrected for the parts' load.
-    pub(super) fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
+    fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
         let motion = Complex::new(-cycle.quadrature, -cycle.in_phase);
         let mut motion = self.estimate_load(cycle, motion / self.scale.angular_squared);
         let finite = finite && motion.is_finite();
@@ -62,7 +124,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn commands_finite(&self) -> bool {
+    fn commands_finite(&self) -> bool {
         let upper = self.tones.output();
         let mut numbers = upper.as_flattened().iter();
         self.output.is_finite()
@@ -115,7 +177,7 @@ impl Controller {
     }
 
     /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
-    pub(super) fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
+    fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
@@ -146,12 +208,7 @@ impl Controller {
     }
 
     /// Detects faults. Returns whether this cycle's reading is untrusted.
-    pub(super) fn detect_faults(
-        &mut self,
-        view: &View,
-        inputs: &Inputs,
-        events: &mut Events,
-    ) -> bool {
+    fn detect_faults(&mut self, view: &View, inputs: &Inputs, events: &mut Events) -> bool {
         let (cycle, measured, lead) = (view.cycle, view.measured, radians_of(view.lead));
         if inputs.chatters {
             events.push(Event::EnableChatters);
@@ -203,12 +260,7 @@ impl Controller {
     }
 
     /// Follows the enable input, and the run bit of a bus in control.
-    pub(super) fn follow_enable_input(
-        &mut self,
-        inputs: &Inputs,
-        measured: f32,
-        events: &mut Events,
-    ) {
+    fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let at_rest =
             self.reference.value <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
         let stop_timeout = 4.0 * self.settings.soft_stop * self.settings.frequency;
@@ -249,7 +301,8 @@ impl Controller {
         }
     }
 
-    pub(super) fn detect_missed_impacts(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
+    fn detect_missed_impacts(&mut self, view: &View, goal: f32) {
+        let measured = view.measured;
         let limits = self.limits.limits;
         let settled = match self.machine.state {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
@@ -271,11 +324,11 @@ impl Controller {
             speed_from_rest: unit * self.listener.gear.landing_speed_from_rest(),
             locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
             kicked: self.machine.capture.attempts > 0,
-            noise: cycle.noise,
+            noise: view.cycle.noise,
         });
     }
 
-    pub(super) fn update_limits(&mut self, inputs: &Inputs) {
+    fn update_limits(&mut self, inputs: &Inputs) {
         let timeout = match inputs.bus {
             None => self.settings.link_timeout,
             Some(_) => self.settings.bus_timeout,
@@ -300,7 +353,7 @@ impl Controller {
     }
 
     /// Moves the reference by one cycle; its goal, in m.
-    pub(super) fn move_reference(&mut self) -> f32 {
+    fn move_reference(&mut self) -> f32 {
         let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
         let limits = self.limits.limits;
         let safe = settings.safe_amplitude * 1e-3;
@@ -335,20 +388,20 @@ impl Controller {
     }
 
     /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
-    pub(super) fn swing_limits(&self) -> Option<[f32; 2]> {
+    fn swing_limits(&self) -> Option<[f32; 2]> {
         let (swing, scale) = (&self.swing, &self.scale);
         let limits = swing.limits(self.reference.value, scale.ceiling, scale.min_amplitude);
         limits.filter(|_| !self.resonance.is_sweeping())
     }
 
     /// Upper limit of the next output, as a share of full output, without the accelerometer.
-    pub(super) fn output_limit(&self) -> f32 {
+    fn output_limit(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, limit]| limit);
         self.scale
             .output_limit(self.predicted_envelopes[0], amplitude)
     }
 
-    pub(super) fn switch_off(&mut self) {
+    fn switch_off(&mut self) {
         self.release_output();
         self.listener.clear();
         self.missed_impact_detector = MissedImpactDetector::default();
@@ -362,7 +415,7 @@ impl Controller {
     }
 
     /// Switches the output off while the track comes to rest; the bridge is open already.
-    pub(super) fn release_output(&mut self) {
+    fn release_output(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
         self.reference.value = 0.0;
         self.amplitude.reset();
@@ -370,14 +423,14 @@ impl Controller {
     }
 
     /// Amplitude at the peak of the resonance search, in m.
-    pub(super) fn sweep_amplitude(&self) -> f32 {
+    fn sweep_amplitude(&self) -> f32 {
         (self.settings.safe_amplitude * 1e-3)
             .min(self.selection.setpoint(&self.scale))
             .min(self.scale.ceiling)
     }
 
     /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
-    pub(super) fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
+    fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
         self.output = output.min(self.settings.output_maximum);
         self.output_lead = 0.0;
@@ -390,7 +443,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn follow_resonance(&mut self, measured: f32) {
+    fn follow_resonance(&mut self, measured: f32) {
         if self.resonance.is_tracking()
             && measured > MIN_TRACKING_AMPLITUDE * self.settings.safe_amplitude
         {
@@ -399,7 +452,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn update_scale(&mut self) {
+    fn update_scale(&mut self) {
         self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
@@ -412,7 +465,7 @@ impl Controller {
     }
 
     #[inline(always)]
-    pub(super) fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
+    fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
         let observed = Observation {
             at_setpoint: self.selection.chosen()
                 && self.reference.value == goal
@@ -429,7 +482,7 @@ impl Controller {
     }
 
     /// Tests whether the parts fit the lot of gear. The result stays until the track is empty.
-    pub(super) fn watch_fit(&mut self) {
+    fn watch_fit(&mut self) {
         if self.selection.misfit {
             if self.listener.empty {
                 self.restart_target();
@@ -452,17 +505,6 @@ impl Controller {
         }
     }
 
-    pub(super) fn retune_gear(&mut self) {
-        if self.machine.settled() {
-            self.selection.retune(
-                self.listener.margin().as_ref(),
-                self.tones.missing_tones(),
-                &self.settings,
-                &self.scale,
-            );
-        }
-    }
-
     #[inline(always)]
     fn carry_out(&mut self, decision: Decision) {
         match decision {
@@ -474,13 +516,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn identify(
-        &mut self,
-        cycle: &Cycle,
-        goal: f32,
-        measured: f32,
-        events: &mut Events,
-    ) {
+    fn identify(&mut self, view: &View, goal: f32, events: &mut Events) {
         if !self.identifier.is_running() {
             return;
         }
@@ -490,6 +526,7 @@ impl Controller {
             }
             return;
         }
+        let measured = view.measured;
         let amplitude_error = if self.reference.value == goal {
             (measured - goal).abs() / goal
         } else {
@@ -506,7 +543,7 @@ impl Controller {
             speed_from_rest: self.listener.gear.landing_speed_from_rest(),
             energy_per_squared_speed: self.listener.gear.energy_per_squared_speed(),
         };
-        match self.identifier.cycle(&driven, cycle) {
+        match self.identifier.cycle(&driven, view.cycle) {
             Step::Going => {}
             Step::At(k) => {
                 self.listener.clear();
@@ -517,7 +554,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn control_amplitude(&mut self, view: &View) {
+    fn control_amplitude(&mut self, view: &View) {
         let reference = self.reference.value;
         let limit = self.output_limit();
         let impact_phase = ImpactPhase {
@@ -530,7 +567,7 @@ impl Controller {
             .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, limit), 0.0]);
     }
 
-    pub(super) fn listen(&mut self, view: &View, goal: f32) {
+    fn listen(&mut self, view: &View, goal: f32) {
         let drive_state = DriveState {
             count: self.count,
             lead: view.lead,
@@ -550,21 +587,7 @@ impl Controller {
             .cycle(view.cycle, &drive_state, self.selection.lock());
     }
 
-    /// Selects the order of gear for the requested flow, from the present flow.
-    pub(super) fn serve_flow(&mut self, events: &mut Events) {
-        let flow = self.load().map(|load| load.flow);
-        self.selection
-            .serve_flow(flow, &self.settings, &self.scale, events);
-    }
-
-    pub(super) fn report_load(&mut self, events: &mut Events) {
-        let load = self.load();
-        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency) {
-            events.push(event);
-        }
-    }
-
-    pub(super) fn report_limits(&self, was_limited: bool, events: &mut Events) {
+    fn report_limits(&self, was_limited: bool, events: &mut Events) {
         let is_limited = !self.limits.limits.is_empty();
         if !was_limited && is_limited {
             events.push(Event::Limited);
@@ -574,7 +597,7 @@ impl Controller {
     }
 
     /// Switches the drive off after an error of the firmware, and clears the loops' estimates.
-    pub(super) fn fail_firmware(&mut self, events: &mut Events) {
+    fn fail_firmware(&mut self, events: &mut Events) {
         self.machine.fail(Fault::ControlLate, events);
         self.amplitude.forget();
         self.meter = LoadMeter::build(&self.settings);
@@ -584,7 +607,7 @@ impl Controller {
     }
 
     /// Predicts the envelope at the end of the cycle that the output drives.
-    pub(super) fn predict_envelope(&mut self) {
+    fn predict_envelope(&mut self) {
         let [newest, before, _] = self.predicted_envelopes;
         // Missing amplitude counts as load only while impacts are detected.
         let detected = self.listener.phases.rate() > 0.0;

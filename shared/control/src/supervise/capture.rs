@@ -155,17 +155,13 @@ impl Capture {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Controller, Settings, StartCause, Target};
+    use crate::testing::lot;
+    use crate::{Controller, StartCause, Target};
 
     #[test]
     fn plan_that_captures_less_than_95_percent_is_uncertain() {
         for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
-            let settings = Settings {
-                restitution_low: low,
-                restitution_high: high,
-                ..Settings::default()
-            };
-            let target = Target::Locked { order: 1 };
+            let (settings, target) = (lot(low, high), Target::Locked { order: 1 });
             let mut controller =
                 Controller::build(&settings, target, StartCause::Ordinary).unwrap();
             while controller.plan_step() {}

@@ -2,7 +2,7 @@
 
 use super::ideal;
 use crate::signal_path::DetectedImpact;
-use crate::testing::with;
+use crate::testing::{lot, with};
 use crate::{Controller, Inputs, Settings, StartCause, State, TRANSITIONS, Target};
 use kband::arithmetic::{Noise, Phase};
 use std::collections::BTreeSet;
@@ -14,12 +14,10 @@ fn one_in(random: &mut Noise, count: u32) -> bool {
 /// A controller whose plans are ready, and the phase at which its lock is detected.
 fn ready(target: Target) -> (Controller, Phase) {
     let settings = Settings {
-        restitution_low: 0.199,
-        restitution_high: 0.201,
         capture_attempts: 1.0,
         link_timeout: 0.5,
         amplitude_limit: 0.9,
-        ..Settings::default()
+        ..lot(0.199, 0.201)
     };
     let mut controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
     while controller.plan_step() {}
