@@ -15,8 +15,8 @@ pub const NUMBER: u16 = 2;
 pub const RECIPE: u16 = 8;
 pub const SAVE: u16 = 9;
 
-/// Number of registers of the image's name, two characters each.
-pub const NAME_REGISTERS: u16 = 32;
+/// Form of the image's name: 32 registers of two characters each.
+pub const NAME_FORM: Form = Form::Text(32);
 
 /// A quantity of a drive cycle: unit of the integer, and content.
 type Reading = (f32, fn(&Picture<'_>) -> f32);
@@ -40,7 +40,7 @@ macro_rules! described {
     };
 }
 
-const fn row(address: u16, form: Form, access: Access, source: Source) -> Register {
+pub const fn row(address: u16, form: Form, access: Access, source: Source) -> Register {
     Register {
         address,
         form,

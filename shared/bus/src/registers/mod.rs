@@ -13,7 +13,7 @@ mod list;
 
 use list::{
     BEFORE_READINGS, EVENT, EVENT_WORDS, FIRST_FLOAT, FIRST_INTEGER, FIXED, FIXED_WORDS, NAME,
-    NAME_REGISTERS, NAME_WORDS, READING_WORDS, READINGS,
+    NAME_FORM, NAME_WORDS, READING_WORDS, READINGS, row,
 };
 pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 
@@ -170,39 +170,23 @@ fn reading(index: usize, form: Form) -> Option<Register> {
         Form::Float => (FIRST_FLOAT + 2 * n, Form::Float),
         _ => (FIRST_INTEGER + n, Form::Scaled(unit)),
     };
-    Some(Register {
-        address,
-        form,
-        access: Access::Read,
-        source: Source::Real(of),
-    })
+    Some(row(address, form, Access::Read, Source::Real(of)))
 }
 
 fn setting(index: usize) -> Option<Register> {
-    (index < Settings::KEYS.len()).then(|| Register {
-        address: FIRST_SETTING + 2 * index as u16,
-        form: Form::Float,
-        access: Access::AtRest,
-        source: Source::Setting(index),
-    })
+    let address = FIRST_SETTING + 2 * index as u16;
+    let register = row(address, Form::Float, Access::AtRest, Source::Setting(index));
+    (index < Settings::KEYS.len()).then_some(register)
 }
 
 fn event(age: u16, part: usize) -> Option<Register> {
     let &(offset, form, part) = EVENT.get(part)?;
-    (age < EVENTS).then(|| Register {
-        address: FIRST_EVENT + EVENT_REGISTERS * age + offset,
-        form,
-        access: Access::Read,
-        source: Source::Event { age, part },
-    })
+    let address = FIRST_EVENT + EVENT_REGISTERS * age + offset;
+    let register = row(address, form, Access::Read, Source::Event { age, part });
+    (age < EVENTS).then_some(register)
 }
 
-const IMAGE: Register = Register {
-    address: NAME,
-    form: Form::Text(NAME_REGISTERS),
-    access: Access::Read,
-    source: Source::Image,
-};
+const IMAGE: Register = row(NAME, NAME_FORM, Access::Read, Source::Image);
 
 /// The register that contains this address; `None` if there is none.
 pub(crate) fn at(address: u16) -> Option<Register> {

@@ -36,11 +36,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    pub fn from_target(
-        target: Target,
-        settings: &Settings,
-        scale: &Scale,
-    ) -> Result<Self, OutOfRange> {
+    pub fn of(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
@@ -50,26 +46,23 @@ impl Selection {
             }
             _ => None,
         };
+        let (speed, flow) = match target {
+            Target::Speed(speed) => (Some(speed), None),
+            // Touching parts: the next one follows after a part's length.
+            Target::PartsPerMinute(rate) => (Some(rate * settings.part_length / 60.0), None),
+            Target::Flow(flow) => (None, Some(flow)),
+            _ => (None, None),
+        };
         let chaotic = target == Target::Chaotic && choice.lock.is_some();
         Ok(Self {
             target,
-            speed: match target {
-                Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
-                Target::PartsPerMinute(rate) => {
-                    // Touching parts: the next one follows after a part's length.
-                    Some(SpeedSearch::begin(rate * settings.part_length / 60.0))
-                }
-                _ => None,
-            },
+            speed: speed.map(SpeedSearch::begin),
             gear,
-            flow: match target {
-                Target::Flow(flow) => Some(FlowChoice::new(flow)),
-                _ => None,
-            },
+            flow: flow.map(FlowChoice::new),
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: plan_kicks(&choice, settings, scale)?,
+            search: kicks(&choice, settings, scale)?,
             choice,
             chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
@@ -240,7 +233,7 @@ impl Selection {
 
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
         self.choice = choice;
-        match plan_kicks(&choice, settings, scale) {
+        match kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
             Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
@@ -258,16 +251,10 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn plan_kicks(
-    choice: &Choice,
-    settings: &Settings,
-    scale: &Scale,
-) -> Result<KickSearch, OutOfRange> {
-    match choice.lock {
-        Some(lock) => {
-            let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));
-            KickSearch::begin(settings, &lock, reserve)
-        }
-        None => Ok(KickSearch::default()),
-    }
+fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
+    let Some(lock) = &choice.lock else {
+        return Ok(KickSearch::default());
+    };
+    let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));
+    KickSearch::begin(settings, lock, reserve)
 }

@@ -5,9 +5,7 @@ use crate::angle::radians_of;
 use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
 use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
 use crate::identify::{self, Driven, Step};
-use crate::supervise::{
-    Clearance, Decision, FaultDetector, LimitInputs, Observation, Prediction, SwingResult,
-};
+use crate::supervise::{Clearance, Decision, FaultDetector, LimitInputs, Observation, Prediction};
 use crate::{Cycle, Event, Events, Fault, Inputs, Limits, Shape, State, Target, UPPER, phase_of};
 use core::f32::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
@@ -251,10 +249,10 @@ impl Controller {
         }
         let by_current = expected.by_current.unwrap_or(expected.amplitude);
         match self.swing.cycle(measured, [expected.amplitude, by_current]) {
-            SwingResult::Pending => {}
+            None => {}
             // The test swing moves no part, so the usual ratio under load must be estimated again.
-            SwingResult::Passed => self.faults.reset_load_ratio(),
-            SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
+            Some(true) => self.faults.reset_load_ratio(),
+            Some(false) => self.machine.fail(Fault::SensorImplausible, events),
         }
         untrusted
     }

@@ -35,8 +35,7 @@ pub fn upper_response(settings: &Settings) -> [Complex; UPPER] {
     ]
 }
 
-/// Response of the drive's resonance at a frequency in Hz, in m, with the output held between
-/// samples.
+/// Response of the drive's resonance at a frequency in Hz, in m, to an output with zero-order hold.
 fn resonant(settings: &Settings, frequency: f32) -> Complex {
     let x = frequency / settings.resonance;
     let denominator = Complex::new(1.0 - x * x, x / settings.quality);

@@ -43,8 +43,7 @@ const QUARTERS: usize = SECTORS / SECTORS_PER_CYCLE;
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
 /// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
 const MIN_SCATTER: f32 = 0.03;
-/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of
-/// [`MIN_IMPACTS`].
+/// Largest used ratio of estimated to configured scatter: 1 plus the 16 % of [`MIN_IMPACTS`].
 const MAX_SCATTER_RATIO: f32 = 1.2;
 /// Distance of an implied restitution from the lot, in standard deviations, that rejects it.
 const MAX_LOT_DISTANCE: f32 = 4.0;
@@ -86,8 +85,7 @@ pub struct GearMargin {
     pub to_loss: f32,
 }
 
-/// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
-/// acceleration A.
+/// Motion of the track over its first tone's amplitude: displacement, velocity, minus acceleration.
 #[derive(Clone, Copy, Debug, Default)]
 struct TrackMotion {
     /// `e cos th` and `e sin th` of each tone above the first.
@@ -95,12 +93,6 @@ struct TrackMotion {
 }
 
 impl TrackMotion {
-    fn from_shape(shape: &Shape) -> Self {
-        Self {
-            tones: shape.cartesian_tones(),
-        }
-    }
-
     fn evaluate(&self, phase: Phase) -> [f32; 3] {
         let (sine, cosine) = sine_cosine_single(phase);
         let [[in_phase, quadrature], third] = self.tones;
@@ -244,8 +236,7 @@ pub struct DriveState {
     pub shape: Shape,
     /// Advance of the phase per sample.
     pub step: u32,
-    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
-    /// to impact (symbol s).
+    /// Configured or identified restitutions of the lot (symbol R), and their scatter (symbol s).
     pub lot: Option<(Restitution, f32)>,
     pub settled: bool,
     pub contact: ContactTime,
@@ -357,8 +348,8 @@ impl GearEstimator {
         if drive_state.shape.is_sine() {
             self.track = TrackMotion::default();
         } else {
-            let now = TrackMotion::from_shape(&drive_state.shape);
-            for (tone, now) in self.track.tones.iter_mut().zip(now.tones) {
+            let now = drive_state.shape.cartesian_tones();
+            for (tone, now) in self.track.tones.iter_mut().zip(now) {
                 for (part, now) in tone.iter_mut().zip(now) {
                     *part += (now - *part) * 0.1;
                 }
@@ -407,35 +398,28 @@ impl GearEstimator {
         let speed = rise - last.launch[1] + self.contact_gain * (k - last.launch[2]);
         let restitution = last.arrival.map(|arrival| speed / arrival);
         impact.arrival = Some(k * duration + impact.track[1] - rise);
-        if let Some(arrival) =
-            self.detect_missed_flight(&last, &impact, restitution, duration, noise)
-        {
-            impact.arrival = arrival;
-            self.last = Some(impact);
+        let missed = self.detect_missed_flight(&last, &impact, restitution, duration, noise);
+        impact.arrival = missed.unwrap_or(impact.arrival);
+        self.last = Some(impact);
+        if missed.is_some() {
             self.end_gear();
             return;
         }
-        self.last = Some(impact);
         self.flights = self.flights.saturating_add(1);
         self.pending_cycles += turns;
         if self.flights >= MIN_FLIGHTS_IN_GEAR {
             self.in_gear += self.pending_cycles;
             self.cycles += self.pending_cycles;
             self.pending_cycles = 0.0;
-        }
-        // Flights before gear may belong to another kind of hopping.
-        if let (Some(restitution), Some(arrival), true) = (
-            restitution,
-            impact.arrival,
-            self.flights >= MIN_FLIGHTS_IN_GEAR,
-        ) {
-            self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+            // Flights before gear may belong to another kind of hopping.
+            if let (Some(restitution), Some(arrival)) = (restitution, impact.arrival) {
+                self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+            }
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was more than one
-    /// flight. `None`: it was one. Else the part was thrown from rest (with this arrival), or
-    /// bounced.
+    /// Decides by a likelihood ratio whether the gap since the last impact was one flight (`None`).
+    /// Else the part was thrown from rest, with this arrival, or bounced.
     fn detect_missed_flight(
         &self,
         last: &Impact,
@@ -531,9 +515,8 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0)
     }
 
-    /// Whether a part may stay in gear at a phase of the track (rad). A restitution one scatter
-    /// below the lot's middle must have a lock, too. Its velocity is proportional to `(1 - R)/(1 +
-    /// R)`.
+    /// Whether a part may stay in gear at a phase of the track (rad): also one scatter below the
+    /// lot's middle there must be a lock, of velocity proportional to `(1 - R)/(1 + R)`.
     pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
         let middle = 0.5 * (self.lot[0] + self.lot[1]);
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
@@ -651,7 +634,8 @@ mod tests {
         ] {
             let [e2, th2, e3, th3] = tones.map(f64::from);
             let shape = Shape::from_tones([[tones[0], tones[1]], [tones[2], tones[3]]]);
-            let track = TrackMotion::from_shape(&shape);
+            let tones = shape.cartesian_tones();
+            let track = TrackMotion { tones };
             for k in [0.6, 0.75, 0.95] {
                 let flight = FlightFromRest::evaluate(k as f32, track);
                 let upper = [Tone::new(e2, th2), Tone::new(e3, th3)];
@@ -665,8 +649,7 @@ mod tests {
         }
     }
 
-    /// An estimator after 1000 drive cycles with an energy of 3 and an impact at this phase of the
-    /// track.
+    /// An estimator after 1000 drive cycles, each with an energy of 3 and an impact at this phase.
     fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
         let drive_state = DriveState {
             count: 0,
@@ -706,10 +689,8 @@ mod tests {
             let factor = (1.0 + restitution) * (1.0 + restitution) / k;
             let trace = 1.0 + restitution * restitution - factor * libm::sin(lock.state().phase);
             assert!((margin.restitution - r).abs() < 1e-3, "{margin:?}");
-            assert!(
-                (margin.trace - trace as f32).abs() < 1e-3,
-                "{margin:?} {trace}"
-            );
+            let holds = (margin.trace - trace as f32).abs() < 1e-3;
+            assert!(holds, "{margin:?} {trace}");
             assert!((0.99..=1.0).contains(&estimator.long_share()) && estimator.share() > 0.99);
             let arrival = lock.state().velocity / restitution;
             let energy = f64::from(estimator.energy_per_squared_speed().unwrap());

@@ -349,8 +349,7 @@ mod tests {
         (measured, motion)
     }
 
-    /// The mass does not depend on the contact: `<cos t>` over its force changes by up to 0.6 % at
-    /// 2 % of the cycle.
+    /// At a contact of 2 % of the cycle `<cos t>` over the force, hence the mass, changes by 0.6 %.
     #[test]
     fn speed_with_contact_is_that_of_the_lock() {
         for (k, r, phase_lead) in [(0.43, 0.2, 0.0), (0.56, 0.35, 0.0), (0.56, 0.35, 20.0)] {
@@ -421,8 +420,7 @@ mod tests {
         }
     }
 
-    /// The empty track corrects an error of the configured gain of a tenth; parts out of gear are
-    /// not weighed.
+    /// The empty track corrects an error of the gain of a tenth; parts out of gear are not weighed.
     #[test]
     fn empty_track_is_tare_and_parts_weigh_only_in_gear() {
         let settings = settings();

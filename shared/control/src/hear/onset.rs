@@ -39,8 +39,7 @@ impl<T> HighPass<T> {
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetDetector {
     passes: [HighPass<f32>; 2],
-    /// Running median of the residual's magnitude, in m/s^2: [`OnsetDetector::QUARTILE`] of the
-    /// noise's RMS.
+    /// Running median of the residual's magnitude, in m/s^2.
     median: f32,
     /// Decaying envelope of the last ringing, in m/s^2.
     ringing: f32,

@@ -76,7 +76,8 @@ impl PhaseStatistics {
                 let difference = radians_of(phase - lock.phase);
                 if difference > -lock.width && difference < lock.width {
                     self.at_lock += 1.0;
-                    let number = self.add_impact_in_window(count, impact.phase, lead, lock);
+                    let time = impact_time(count, impact.phase, lead);
+                    let number = self.add_impact_in_window(time, lock);
                     let even = number & 1 == 0;
                     self.alternating_sum += if even { difference } else { -difference };
                 }
@@ -86,14 +87,7 @@ impl PhaseStatistics {
 
     /// Counts an impact within the lock's window; returns the number of the flight that it ends.
     /// Parts of order r strike in every r-th cycle.
-    fn add_impact_in_window(
-        &mut self,
-        count: u32,
-        phase: Phase,
-        lead: Phase,
-        lock: &LockWindow,
-    ) -> u32 {
-        let time = impact_time(count, phase, lead);
+    fn add_impact_in_window(&mut self, time: u64, lock: &LockWindow) -> u32 {
         // Cycles that begin half a turn before the lock's phase.
         let shifted = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
         let number = (shifted >> 32) as u32;

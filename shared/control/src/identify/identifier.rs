@@ -389,8 +389,7 @@ impl Identifier {
         Step::Going
     }
 
-    /// Brings the parts to rest before averages at a k with rest each cycle; `hopping` is a k
-    /// without rest.
+    /// Brings the parts to rest before averages at a k with rest; `hopping`: a k without rest.
     fn begin_averages(&mut self, hopping: f64) -> Step {
         let first = resting_k(self.k);
         self.first = Some(first);
@@ -461,8 +460,7 @@ impl Identifier {
         }
     }
 
-    /// Checks the averages' result against the restitution in gear: scattered parts repeat no
-    /// train.
+    /// Checks the averages' result against the restitution in gear: scattered parts repeat none.
     fn begin_gear_check(&mut self, result: Identification) -> Step {
         self.averages_result = Some(result);
         match GEAR_CHECK_K.get(self.checks) {
@@ -500,8 +498,7 @@ impl Identifier {
         })
     }
 
-    /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
-    /// gear.
+    /// Estimates the number n of parts from two energies: n^2 of joint landings, n in gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
         let bounces = BounceTrain::simulate(self.first?, restitution, self.fit.contact)?;
         let trained: f32 = (bounces.impacts.iter().map(|(_, speed)| speed * speed)).sum();

@@ -7,6 +7,7 @@
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks for
 //! parts outside the lot. A kick misses a part with the probability of the plan, or always.
 
+use super::machine::{LOCK_CONFIDENCE, LOST_CONFIDENCE};
 use crate::Event;
 use kband::regime::capture::{Kick, Plan};
 
@@ -47,14 +48,6 @@ pub struct Capture {
     tokens_per_cycle: f32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DetectedLock {
-    All,
-    Most,
-    /// Of few parts or none: the evidence of a kick that missed.
-    Few,
-}
-
 impl Capture {
     /// A capture of at most `allowed` kicks, 60 in an hour; `rate` in cycles per second.
     pub fn new(allowed: u8, rate: f32) -> Self {
@@ -89,14 +82,9 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `settled`: the amplitude is back at the setpoint. `NotCaptured`: the
-    /// attempts of this capture or of the hour are used up, or the misses are improbable.
-    pub fn cycle(
-        &mut self,
-        plan: Option<&Plan>,
-        lock: DetectedLock,
-        settled: bool,
-    ) -> Option<Event> {
+    /// Advances one cycle. `lock`: confidence that the parts are locked; `settled`: the amplitude is
+    /// back at the setpoint. `NotCaptured`: no attempt is left, or the misses are improbable.
+    pub fn cycle(&mut self, plan: Option<&Plan>, lock: f32, settled: bool) -> Option<Event> {
         match self.stage {
             Stage::Idle => None,
             Stage::Planning => {
@@ -118,7 +106,7 @@ impl Capture {
                     Some(Event::KickEnded)
                 }
             }
-            Stage::Judging(_) if lock == DetectedLock::All && settled => {
+            Stage::Judging(_) if lock >= LOCK_CONFIDENCE && settled => {
                 self.stage = Stage::Idle;
                 Some(Event::Locked)
             }
@@ -127,7 +115,8 @@ impl Capture {
                 None
             }
             Stage::Judging(_) => {
-                if let (DetectedLock::Few, Some(plan)) = (lock, plan) {
+                // Few locked parts are the evidence of a kick that missed.
+                if let Some(plan) = plan.filter(|_| lock < LOST_CONFIDENCE) {
                     let attempt = u32::from(self.attempts).saturating_sub(1);
                     self.miss_probability *= plan.miss_probability(attempt);
                 }
@@ -170,7 +159,7 @@ mod tests {
             assert!((0.35..0.95).contains(&share) != sure, "{low}: {share}");
             let mut capture = Capture::new(8, 50.0);
             capture.begin();
-            let event = capture.cycle(Some(&plan), DetectedLock::Few, true);
+            let event = capture.cycle(Some(&plan), 0.0, true);
             assert_eq!(event == Some(Event::KickPlanned), sure, "{low}");
             assert_eq!(event == Some(Event::KickUncertain), !sure, "{low}");
         }

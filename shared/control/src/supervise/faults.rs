@@ -338,7 +338,7 @@ mod tests {
         // Range and saturated readings of the converter, amplitude in 0.1 mm, and lead: with the
         // sign, and just without it.
         let lag = -PI / 2.0;
-        use Fault::*;
+        use Fault::{SensorImplausible as Implausible, *};
         let cases = [
             ((1, 0, 1.0, lag), (2, 0, 1.0, lag), 3, SensorLost),
             ((99, 4, 1.0, lag), (99, 3, 1.0, lag), 5, SensorSaturated),
@@ -347,18 +347,8 @@ mod tests {
             ((99, 0, 0.14, lag), (99, 0, 0.16, lag), 15, NoResponse),
             ((10, 0, 0.14, lag), (11, 0, 0.16, lag), 8, SensorLost),
             ((99, 0, 11.6, lag), (99, 0, 11.4, lag), 2, OverAmplitude),
-            (
-                (99, 0, 0.39, lag),
-                (99, 0, 0.41, lag),
-                50,
-                SensorImplausible,
-            ),
-            (
-                (99, 0, 2.51, lag),
-                (99, 0, 2.49, lag),
-                50,
-                SensorImplausible,
-            ),
+            ((99, 0, 0.39, lag), (99, 0, 0.41, lag), 50, Implausible),
+            ((99, 0, 2.51, lag), (99, 0, 2.49, lag), 50, Implausible),
         ];
         let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
             let cycle = with(moving(), |it| {
@@ -372,7 +362,7 @@ mod tests {
             // Where it lasts, such an amplitude is implausible.
             let later = after(100, healthy);
             assert!(later != Some(fault), "{fault:?}");
-            assert!(matches!(later, None | Some(SensorImplausible)), "{later:?}");
+            assert!(matches!(later, None | Some(Implausible)), "{later:?}");
         }
     }
 
@@ -474,8 +464,7 @@ mod tests {
         assert_eq!(detected, Some(Fault::SensorLost));
     }
 
-    /// Cycle at which an amplitude oscillating about 0.1 mm is a fault; its swing is relative, its
-    /// period in cycles.
+    /// Cycle at which a swing about 0.1 mm, of a relative size and a period in cycles, is a fault.
     fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
         let mut reversals = ReversalCounter::default();
         (0..400).find(|n| {

@@ -3,7 +3,7 @@
 //! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions
 //! are the table of `control/state/transition.rs`.
 
-use super::capture::{Capture, DetectedLock};
+use super::capture::Capture;
 use super::interlock::Interlock;
 use crate::saturate::consecutive;
 use crate::{Event, Events, Fault, Inputs, Limits, State};
@@ -13,9 +13,9 @@ use kband::regime::classify::{Regime, Verdict};
 /// Cycles at the setpoint before a missing lock triggers a capture: five rise times.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
 /// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
-const LOCK_CONFIDENCE: f32 = 0.9;
+pub(super) const LOCK_CONFIDENCE: f32 = 0.9;
 /// Confidence, 0..1, below which a lock is doubted: period-doubled parts miss half of its window.
-const LOST_CONFIDENCE: f32 = 0.6;
+pub(super) const LOST_CONFIDENCE: f32 = 0.6;
 /// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
 const LOST_CYCLES: u16 = 10;
 /// Consecutive cycles near the setpoint that reach it: more than the dead time of two.
@@ -270,8 +270,7 @@ impl StateMachine {
                 }
             }
             State::Capturing => {
-                let detected = detected_lock(confidence);
-                let event = self.capture.cycle(observation.plan, detected, at_setpoint);
+                let event = (self.capture).cycle(observation.plan, confidence, at_setpoint);
                 event.into_iter().for_each(|event| events.push(event));
                 match event {
                     Some(Event::KickBegun) => return Decision::ForgetImpacts,
@@ -374,16 +373,6 @@ impl StateMachine {
             events.push(Event::LockLost);
         }
         decision
-    }
-}
-
-fn detected_lock(confidence: f32) -> DetectedLock {
-    if confidence >= LOCK_CONFIDENCE {
-        DetectedLock::All
-    } else if confidence >= LOST_CONFIDENCE {
-        DetectedLock::Most
-    } else {
-        DetectedLock::Few
     }
 }
 

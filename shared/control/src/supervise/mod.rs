@@ -11,4 +11,4 @@ pub use faults::{FaultDetector, Prediction};
 pub use interlock::Interlock;
 pub use limits::{LimitInputs, LimitMonitor};
 pub use machine::{Clearance, Decision, Observation, StateMachine};
-pub use sensor::{RestTest, SwingResult, TestSwing};
+pub use sensor::{RestTest, TestSwing};

@@ -75,14 +75,6 @@ impl RestTest {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SwingResult {
-    Pending,
-    /// Measured amplitude over predicted amplitude is within the tolerance.
-    Passed,
-    Failed,
-}
-
 /// A small swing at each start, compared with the predictions from output and from current.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TestSwing {
@@ -119,9 +111,8 @@ impl TestSwing {
         (self.cycles, self.measured, self.expected) = (0.0, 0.0, [0.0; 2]);
     }
 
-    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of
-    /// the outputs, all in m. `ceiling`: hard limit; `min_amplitude`: smallest detectable
-    /// amplitude.
+    /// Limits until the swing has passed, in m: of the reference, now at `now`, and of the outputs'
+    /// amplitude. `ceiling`: hard limit; `min_amplitude`: smallest detectable one.
     pub fn limits(&self, now: f32, ceiling: f32, min_amplitude: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * min_amplitude);
@@ -129,22 +120,23 @@ impl TestSwing {
         Some([swing, tolerance * swing])
     }
 
-    /// Adds the measured amplitude of a cycle and those predicted from output and current, in m.
-    pub fn cycle(&mut self, measured: f32, expected: [f32; 2]) -> SwingResult {
+    /// Adds the measured amplitude of a cycle and those predicted from output and current, in m. At
+    /// the end of the swing it returns whether their ratios are within the tolerance.
+    pub fn cycle(&mut self, measured: f32, expected: [f32; 2]) -> Option<bool> {
         let Some(tolerance) = self.tolerance.filter(|_| self.held && !self.passed) else {
             self.restart();
-            return SwingResult::Pending;
+            return None;
         };
         self.cycles += 1.0;
         if self.cycles <= self.settling {
-            return SwingResult::Pending;
+            return None;
         }
         self.measured += measured;
         for (sum, expected) in self.expected.iter_mut().zip(expected) {
             *sum += expected;
         }
         if self.cycles < self.settling + SWING_CYCLES {
-            return SwingResult::Pending;
+            return None;
         }
         let [by_output, by_current] = self.expected.map(|expected| self.measured / expected);
         self.restart();
@@ -152,11 +144,7 @@ impl TestSwing {
         let is_plausible =
             |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
         self.passed = is_plausible(by_output) && is_plausible(by_current);
-        if self.passed {
-            SwingResult::Passed
-        } else {
-            SwingResult::Failed
-        }
+        Some(self.passed)
     }
 }
 
@@ -204,29 +192,28 @@ mod tests {
         assert_eq!(after(&uncommissioned, 1.0, 1.0), Some(false));
     }
 
+    fn held_swing() -> TestSwing {
+        with(TestSwing::build(&commissioned(0.0), 8.0), |it| {
+            it.held = true
+        })
+    }
+
     #[test]
     fn a_swing_that_is_too_strong_for_its_output_ends() {
-        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
-        swing.begin();
-        swing.held = true;
-        let actual = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
-            SwingResult::Pending => None,
-            other => Some(other),
-        });
-        assert_eq!(actual, Some(SwingResult::Failed));
+        let mut swing = held_swing();
+        let passed = (0..40).find_map(|_| swing.cycle(1e-4, [0.0; 2]));
+        assert_eq!(passed, Some(false));
     }
 
     #[test]
     fn the_swing_is_averaged_after_it_has_settled() {
-        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
-        swing.begin();
-        swing.held = true;
+        let mut swing = held_swing();
         // 19 cycles to settle, in which the sensor measures nothing yet.
         let results: std::vec::Vec<_> = (1..=27)
             .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))
             .collect();
-        assert!((results[..26].iter()).all(|result| *result == SwingResult::Pending));
-        assert_eq!(results[26], SwingResult::Passed);
+        assert!(results[..26].iter().all(Option::is_none));
+        assert_eq!(results[26], Some(true));
     }
 
     #[test]

@@ -63,8 +63,7 @@ const PROFILE_TOLERANCE: f32 = 0.01;
 const TONE_ROUNDING_STEP: f32 = 1.0 / 1024.0;
 /// Relative change of k, and change of the upper tones, up to which the old share remains reported.
 const STALE_SHARE_TOLERANCE: f32 = 0.05;
-/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds
-/// [`MAX_REPORTED_ERROR`].
+/// Growth of its standard error per drive cycle: 4 s at 50 Hz to [`MAX_REPORTED_ERROR`].
 const STALE_ERROR_GROWTH: f32 = 0.001;
 /// Initial decay time of the ringing's energy, in s: half of the 1 ms of a bare track.
 const INITIAL_DECAY_TIME: f32 = 0.5e-3;
@@ -107,8 +106,7 @@ const INITIAL_DELAY: f32 = 2.5;
 const DELAY_BOUNDS: [f32; 2] = [-1.5, 6.5];
 /// Step of the search for the delay, in samples.
 const DELAY_STEP: f32 = 0.5;
-/// Trial points around the estimate: delays in steps of [`DELAY_STEP`], decay times as powers of
-/// [`DECAY_TIME_FACTOR`].
+/// Trial points around the estimate: steps of the delay, and factors on the decay time.
 const TRIAL_POINTS: [[f32; 2]; 3] = [
     [0.0, 1.0],
     [-1.0, 1.0 / DECAY_TIME_FACTOR],
@@ -477,11 +475,11 @@ impl ShareEstimator {
             self.fit_weights(&measured_energy, &design_matrix);
         let expected = predict_energy(&design_matrix, &weights);
         if let Some(difference) = search.residual_sum.get_mut(search.trials) {
-            *difference = residual_sum(&measured_energy, &expected, &sector_variance);
+            *difference = residual_sum([&measured_energy, &expected, &sector_variance]);
         }
         if search.trials == 0 {
             self.update_estimates(&Mixture {
-                residual_sum: residual_sum(&measured_energy, &expected, &expected),
+                residual_sum: residual_sum([&measured_energy, &expected, &expected]),
                 unexplained_energy: unexplained_energy(&measured_energy, &expected),
                 weights,
                 covariance,
@@ -553,9 +551,8 @@ impl ShareEstimator {
         (self.is_stale, self.has_fit) = (false, true);
     }
 
-    /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus the shortfall of
-    /// the share. The shortfall is relative to [`MIN_CREDIBLE_SHARE`] times the smallest share of a
-    /// part of the lot.
+    /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus what the share
+    /// lacks of [`MIN_CREDIBLE_SHARE`] times the smallest share of a part of the lot.
     fn estimate_misfit(&self, long: Option<&Agreement>) -> f32 {
         let (Some(long), Some(profile)) = (long, self.profile()) else {
             return 0.0;
@@ -701,9 +698,8 @@ fn round_k(k: f32) -> f32 {
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// The share of a mixture. `noise`: measured noise energy per cycle; `aligned`: delay and decay
-/// time are within their bounds. `None` if the noise exceeds the parts' energy or the error exceeds
-/// [`MAX_REPORTED_ERROR`].
+/// The share of a mixture; `None` if the noise or the error is too large. `noise`: measured noise
+/// energy per cycle; `aligned`: delay and decay time are within their bounds.
 fn estimate_share(
     mixture: &Mixture,
     profile: &StrikeProfile,

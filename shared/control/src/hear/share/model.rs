@@ -57,8 +57,7 @@ pub fn predict_design_matrix(
     rows
 }
 
-/// Energy per cycle that the drive's own acceleration (`cosines`, `sines`, in m/s^2) leaves in each
-/// sector of the residual.
+/// Energy per cycle that the drive's own acceleration (in m/s^2) leaves in each sector.
 pub fn drive_energy([cosines, sines]: [f32; 2], step: u32) -> SectorEnergy {
     let theta = Phase::from_bits(step);
     let (sine, cosine) = sine_cosine_single(theta);
