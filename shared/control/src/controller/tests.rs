@@ -118,7 +118,6 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     assert_eq!(cycle(&mut controller, false).state, State::Starting);
 }
 
-/// The stop ends, even if the track keeps swinging.
 #[test]
 fn a_stop_without_rest_ends_after_four_soft_stops() {
     let (mut controller, _) = driven(Target::K(0.5));

@@ -66,7 +66,7 @@ impl Observer {
     pub fn cycle(
         &mut self,
         motion: Complex,
-        impact_phase: ImpactPhase,
+        impact: ImpactPhase,
         goal: f32,
         decay: f32,
     ) -> Complex {
@@ -74,15 +74,15 @@ impl Observer {
         // of the cycle add the conjugate term.
         let ends = Complex::new(0.0, 0.25 / PI);
         // Angle from the impact to half a turn.
-        let since = libm::atan2f(impact_phase.at.im, -impact_phase.at.re);
-        let before_impact = Complex::new(-since / TAU, 0.25 / PI) * absolute(impact_phase.at);
+        let since = libm::atan2f(impact.at.im, -impact.at.re);
+        let before_impact = Complex::new(-since / TAU, 0.25 / PI) * absolute(impact.at);
         let mean = |drift: Complex, jump: Complex| {
             let all = drift + jump;
             all * 0.5 + all.conj() * ends + jump * before_impact
         };
         let drift = (self.output_envelope - self.envelope) * (1.0 - decay);
         let mut innovation = motion - self.envelope - mean(drift, self.load);
-        if impact_phase.silent {
+        if impact.silent {
             // Under a drifting motion the acceleration is larger by this term.
             innovation += (drift + self.load) * Complex::new(0.0, 1.0 / PI);
         }

@@ -76,7 +76,6 @@ impl ToneLoop {
         ];
     }
 
-    #[inline]
     pub fn allowed(&self) -> bool {
         self.max_ratio > 0.0
     }

@@ -142,7 +142,6 @@ impl Tones {
         })
     }
 
-    #[inline]
     pub fn allowed(&self) -> bool {
         self.loops[0].allowed()
     }

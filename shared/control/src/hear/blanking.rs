@@ -38,10 +38,8 @@ mod tests {
             let (mut sum, mut weight) = (0.0, 0.0);
             for n in -20..=20 {
                 let deviation = f64::from(n) * 0.15;
-                let (contribution, at) = (
-                    libm::exp(-0.5 * deviation * deviation),
-                    phase - deviation * scatter,
-                );
+                let contribution = libm::exp(-0.5 * deviation * deviation);
+                let at = phase - deviation * scatter;
                 let since = at - turn * libm::floor(at / turn);
                 sum += contribution * (0.5 - since / turn) * libm::sin(at);
                 weight += contribution;

@@ -14,7 +14,6 @@ use kband::regime::gear::StrikeProfile;
 
 /// Period of the regime's classification, in drive cycles. It is the most expensive task.
 const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
-
 /// Largest error at which a share with only a lower bound is reported.
 const MAX_BOUND_ERROR: f32 = 0.1;
 /// Ratio of single flights to the share of all parts below which several parts are on the track.
@@ -23,12 +22,10 @@ const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
 const GEAR_DETECTED_SHARE: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
-
 /// Share of time in single flights above which they prove gear of one part alone.
 const MIN_SINGLE_FLIGHTS: f32 = 0.99;
 /// Share of time in single flights below which that proof is lost (hysteresis).
 const LOST_SINGLE_FLIGHTS: f32 = 0.9;
-
 /// Minimum drive cycles without contradiction before gear is detected again.
 const MIN_SUPPORTED_CYCLES: f32 = 24.0;
 /// Minimum time without contradiction, in s.

@@ -37,12 +37,10 @@ pub struct PhaseStatistics {
 /// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
 /// where it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
 const ALTERNATION_BOUNDS: [f32; 2] = [0.04, 0.24];
-
 /// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
 const CYCLE_TOLERANCE: f32 = 0.1;
 /// Highest order of a lock.
 const MAX_ORDER: usize = 8;
-
 /// Forgetting factor per drive cycle: memory of 16 cycles.
 const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
 

@@ -15,7 +15,6 @@ use serde::{Deserialize, Serialize};
 
 /// Largest share of a cycle that the demodulator blanks: cosine, sine and mean stay separable.
 pub const MAX_BLANKED_SHARE: f64 = 1.0 / 3.0;
-
 /// Acceleration beyond any converter, in m/s^2: a hundred times full scale at least sensitivity.
 const MAX_ACCELERATION: f32 = 1e7;
 

@@ -13,12 +13,10 @@ use kband::regime::capture::{Kick, Plan};
 
 /// Predicted share of captured parts below which a plan is called uncertain.
 const MIN_CAPTURED_SHARE: f64 = 0.95;
-
 /// Kicks per hour that the token bucket gains: 60 in an hour take 2.7 % of the time at 50 Hz.
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
-
 /// Largest probability that the kicks miss parts of the lot (false alarm rate).
 const MAX_MISS_PROBABILITY: f64 = 1e-3;
 

@@ -39,7 +39,6 @@ const INVERTED_CYCLES: u8 = 5;
 const MAX_AMPLITUDE_RATIO: f32 = 1.15;
 /// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
 const EXCESS_CYCLES: u8 = 2;
-
 /// Swing of the amplitude, over its reference, that counts as a reversal; heavy parts cause 0.075.
 const REVERSAL_SWING: f32 = 0.1;
 /// Smallest swing in standard errors of the amplitude: four to either side.

@@ -326,11 +326,8 @@ mod tests {
                 interlock.stopping(&stopped);
             }
             assert!(!may_start_after(&mut interlock, at_rest), "{at_rest:?}");
-            assert_eq!(
-                may_start_after(&mut interlock, &[on]),
-                starts,
-                "{at_rest:?}"
-            );
+            let may_start = may_start_after(&mut interlock, &[on]);
+            assert_eq!(may_start, starts, "{at_rest:?}");
         }
     }
 }

@@ -12,7 +12,6 @@ const REST_SECONDS: f32 = 0.1;
 const OFFSET_DRIFT: f32 = 0.02;
 /// Permitted relative drift of the sensitivity.
 const SENSITIVITY_DRIFT: f32 = 0.05;
-
 /// Amplitude of the test swing over the hard limit.
 const SWING_SHARE: f32 = 0.05;
 /// Smallest amplitude of the test swing over the smallest detectable one.

@@ -16,7 +16,6 @@ const MIN_PERIODS_OUT: f32 = 256.0;
 const MAX_MERGED_PARTS: f32 = 24.0;
 /// Number of predicted impact profiles: one per group in gear, and one out of gear.
 const IMPACT_PROFILES: usize = GROUPS + 1;
-
 /// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
 const SECTOR_ATTENUATION: f32 = 0.993_6;
 
