@@ -26,7 +26,6 @@ impl Machine for Registers<'_> {
                 Authority::of(&station.settings())
             },
             target: station.target(),
-            recipe: station.recipe().into(),
             save: station.bus.save.get(),
             events: station.events(),
             missed: station.missed(),

@@ -82,7 +82,7 @@ fn encode((name, recipe): &(RecipeName, Recipe)) -> [u8; RECIPE] {
     let kind = words.next().unwrap_or_default();
     let (head, settings) = bytes.split_at_mut(HEAD);
     let (named, target) = head.split_at_mut(NAME);
-    named.copy_from_slice(&name.bytes());
+    named.copy_from_slice(&<[u8; NAME]>::from(*name));
     (target[0], target[1]) = (kind as u8, recipe.values.len() as u8);
     put(&mut target[2..], words);
     let hashes = Recipe::KEYS.map(|key| hash(key.as_bytes()));
@@ -106,7 +106,7 @@ fn decode(bytes: &[u8; RECIPE]) -> Option<(RecipeName, Recipe)> {
         let at = (Recipe::KEYS.into_iter()).position(|key| hash(key.as_bytes()) == key_hash)?;
         *recipe.values.get_mut(at)? = value;
     }
-    Some((RecipeName::from_bytes(*name)?, recipe))
+    Some((RecipeName::try_from(*name).ok()?, recipe))
 }
 
 #[cfg(test)]

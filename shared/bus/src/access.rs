@@ -5,12 +5,10 @@ use crate::protocol::{Answer, Exception, function};
 use crate::server::Server;
 use crate::write;
 
-/// Largest number of registers that a request reads.
+/// Largest number of registers in a request.
 const MAX_READ: u16 = 125;
-/// Largest number of registers that a request writes.
 const MAX_WRITE: u16 = 123;
 
-/// Reads or writes registers.
 pub fn access(
     server: &mut Server,
     adu: &[u8],

@@ -1,9 +1,8 @@
 //! Interface of the server to a drive.
 
+use crate::protocol::Exception;
 use kband_control::wire::{Record, Status, Telemetry};
 use kband_control::{Settings, State, Target};
-
-use crate::protocol::Exception;
 
 /// Rights of the bus: the setting `bus`, if the bus is in control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -55,8 +54,6 @@ pub struct Snapshot<'a> {
     pub authority: Authority,
     /// The configured target.
     pub target: Target,
-    /// Number of the recipe in use; 0 without one.
-    pub recipe: u16,
     /// Progress of the last save.
     pub save: SaveProgress,
     /// Number of events since the start; the newest event has this number minus one.
@@ -76,7 +73,6 @@ impl Default for Snapshot<'_> {
             status: Status::default(),
             authority: Authority::Read,
             target: Target::Amplitude(0.0),
-            recipe: 0,
             save: SaveProgress::None,
             events: 0,
             missed: 0,
@@ -98,7 +94,7 @@ impl Snapshot<'_> {
         let is_off = telemetry.state == State::Off.number();
         let fault = telemetry.fault != 0;
         let ready = is_off && !fault && status.inputs.enable && status.permitted;
-        [
+        let bits = [
             (0, ready),
             (1, !self.at_rest()),
             (2, status.inputs.enable),
@@ -106,9 +102,8 @@ impl Snapshot<'_> {
             (7, telemetry.limits != 0),
             (8, status.ready),
             (9, self.authority > Authority::Read),
-        ]
-        .into_iter()
-        .fold(0, |word, (bit, set)| word | u16::from(set) << bit)
+        ];
+        (bits.into_iter()).fold(0, |word, (bit, set)| word | u16::from(set) << bit)
     }
 }
 

@@ -1,8 +1,7 @@
 //! Sizes, function codes and exceptions of Modbus, and the counters of a server.
 
-use heapless::Vec;
-
 use crate::tcp::HEADER_BYTES;
+use heapless::Vec;
 
 /// Largest request or answer, bytes: unit, function and 252 bytes of data.
 pub const MAX_ADU_BYTES: usize = 254;

@@ -4,18 +4,13 @@ use kband_control::Target;
 
 /// Largest order of a gear or a lock.
 const MAX_ORDER: u16 = 8;
-/// Kind of gear of order 0; the order is added.
+// Kinds of targets. The order of a gear or a lock is added to its kind.
 const GEAR: u16 = 0;
-/// Kind of a lock of order 0; the order is added.
 const LOCK: u16 = 16;
 const K: u16 = 32;
-/// Kind of a target amplitude in mm.
 const AMPLITUDE: u16 = 33;
-/// Kind of a target speed in mm/s.
 const SPEED: u16 = 34;
-/// Kind of a target flow in g/s.
 const FLOW: u16 = 35;
-/// Kind of a target in parts a minute.
 const PARTS: u16 = 36;
 const CHAOS: u16 = 48;
 

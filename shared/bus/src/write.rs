@@ -1,12 +1,11 @@
 //! Writing registers: the whole request is checked before any of it takes effect.
 
-use kband_control::{Settings, Target};
-
 use crate::machine::{Authority, Machine};
 use crate::protocol::Exception;
 use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, Register, SAVE};
 use crate::server::Server;
 use crate::target;
+use kband_control::{Settings, Target};
 
 /// Bit of the control word: run.
 const RUN: u16 = 1 << 0;
@@ -32,8 +31,8 @@ pub fn write(
     machine: &mut impl Machine,
 ) -> Result<(), Exception> {
     let snapshot = machine.snapshot();
-    let (authority, at_rest, target) = (snapshot.authority, snapshot.at_rest(), snapshot.target);
-    let writable = snapshot.writable;
+    let (at_rest, writable) = (snapshot.at_rest(), snapshot.writable);
+    let (authority, target) = (snapshot.authority, snapshot.target);
     let written = read_request(address, words, &machine.settings())?;
     if authority < Authority::Command {
         return Err(Exception::NotInControl);
@@ -51,15 +50,11 @@ pub fn write(
         Some(_) => return Err(Exception::Value),
     }
     if let Some(settings) = &written.settings {
-        let bus_keys = [
-            "bus",
-            "bus_address",
-            "bus_baud",
-            "bus_parity",
-            "bus_timeout",
-        ];
-        let now = machine.settings();
-        if !writable || bus_keys.iter().any(|key| settings.get(key) != now.get(key)) {
+        let of_bus = |it: &Settings| {
+            let address = [it.bus, it.bus_address, it.bus_timeout];
+            (address, it.bus_baud, it.bus_parity)
+        };
+        if !writable || of_bus(settings) != of_bus(&machine.settings()) {
             return Err(Exception::NotInControl);
         }
         if !at_rest {

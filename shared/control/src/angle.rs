@@ -1,7 +1,6 @@
 //! Phases and angles in single precision, and their advance from sample to sample.
 
 use core::f32::consts::TAU;
-
 use kband::arithmetic::Phase;
 
 /// Samples per second of the signal path.
@@ -34,8 +33,7 @@ pub fn phase_step(frequency: f32) -> u32 {
     (f64::from(frequency) * (Phase::TURN / f64::from(SAMPLE_RATE)) + 0.5) as u32
 }
 
-/// Time of an impact in 2^-32 cycles, from cycle number and phase of the output, and the track's
-/// lead over that phase.
+/// Time of an impact in 2^-32 cycles: cycle number, phase of the output, the track's lead over it.
 pub fn impact_time(count: u32, phase: Phase, lead: Phase) -> u64 {
     (u64::from(count) << 32 | u64::from(phase.bits()))
         .wrapping_add_signed(i64::from(lead.bits() as i32))

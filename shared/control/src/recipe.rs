@@ -1,10 +1,8 @@
 //! Recipes: the target and the settings of one kind of parts, for a change of parts.
 
-use serde::{Deserialize, Serialize};
-
-use crate::settings::Settings;
-use crate::target::Target;
+use crate::{Settings, Target};
 use kband::feeder::OutOfRange;
+use serde::{Deserialize, Serialize};
 
 /// Largest length of a recipe's name, bytes.
 const NAME_BYTES: usize = 14;
@@ -23,21 +21,7 @@ impl RecipeName {
     pub fn parse(text: &str) -> Option<Self> {
         let mut name = [0; NAME_BYTES];
         name.get_mut(..text.len())?.copy_from_slice(text.as_bytes());
-        Self::from_bytes(name)
-    }
-
-    /// The name in these bytes, padded with zeros; `None` if they are not a name.
-    pub fn from_bytes(bytes: [u8; NAME_BYTES]) -> Option<Self> {
-        let end = bytes.iter().position(|byte| *byte == 0);
-        let (text, rest) = bytes.split_at(end.unwrap_or(NAME_BYTES));
-        let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
-        let is_valid = !text.is_empty() && printable && rest.iter().all(|byte| *byte == 0);
-        is_valid.then_some(Self(bytes))
-    }
-
-    /// Its bytes, padded with zeros.
-    pub fn bytes(self) -> [u8; NAME_BYTES] {
-        self.0
+        Self::try_from(name).ok()
     }
 
     /// Its text.
@@ -56,8 +40,13 @@ impl From<RecipeName> for [u8; NAME_BYTES] {
 impl TryFrom<[u8; NAME_BYTES]> for RecipeName {
     type Error = &'static str;
 
+    /// The name in these bytes, padded with zeros.
     fn try_from(bytes: [u8; NAME_BYTES]) -> Result<Self, Self::Error> {
-        Self::from_bytes(bytes).ok_or(Self::ACCEPTED)
+        let end = bytes.iter().position(|byte| *byte == 0);
+        let (text, rest) = bytes.split_at(end.unwrap_or(NAME_BYTES));
+        let printable = text.iter().all(|byte| (b' '..=b'~').contains(byte));
+        let is_valid = !text.is_empty() && printable && rest.iter().all(|byte| *byte == 0);
+        is_valid.then_some(Self(bytes)).ok_or(Self::ACCEPTED)
     }
 }
 

@@ -1,9 +1,6 @@
 //! Result of a controller's cycle.
 
-use crate::drive::Shape;
-use crate::hear::{Command, GearMargin, Load};
-use crate::identify::Identification;
-use crate::state::{Events, Fault, Limits, State};
+use crate::{Command, Events, Fault, GearMargin, Identification, Limits, Load, Shape, State};
 use kband::regime::classify::Verdict;
 use serde::{Deserialize, Serialize};
 

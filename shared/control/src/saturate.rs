@@ -1,4 +1,4 @@
-//! Saturation without a panic.
+//! Saturation without a panic, and counts of consecutive cycles.
 
 /// Limits a value to `low`..`high`. Unlike `clamp` it cannot panic; a test requires that of the
 /// board's image.
@@ -10,4 +10,9 @@ pub fn saturate(value: f32, low: f32, high: f32) -> f32 {
     } else {
         value
     }
+}
+
+/// Number of consecutive cycles with a condition, after one more cycle.
+pub fn consecutive(cycles: u16, holds: bool) -> u16 {
+    if holds { cycles.saturating_add(1) } else { 0 }
 }

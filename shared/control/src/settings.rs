@@ -1,7 +1,6 @@
 //! Settings of the controller: track, drive, sensor and parts.
 
 use core::f32::consts::TAU;
-
 use kband::feeder::{OutOfRange, Restitution, Track, TrackSettings};
 use kband::impact::ContactTime;
 
@@ -335,12 +334,8 @@ mod tests {
     fn every_key_refuses_what_is_outside_and_keeps_its_value() {
         for key in Settings::KEYS {
             let mut settings = Settings::default();
-            for bad in [
-                f32::NAN,
-                f32::INFINITY,
-                key.low - 1.0,
-                key.high * 1.01 + 1.0,
-            ] {
+            let beyond = [key.low - 1.0, key.high * 1.01 + 1.0];
+            for bad in beyond.into_iter().chain([f32::NAN, f32::INFINITY]) {
                 assert_eq!(settings.set(key.name, bad).unwrap_err().parameter, key.name);
             }
             assert_eq!(settings, Settings::default());
@@ -352,76 +347,53 @@ mod tests {
 
     #[test]
     fn incompatible_settings_are_named() {
-        let with = |change: fn(&mut Settings)| {
-            let mut settings = Settings::default();
-            change(&mut settings);
-            settings.check().err().map(|refused| refused.parameter)
-        };
-        type Change = fn(&mut Settings);
-        let cases: [(Change, Change, &str); 13] = [
-            (
-                |s| s.restitution_low = 0.3,
-                |s| s.restitution_low = 0.22,
-                "restitution_high",
-            ),
-            (
-                // 7 % of a cycle of 60 Hz are 1.167 ms.
-                |s| (s.contact, s.frequency, s.tracking) = (1.2, 50.0, 10.0),
-                |s| (s.contact, s.frequency, s.tracking) = (1.2, 50.0, 5.0),
-                "contact",
-            ),
-            (
-                |s| (s.safe_amplitude, s.amplitude_limit) = (0.21, 0.2),
-                |s| (s.safe_amplitude, s.amplitude_limit) = (0.2, 0.2),
-                "safe_amplitude",
-            ),
-            (
-                // 1 mm at 50 Hz is 98.7 m/s^2.
-                |s| (s.safe_amplitude, s.acceleration_limit) = (1.0, 98.0),
-                |s| (s.safe_amplitude, s.acceleration_limit) = (1.0, 99.0),
-                "safe_amplitude",
-            ),
-            (
-                |s| (s.tracking, s.quality) = (50.0, 200.0),
-                |s| (s.tracking, s.quality) = (10.0, 200.0),
-                "tracking",
-            ),
-            (
-                |s| s.third_tone = 0.1,
-                |s| (s.second_tone, s.third_tone) = (0.1, 0.1),
-                "third_tone",
-            ),
-            (
-                |s| (s.sensor_zero, s.converter_reference) = (3.3, 3.3),
-                |s| (s.sensor_zero, s.converter_reference) = (3.29, 3.3),
-                "sensor_zero",
-            ),
-            (
-                |s| (s.sensor_rest, s.converter_reference) = (3.3, 3.3),
-                |s| (s.sensor_rest, s.converter_reference) = (3.29, 3.3),
-                "sensor_rest",
-            ),
-            (
-                |s| s.current_gain = 0.5,
-                |s| (s.current_gain, s.current_sensitivity) = (0.5, 0.1),
-                "current_gain",
-            ),
-            (|s| s.bus = 0.5, |s| s.bus = 1.0, "bus"),
-            (
-                |s| s.bus_address = 1.5,
-                |s| s.bus_address = 17.0,
-                "bus_address",
-            ),
-            (
-                |s| s.bus_baud = 19200.5,
-                |s| s.bus_baud = 38400.0,
-                "bus_baud",
-            ),
-            (|s| s.bus_parity = 1.5, |s| s.bus_parity = 1.0, "bus_parity"),
+        // The first key is refused until the last value is set.
+        let cases: [&[(&str, f32)]; 13] = [
+            &[
+                ("restitution_high", 0.22),
+                ("restitution_low", 0.3),
+                ("restitution_low", 0.22),
+            ],
+            // 7 % of a cycle of 60 Hz are 1.167 ms.
+            &[("contact", 1.2), ("tracking", 10.0), ("tracking", 5.0)],
+            &[
+                ("safe_amplitude", 0.21),
+                ("amplitude_limit", 0.2),
+                ("safe_amplitude", 0.2),
+            ],
+            // 1 mm at 50 Hz is 98.7 m/s^2.
+            &[
+                ("safe_amplitude", 1.0),
+                ("acceleration_limit", 98.0),
+                ("acceleration_limit", 99.0),
+            ],
+            &[("tracking", 50.0), ("quality", 200.0), ("tracking", 10.0)],
+            &[("third_tone", 0.1), ("second_tone", 0.1)],
+            &[
+                ("sensor_zero", 3.3),
+                ("converter_reference", 3.3),
+                ("sensor_zero", 3.29),
+            ],
+            &[
+                ("sensor_rest", 3.3),
+                ("converter_reference", 3.3),
+                ("sensor_rest", 3.29),
+            ],
+            &[("current_gain", 0.5), ("current_sensitivity", 0.1)],
+            &[("bus", 0.5), ("bus", 1.0)],
+            &[("bus_address", 1.5), ("bus_address", 17.0)],
+            &[("bus_baud", 19200.5), ("bus_baud", 38400.0)],
+            &[("bus_parity", 1.5), ("bus_parity", 1.0)],
         ];
-        for (bad, good, parameter) in cases {
-            assert_eq!(with(bad), Some(parameter));
-            assert_eq!(with(good), None, "{parameter}");
+        for case in cases {
+            let mut settings = Settings::default();
+            let (last, first) = case.split_last().unwrap();
+            for (key, value) in first {
+                settings.set(key, *value).unwrap();
+            }
+            assert_eq!(settings.check().unwrap_err().parameter, case[0].0);
+            settings.set(last.0, last.1).unwrap();
+            assert_eq!(settings.check(), Ok(()), "{last:?}");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Targets: the requested behaviour of the parts.
 
+use crate::{Shape, identify};
+use kband::feeder::OutOfRange;
 use serde::{Deserialize, Serialize};
-
-use super::drive::Shape;
 
 /// The user's target for the parts. On the line a variant is its index here.
 ///
@@ -59,4 +59,26 @@ pub enum Target {
     /// Parts a minute, above 0: the lock that conveys touching parts of the setting `part_length`
     /// at this rate.
     PartsPerMinute(f32),
+}
+
+impl Target {
+    /// The error for its number, with the accepted range.
+    pub(crate) fn refused(self, accepted: &'static str) -> OutOfRange {
+        let (parameter, value) = match self {
+            Self::Locked { order } => ("target locked order", f64::from(order)),
+            Self::Gear { order } => ("target gear order", f64::from(order)),
+            Self::K(k) | Self::Tones { k, .. } => ("target k", f64::from(k)),
+            Self::Amplitude(b) => ("target amplitude", f64::from(b)),
+            Self::Speed(speed) => ("target speed", f64::from(speed)),
+            Self::Flow(flow) => ("target flow", f64::from(flow)),
+            Self::PartsPerMinute(rate) => ("target parts a minute", f64::from(rate)),
+            Self::Chaotic => ("target chaotic, order of its lock", 1.0),
+            Self::Identify => ("target identify, k that it begins at", identify::FIRST_K),
+        };
+        OutOfRange {
+            parameter,
+            value,
+            accepted,
+        }
+    }
 }

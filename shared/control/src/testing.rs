@@ -1,5 +1,6 @@
-//! Helpers of the tests: the seed of property-based tests, and a changed value.
+//! Helpers of the tests: the seed of property-based tests, a changed value, settings of a lot.
 
+use crate::Settings;
 use proptest::prelude::ProptestConfig;
 use proptest::test_runner::RngSeed;
 
@@ -17,4 +18,13 @@ pub fn seeded() -> ProptestConfig {
 pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
     change(&mut value);
     value
+}
+
+/// Default settings, for parts with restitutions of this interval.
+pub fn lot(low: f32, high: f32) -> Settings {
+    Settings {
+        restitution_low: low,
+        restitution_high: high,
+        ..Settings::default()
+    }
 }

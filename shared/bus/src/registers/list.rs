@@ -1,27 +1,22 @@
 //! The registers themselves.
 
-use kband_control::wire::Record;
-use kband_control::{Load, Settings};
-
 use super::Access::{self, AtRest, Read, Write};
 use super::Form::{self, Float, Long, Word};
 use super::Source::{self, Real, Whole};
 use super::{Picture, Register, TABLE_VERSION, Words};
 use crate::target;
+use kband_control::wire::Record;
+use kband_control::{Load, Settings};
 
-/// Address of the control word.
+// Addresses of the registers that a request writes, beside the settings.
 pub const CONTROL: u16 = 0;
-/// Address of the target's kind.
 pub const KIND: u16 = 1;
-/// Address of the target's number.
 pub const NUMBER: u16 = 2;
-/// Address of the recipe.
 pub const RECIPE: u16 = 8;
-/// Address of the request to save.
 pub const SAVE: u16 = 9;
 
-/// Number of registers of the image's name, two characters each.
-pub const NAME_REGISTERS: u16 = 32;
+/// Form of the image's name: 32 registers of two characters each.
+pub const NAME_FORM: Form = Form::Text(32);
 
 /// A quantity of a drive cycle: unit of the integer, and content.
 type Reading = (f32, fn(&Picture<'_>) -> f32);
@@ -45,7 +40,7 @@ macro_rules! described {
     };
 }
 
-const fn row(address: u16, form: Form, access: Access, source: Source) -> Register {
+pub const fn row(address: u16, form: Form, access: Access, source: Source) -> Register {
     Register {
         address,
         form,
@@ -102,7 +97,7 @@ described! {
         ["state", "", "0 off, 1 starting, 2 holding, 3 capturing, 4 locked, 5 lost, 6 limiting, 7 fault, 8 stopping"] => row(5, Word, Read, Whole(|p| p.snapshot.telemetry.state.into()));
         ["fault", "", "number of the fault; 0 for none"] => row(6, Word, Read, Whole(|p| p.snapshot.telemetry.fault.into()));
         ["limits", "", "bit n: limit n holds the drive back"] => row(7, Word, Read, Whole(|p| p.snapshot.telemetry.limits.into()));
-        ["recipe", "", "recipe in use, and to be used: 1 to 7; 0: none, the saved target"] => row(RECIPE, Word, Write, Whole(|p| p.snapshot.recipe.into()));
+        ["recipe", "", "recipe in use, and to be used: 1 to 7; 0: none, the saved target"] => row(RECIPE, Word, Write, Whole(|p| p.snapshot.status.recipe.into()));
         ["save", "", "write 1 to save settings and target; 0: none requested since the start, 1: not done yet, 2: done, 3: failed"] => row(SAVE, Word, AtRest, Whole(|p| p.snapshot.save as u32));
         ["time", "s", "since the start"] => row(64, Long, Read, Whole(|p| p.snapshot.status.seconds));
         ["drive cycles", "", "since the start or the last change of settings"] => row(66, Long, Read, Whole(|p| p.snapshot.telemetry.cycle));
@@ -118,7 +113,6 @@ described! {
 /// Address of the image's name, after the settings and the events.
 pub const NAME: u16 = 1100;
 
-/// Words on the image's name.
 pub const NAME_WORDS: Words = Words {
     name: "image",
     unit: "",

@@ -4,17 +4,16 @@
 //! address never changes its meaning. New registers get free addresses; new settings are appended
 //! to their list.
 
-use kband_control::Settings;
-use kband_control::wire::Record;
-
 use crate::machine::Snapshot;
 use crate::protocol::Counters;
+use kband_control::Settings;
+use kband_control::wire::Record;
 
 mod list;
 
 use list::{
     BEFORE_READINGS, EVENT, EVENT_WORDS, FIRST_FLOAT, FIRST_INTEGER, FIXED, FIXED_WORDS, NAME,
-    NAME_REGISTERS, NAME_WORDS, READING_WORDS, READINGS,
+    NAME_FORM, NAME_WORDS, READING_WORDS, READINGS, row,
 };
 pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 
@@ -22,7 +21,6 @@ pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 pub(crate) const TABLE_VERSION: u16 = 1;
 /// Address of the first setting; setting n is at this plus 2 n.
 pub const FIRST_SETTING: u16 = 100;
-/// Address of the newest event.
 const FIRST_EVENT: u16 = 1000;
 /// Number of events that the table shows, the newest first.
 pub const EVENTS: u16 = 8;
@@ -76,7 +74,6 @@ pub(crate) struct Picture<'a> {
     pub event: &'a dyn Fn(u32) -> Option<Record>,
 }
 
-/// Source of a register's content.
 #[derive(Clone, Copy)]
 enum Source {
     Whole(fn(&Picture<'_>) -> u32),
@@ -173,39 +170,23 @@ fn reading(index: usize, form: Form) -> Option<Register> {
         Form::Float => (FIRST_FLOAT + 2 * n, Form::Float),
         _ => (FIRST_INTEGER + n, Form::Scaled(unit)),
     };
-    Some(Register {
-        address,
-        form,
-        access: Access::Read,
-        source: Source::Real(of),
-    })
+    Some(row(address, form, Access::Read, Source::Real(of)))
 }
 
 fn setting(index: usize) -> Option<Register> {
-    (index < Settings::KEYS.len()).then(|| Register {
-        address: FIRST_SETTING + 2 * index as u16,
-        form: Form::Float,
-        access: Access::AtRest,
-        source: Source::Setting(index),
-    })
+    let address = FIRST_SETTING + 2 * index as u16;
+    let register = row(address, Form::Float, Access::AtRest, Source::Setting(index));
+    (index < Settings::KEYS.len()).then_some(register)
 }
 
 fn event(age: u16, part: usize) -> Option<Register> {
     let &(offset, form, part) = EVENT.get(part)?;
-    (age < EVENTS).then(|| Register {
-        address: FIRST_EVENT + EVENT_REGISTERS * age + offset,
-        form,
-        access: Access::Read,
-        source: Source::Event { age, part },
-    })
+    let address = FIRST_EVENT + EVENT_REGISTERS * age + offset;
+    let register = row(address, form, Access::Read, Source::Event { age, part });
+    (age < EVENTS).then_some(register)
 }
 
-const IMAGE: Register = Register {
-    address: NAME,
-    form: Form::Text(NAME_REGISTERS),
-    access: Access::Read,
-    source: Source::Image,
-};
+const IMAGE: Register = row(NAME, NAME_FORM, Access::Read, Source::Image);
 
 /// The register that contains this address; `None` if there is none.
 pub(crate) fn at(address: u16) -> Option<Register> {

@@ -24,7 +24,6 @@ const CLASSIFIED_IMPACTS: usize = 64;
 /// Velocity in b w below which a part comes to rest (docs/theory-impacts.md#t4.1).
 const MIN_VELOCITY: f32 = 1e-3;
 
-/// One simulated part at one k.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
     map: Single,
@@ -64,7 +63,7 @@ impl Trial {
 
 /// Search for the widest chaotic interval of k without rest, by the board's classifier. It tests
 /// the lot's lowest, middle and highest restitution.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ChaosSearch {
     parts: [f64; 3],
     k: f64,
@@ -78,7 +77,6 @@ pub struct ChaosSearch {
 }
 
 impl ChaosSearch {
-    /// Begins the search for a lot. The error names the parameter.
     pub fn begin(settings: &Settings) -> Result<Self, OutOfRange> {
         let lot = settings.lot()?;
         let (low, high) = (lot.low(), lot.high());
@@ -87,15 +85,10 @@ impl ChaosSearch {
             parts: [high, low, lot.middle()],
             k: MAX_K_OVER_FLIP * band::flip(low, 1)?,
             lowest_k: MIN_K_OVER_FLIP * band::flip(high, 1)?,
-            part: 0,
-            trial: None,
-            growing: None,
-            longest: None,
-            done: false,
+            ..Self::default()
         })
     }
 
-    /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
         if self.done {
             return false;
@@ -105,18 +98,13 @@ impl ChaosSearch {
                 self.done = true;
                 return false;
             }
-            let restitution = self.parts.get(self.part).copied();
-            let trial = match &mut self.trial {
-                Some(trial) => trial,
-                empty => {
-                    match restitution.and_then(|restitution| Trial::new(self.k, restitution)) {
-                        Some(trial) => empty.insert(trial),
-                        None => {
-                            self.next(false);
-                            continue;
-                        }
-                    }
-                }
+            if self.trial.is_none() {
+                let restitution = self.parts.get(self.part).copied();
+                self.trial = restitution.and_then(|restitution| Trial::new(self.k, restitution));
+            }
+            let Some(trial) = &mut self.trial else {
+                self.next(false);
+                continue;
             };
             if let Some(chaotic) = trial.step() {
                 self.trial = None;
@@ -151,16 +139,12 @@ impl ChaosSearch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::lot;
     use kband::impact::Map;
     use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 
     fn search(low: f32, high: f32) -> (Option<f64>, u32) {
-        let mut search = ChaosSearch::begin(&Settings {
-            restitution_low: low,
-            restitution_high: high,
-            ..Settings::default()
-        })
-        .unwrap();
+        let mut search = ChaosSearch::begin(&lot(low, high)).unwrap();
         let mut slices = 0;
         while search.step() {
             slices += 1;
@@ -172,16 +156,15 @@ mod tests {
     #[test]
     fn found_k_has_a_positive_exponent() {
         for (low, high) in [(0.2, 0.2), (0.195, 0.205), (0.3, 0.3), (0.5, 0.5)] {
-            let (k, _) = search(low, high);
-            let k = k.unwrap();
+            let k = search(low, high).0.unwrap();
             let middle = 0.5 * f64::from(low + high);
             let map = Map::build(k, middle).unwrap();
             let settings = ExponentSettings {
                 settle: 1000,
                 impacts: 4000,
             };
-            let found =
-                exponent::measure(&map, exponent::start_near_lock(&map, 1), settings).unwrap();
+            let start = exponent::start_near_lock(&map, 1);
+            let found = exponent::measure(&map, start, settings).unwrap();
             assert_eq!(found.dynamics, Dynamics::Chaotic, "R {middle} k {k}");
         }
     }

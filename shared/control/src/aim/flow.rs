@@ -10,7 +10,6 @@ const FLOW_TOLERANCE: f32 = 0.1;
 /// Consecutive cycles in which another order must be the best: eight memories of the weight.
 const DECISION_CYCLES: u32 = 512;
 
-/// Comparison of the orders of gear with a requested flow.
 #[derive(Clone, Copy, Debug)]
 pub struct FlowChoice {
     requested: f32,
@@ -18,7 +17,6 @@ pub struct FlowChoice {
     wrong_cycles: u32,
 }
 
-/// Result of the comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FlowStep {
     Stay,
@@ -71,7 +69,6 @@ impl FlowChoice {
 mod tests {
     use super::*;
 
-    /// Result for a constant flow.
     fn decide(requested: f32, order: u8, flow: f32) -> FlowStep {
         let mut choice = FlowChoice::new(requested);
         let mut steps = (0..DECISION_CYCLES).map(|_| choice.cycle(order, Some(flow)));

@@ -3,8 +3,8 @@
 //! The search is the planner of `regime::gear`. This module sets its limits in k and its slices.
 
 use super::setpoint::{Choice, Level, NoSetpoint};
-use crate::drive::{Scale, Shape, absolute, upper_response};
-use crate::settings::Settings;
+use crate::drive::{Scale, absolute, upper_response};
+use crate::{Settings, Shape};
 use kband::feeder::OutOfRange;
 use kband::regime::band;
 use kband::regime::gear::{GearLimits, GearPlan, GearPlanSettings, GearPlanner};
@@ -47,9 +47,9 @@ pub struct GearPlanned {
 /// The search for the k at which the lot stays in gear the longest, within the drive's reach.
 #[derive(Clone, Debug)]
 pub struct GearSearch {
-    planner: GearPlanner,
-    plan: Option<GearPlan>,
-    /// Whether the last slice found a new plan.
+    pub planner: GearPlanner,
+    /// The best plan so far.
+    pub plan: Option<GearPlan>,
     is_new: bool,
     /// Slices so far, the plans that they found, and whether these were supplied.
     #[cfg(any(test, feature = "memo"))]
@@ -64,7 +64,6 @@ impl GearSearch {
         scale: &Scale,
     ) -> Result<Result<Self, NoSetpoint>, OutOfRange> {
         let lot = settings.lot()?;
-        let turns = f64::from(order);
         let (highest_restitution, contact) = (lot.high().min(0.99), settings.contact_time());
         let [edge, _] = band::edges_with_contact(highest_restitution, u32::from(order), contact)?;
         let birth_k = band::birth(highest_restitution, u32::from(order))?.max(edge);
@@ -80,7 +79,7 @@ impl GearSearch {
             scatter: settings.scatter,
             amplitude_error: settings.amplitude_error,
             order: u32::from(order),
-            k: [lowest_k.max((MIN_K / turns) as f32), high],
+            k: [lowest_k.max((MIN_K / f64::from(order)) as f32), high],
             max_tones: [settings.second_tone, settings.third_tone],
             limits: limits_at(settings, scale),
             contact,
@@ -101,13 +100,12 @@ impl GearSearch {
         }))
     }
 
-    /// Computes one slice. Returns whether more remain.
     pub fn step(&mut self) -> bool {
         #[cfg(any(test, feature = "memo"))]
         if let (slices, planned, true) = &mut self.memo {
             *slices += 1;
-            let result = planned.result.iter().find(|(after, _)| after == slices);
-            let result = result.map(|(_, plan)| *plan);
+            let mut results = planned.result.iter();
+            let result = results.find_map(|(after, plan)| (after == slices).then_some(*plan));
             self.store_plan(result);
             return !self.is_over();
         }
@@ -117,7 +115,7 @@ impl GearSearch {
         #[cfg(any(test, feature = "memo"))]
         {
             self.memo.0 += 1;
-            if let Some(plan) = self.last_plan().copied() {
+            if let Some(plan) = self.last_plan() {
                 let _ = self.memo.1.result.push((self.memo.0, plan));
             }
         }
@@ -143,33 +141,22 @@ impl GearSearch {
         }
     }
 
-    /// The finished search.
     #[cfg(any(test, feature = "memo"))]
     pub fn planned(&self) -> Option<&GearPlanned> {
         Some(&self.memo.1).filter(|_| self.is_over())
-    }
-
-    pub fn settings(&self) -> &GearPlanSettings {
-        self.planner.settings()
     }
 
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)
     }
 
-    /// The best plan so far.
-    pub fn plan(&self) -> Option<&GearPlan> {
-        self.plan.as_ref()
-    }
-
     /// The plan of the last slice, if it found a new one.
-    pub fn last_plan(&self) -> Option<&GearPlan> {
-        self.plan().filter(|_| self.is_new)
+    pub fn last_plan(&self) -> Option<GearPlan> {
+        self.plan.filter(|_| self.is_new)
     }
 
-    /// The setpoint of the best plan so far.
     pub fn choice(&self) -> Choice {
-        let Some(plan) = self.plan() else {
+        let Some(plan) = self.plan else {
             return Choice::level(Level::Pending);
         };
         Choice {
@@ -209,7 +196,7 @@ mod tests {
         let mut supplied = search(&settings);
         let mut result = std::vec![];
         while first.step() {
-            result.push(first.plan().copied());
+            result.push(first.plan);
         }
         let planned = first.planned().unwrap().clone();
         assert!(planned.result.len() > 3);
@@ -219,10 +206,10 @@ mod tests {
         assert!(other.pending_settings().is_some());
         supplied.step();
         supplied.supply(planned.clone());
-        assert_eq!(supplied.plan().copied(), result[0]);
+        assert_eq!(supplied.plan, result[0]);
         for plan in &result[1..] {
             assert!(supplied.step());
-            assert_eq!(supplied.plan(), plan.as_ref());
+            assert_eq!(supplied.plan, *plan);
         }
         assert!(!supplied.step() && supplied.is_over());
         assert_eq!(supplied.planned(), Some(&planned));

@@ -3,10 +3,9 @@
 //!
 //! The planner of `regime::capture` simulates the lot; here it runs in slices of idle time.
 
-use core::task::Poll;
-
 use crate::hear::LockWindow;
 use crate::settings::Settings;
+use core::task::Poll;
 use kband::feeder::OutOfRange;
 use kband::regime::capture::{DriveLag, DriveLagSettings, Lot, Plan, PlanSettings, Planner};
 
@@ -27,7 +26,6 @@ pub struct KickResult {
     pub slices: u32,
 }
 
-/// The search for kicks in slices; the default searches for nothing.
 #[derive(Clone, Debug, Default)]
 pub struct KickSearch {
     planner: Option<Planner>,
@@ -35,7 +33,7 @@ pub struct KickSearch {
     settings: Option<PlanSettings>,
     slices: u32,
     stored: Option<KickResult>,
-    plan: Option<Plan>,
+    pub plan: Option<Plan>,
 }
 
 impl KickSearch {
@@ -66,7 +64,6 @@ impl KickSearch {
         })
     }
 
-    /// Computes one slice. Whether more remain.
     pub fn step(&mut self) -> bool {
         let Some(planner) = &mut self.planner else {
             return false;
@@ -77,14 +74,10 @@ impl KickSearch {
             Some(stored) => Poll::Ready(stored.plan.clone()),
             None => planner.advance(SLICE_IMPACTS),
         };
-        match progress {
-            Poll::Pending => true,
-            Poll::Ready(plan) => {
-                self.planner = None;
-                self.plan = Some(plan);
-                false
-            }
+        if let Poll::Ready(plan) = progress {
+            (self.planner, self.plan) = (None, Some(plan));
         }
+        self.planner.is_some()
     }
 
     /// Settings of the running search; `None` once a plan is supplied or found.
@@ -101,7 +94,6 @@ impl KickSearch {
         }
     }
 
-    /// The finished search.
     #[cfg(any(test, feature = "memo"))]
     pub fn planned(&self) -> Option<KickResult> {
         Some(KickResult {
@@ -109,10 +101,6 @@ impl KickSearch {
             plan: self.plan.clone()?,
             slices: self.slices,
         })
-    }
-
-    pub fn plan(&self) -> Option<&Plan> {
-        self.plan.as_ref()
     }
 }
 

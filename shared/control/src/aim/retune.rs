@@ -2,9 +2,7 @@
 //!
 //! A test of the estimates against the plan's values, debounced over consecutive cycles.
 
-use crate::drive::UPPER;
-use crate::hear::GearMargin;
-use crate::settings::Settings;
+use crate::{GearMargin, Settings, UPPER};
 use kband::regime::gear::GearPlanSettings;
 
 /// Cycles in a row in which the plan must be wrong: twice the impacts behind an estimate.
@@ -20,7 +18,6 @@ const RESTITUTION_TOLERANCE: f32 = 0.015;
 /// Tolerance between scatters estimated and planned: four standard errors (0.005).
 const SCATTER_TOLERANCE: f32 = 0.02;
 
-/// Counters of the test for the present plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Retuning {
     wrong_cycles: u16,
@@ -142,12 +139,9 @@ mod tests {
             if let (Some((cycles, actual)), Some(expected)) = (actual, proposed) {
                 let due = MIN_CYCLES_BETWEEN_PLANS + WRONG_CYCLES - 1;
                 assert_eq!((cycles, actual.second_tone), (u32::from(due), 0.15));
-                let actual = [
-                    actual.restitution_low,
-                    actual.restitution_high,
-                    actual.scatter,
-                ];
-                for (actual, expected) in actual.into_iter().zip(expected) {
+                let keys = ["restitution_low", "restitution_high", "scatter"];
+                for (key, expected) in keys.into_iter().zip(expected) {
+                    let actual = actual.get(key).unwrap();
                     assert!((actual - expected).abs() < 1e-6, "{margin:?} {actual}");
                 }
             }

@@ -1,7 +1,5 @@
 //! Setpoint selection: the target, its setpoint, and its searches.
 
-use core::f32::consts::PI;
-
 use super::GearSearch;
 use super::chaos::ChaosSearch;
 use super::flow::{FlowChoice, FlowStep};
@@ -9,11 +7,10 @@ use super::kicks::KickSearch;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
 use super::speed::SpeedSearch;
-use crate::drive::{Scale, Shape, UPPER};
-use crate::hear::{GearMargin, LockWindow};
-use crate::settings::Settings;
-use crate::state::{Event, Events};
-use crate::target::Target;
+use crate::drive::Scale;
+use crate::hear::LockWindow;
+use crate::{Event, Events, GearMargin, Settings, Shape, Target, UPPER};
+use core::f32::consts::PI;
 use kband::arithmetic::square_root_single;
 use kband::feeder::{OutOfRange, Restitution};
 use kband::regime::gear::GearPlan;
@@ -25,32 +22,21 @@ pub const MIN_GEAR_SHARE: f32 = 0.7;
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub target: Target,
-    level: Level,
-    lock: Option<LockWindow>,
-    pub shape: Shape,
+    choice: Choice,
     speed: Option<SpeedSearch>,
-    /// The search for the k with the longest gear, if gear is the target.
     pub gear: Option<GearSearch>,
     /// The requested flow, and the order of gear that is requested or found for it.
     flow: Option<FlowChoice>,
     order: u8,
-    plan: Option<GearPlan>,
+    pub plan: Option<GearPlan>,
     retuning: Retuning,
-    /// The search for the kicks that bring the parts onto the lock.
     pub search: KickSearch,
-    /// The search for chaos, if that is the target.
     pub chaos: Option<ChaosSearch>,
-    /// Whether the parts do not fit the configured lot.
     pub misfit: bool,
 }
 
 impl Selection {
-    /// The selection for a target. The error names the number out of range.
-    pub fn from_target(
-        target: Target,
-        settings: &Settings,
-        scale: &Scale,
-    ) -> Result<Self, OutOfRange> {
+    pub fn of(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
@@ -60,29 +46,24 @@ impl Selection {
             }
             _ => None,
         };
+        let (speed, flow) = match target {
+            Target::Speed(speed) => (Some(speed), None),
+            // Touching parts: the next one follows after a part's length.
+            Target::PartsPerMinute(rate) => (Some(rate * settings.part_length / 60.0), None),
+            Target::Flow(flow) => (None, Some(flow)),
+            _ => (None, None),
+        };
         let chaotic = target == Target::Chaotic && choice.lock.is_some();
         Ok(Self {
             target,
-            level: choice.level,
-            lock: choice.lock,
-            shape: choice.shape,
-            speed: match target {
-                Target::Speed(speed) => Some(SpeedSearch::begin(speed)),
-                Target::PartsPerMinute(rate) => {
-                    // Touching parts: the next one follows after a part's length.
-                    Some(SpeedSearch::begin(rate * settings.part_length / 60.0))
-                }
-                _ => None,
-            },
+            speed: speed.map(SpeedSearch::begin),
             gear,
-            flow: match target {
-                Target::Flow(flow) => Some(FlowChoice::new(flow)),
-                _ => None,
-            },
+            flow: flow.map(FlowChoice::new),
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: plan_kicks(&choice, settings, scale)?,
+            search: kicks(&choice, settings, scale)?,
+            choice,
             chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
         })
@@ -90,17 +71,20 @@ impl Selection {
 
     /// The requested lock, also on the way to chaos or for a speed.
     pub fn lock(&self) -> Option<&LockWindow> {
-        self.lock.as_ref()
+        self.choice.lock.as_ref()
+    }
+
+    pub fn shape(&self) -> Shape {
+        self.choice.shape
     }
 
     /// Whether the search for the setpoint is over, with or without a result.
     pub fn chosen(&self) -> bool {
-        self.level != Level::Pending
+        self.choice.level != Level::Pending
     }
 
-    /// The reason for having no setpoint, if so.
     pub fn no_setpoint(&self) -> Option<NoSetpoint> {
-        match self.level {
+        match self.choice.level {
             Level::None(cause) => Some(cause),
             _ => None,
         }
@@ -108,7 +92,7 @@ impl Selection {
 
     /// The setpoint's amplitude, in m; 0 if there is none.
     pub fn setpoint(&self, scale: &Scale) -> f32 {
-        match self.level {
+        match self.choice.level {
             Level::K(k) => scale.amplitude(k as f32),
             Level::Amplitude(amplitude) => amplitude,
             Level::Pending | Level::None(_) => 0.0,
@@ -122,28 +106,26 @@ impl Selection {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);
         let reach = scale.reach(settings);
-        self.level = if scale.amplitude(k) <= reach {
+        self.choice = Choice::level(if scale.amplitude(k) <= reach {
             Level::K(f64::from(k))
         } else {
             Level::Amplitude(reach)
-        };
-        self.shape = Shape::SINE;
+        });
         (self.gear, self.plan, self.flow) = (None, None, None);
     }
 
     pub fn set_k(&mut self, k: f64) {
-        self.level = Level::K(k);
+        self.choice.level = Level::K(k);
     }
 
     pub fn go_to_lock(&mut self) {
-        if let Some(lock) = self.lock {
-            self.level = Level::K(lock.k);
+        if let Some(lock) = self.choice.lock {
+            self.choice.level = Level::K(lock.k);
         }
     }
 
     pub fn give_up_chaos(&mut self) {
-        self.lock = None;
-        self.level = Level::None(NoSetpoint::Chaos);
+        self.choice = Choice::level(Level::None(NoSetpoint::Chaos));
     }
 
     /// The result of the finished search for chaos: its k, if there is one.
@@ -151,15 +133,10 @@ impl Selection {
         self.chaos.as_ref().and_then(ChaosSearch::result)
     }
 
-    /// The best plan for gear so far.
-    pub fn gear_plan(&self) -> Option<&GearPlan> {
-        self.plan.as_ref()
-    }
-
     /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
-            let planned = gear.settings();
+            let planned = gear.planner.settings();
             return Some((planned.restitution, planned.scatter));
         }
         Some((settings.lot().ok()?, settings.scatter))
@@ -180,8 +157,10 @@ impl Selection {
         let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
             return;
         };
-        let proposed = (self.retuning).cycle(gear.settings(), margin, missing_tones, settings);
-        if let Some(proposed) = proposed
+        let planned = gear.planner.settings();
+        if let Some(proposed) = self
+            .retuning
+            .cycle(planned, margin, missing_tones, settings)
             && let Ok(Ok(search)) = GearSearch::begin(order, &proposed, scale)
         {
             self.gear = Some(search);
@@ -219,12 +198,11 @@ impl Selection {
     }
 
     fn refuse_flow(&mut self, nearest: Option<f32>, events: &mut Events) {
-        self.level = Level::None(NoSetpoint::Flow(nearest.unwrap_or(0.0)));
+        self.choice.level = Level::None(NoSetpoint::Flow(nearest.unwrap_or(0.0)));
         self.flow = None;
         events.push(Event::NoSetpoint);
     }
 
-    /// Computes one slice of the searches. Whether more remain.
     pub fn step(&mut self, settings: &Settings, scale: &Scale, events: &mut Events) -> bool {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
@@ -239,17 +217,14 @@ impl Selection {
         {
             let more = gear.step();
             // Every plan of the first search is used; of a later search only the settled one.
-            let better = gear
-                .last_plan()
-                .filter(|plan| plan.settled || self.plan.is_none_or(|plan| !plan.settled));
-            if better.is_some() {
-                self.plan = better.copied();
-                let is_poor = |plan: GearPlan| plan.settled && plan.share < MIN_GEAR_SHARE;
-                if self.plan.is_some_and(is_poor) {
+            if let Some(better) = gear.last_plan()
+                && (better.settled || self.plan.is_none_or(|plan| !plan.settled))
+            {
+                self.plan = Some(better);
+                if better.settled && better.share < MIN_GEAR_SHARE {
                     events.push(Event::GearPoor);
                 }
-                let choice = gear.choice();
-                (self.level, self.shape) = (choice.level, choice.shape);
+                self.choice = gear.choice();
             }
             return more;
         }
@@ -257,11 +232,11 @@ impl Selection {
     }
 
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
-        (self.level, self.lock, self.shape) = (choice.level, choice.lock, choice.shape);
-        match plan_kicks(&choice, settings, scale) {
+        self.choice = choice;
+        match kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
-            Err(_) => (self.level, self.lock) = (Level::None(NoSetpoint::Speed(None)), None),
+            Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
         }
         if self.no_setpoint().is_some() {
             events.push(Event::NoSetpoint);
@@ -276,16 +251,10 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn plan_kicks(
-    choice: &Choice,
-    settings: &Settings,
-    scale: &Scale,
-) -> Result<KickSearch, OutOfRange> {
-    match choice.lock {
-        Some(lock) => {
-            let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));
-            KickSearch::begin(settings, &lock, reserve)
-        }
-        None => Ok(KickSearch::default()),
-    }
+fn kicks(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
+    let Some(lock) = &choice.lock else {
+        return Ok(KickSearch::default());
+    };
+    let reserve = scale.max_kick(settings, scale.amplitude(lock.k as f32));
+    KickSearch::begin(settings, lock, reserve)
 }

@@ -12,10 +12,8 @@ use kband::transport::locked;
 /// Largest accepted relative deviation of a lock's speed from the requested one.
 const SPEED_TOLERANCE: f32 = 0.1;
 
-/// The search for the lock with the speed nearest to a requested one.
 #[derive(Clone, Copy, Debug)]
 pub struct SpeedSearch {
-    /// The requested speed in mm/s.
     requested: f32,
     order: u8,
     /// The nearest lock so far, with its speed in mm/s.
@@ -52,10 +50,12 @@ impl SpeedSearch {
 
     fn choice(&self) -> Choice {
         let tolerance = SPEED_TOLERANCE * self.requested.abs();
-        let nearest_speed = self.nearest.map(|(speed, _)| speed);
         match self.nearest {
             Some((speed, choice)) if self.distance(speed) <= tolerance => choice,
-            _ => Choice::level(Level::None(NoSetpoint::Speed(nearest_speed))),
+            nearest => {
+                let speed = nearest.map(|(speed, _)| speed);
+                Choice::level(Level::None(NoSetpoint::Speed(speed)))
+            }
         }
     }
 }
@@ -87,6 +87,7 @@ fn conveying_speed(lock: &LockWindow, settings: &Settings) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::lot;
 
     fn choice(speed: f32, settings: &Settings) -> Choice {
         let mut search = SpeedSearch::begin(speed);
@@ -100,11 +101,7 @@ mod tests {
     fn speed_search_finds_the_nearest_lock_or_refuses() {
         // Equation 21: `pi r (g cos(alpha) / w) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }` =
         // 88.4 r mm/s.
-        let settings = Settings {
-            restitution_low: 0.199,
-            restitution_high: 0.201,
-            ..Settings::default()
-        };
+        let settings = lot(0.199, 0.201);
         for (speed, order) in [(88.0, 1), (95.0, 1), (180.0, 2), (268.0, 3)] {
             let choice = choice(speed, &settings);
             assert_eq!(choice.lock.unwrap().order, order, "{speed}");
@@ -112,10 +109,10 @@ mod tests {
         }
         for speed in [-80.0, 0.0, 40.0, 130.0] {
             let choice = choice(speed, &settings);
-            assert!(
-                matches!(choice.level, Level::None(NoSetpoint::Speed(Some(nearest_speed))) if nearest_speed > 80.0),
-                "{speed}: {choice:?}"
-            );
+            let Level::None(NoSetpoint::Speed(Some(nearest))) = choice.level else {
+                panic!("{speed}: {choice:?}");
+            };
+            assert!(nearest > 80.0, "{speed}: {nearest}");
         }
     }
 
@@ -123,12 +120,7 @@ mod tests {
     fn a_lot_without_any_band_has_no_speed_at_all() {
         // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are
         // narrower.
-        let settings = Settings {
-            restitution_low: 0.1,
-            restitution_high: 0.3,
-            ..Settings::default()
-        };
-        let choice = choice(100.0, &settings);
+        let choice = choice(100.0, &lot(0.1, 0.3));
         assert_eq!(choice, Choice::level(Level::None(NoSetpoint::Speed(None))));
     }
 }

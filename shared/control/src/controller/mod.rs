@@ -3,22 +3,18 @@
 //! A state machine (`supervise`) selects the reference, and the amplitude loop (`drive`) tracks it:
 //! supervisory control of a servo loop. ARCHITECTURE.md walks through one cycle.
 
+use crate::aim::Selection;
+use crate::drive::{AmplitudeLoop, Reference, Resonance, Scale, Tones};
+use crate::hear::{GearEstimator, Listener, LoadEvents, LoadMeter, MissedImpactDetector};
+use crate::identify::Identifier;
+use crate::supervise::{FaultDetector, LimitMonitor, RestTest, StateMachine, TestSwing};
+use crate::{
+    Cycle, Event, Events, Inputs, Interlock, NoSetpoint, Recipe, Report, Settings, Shape,
+    StartCause, Target,
+};
 use kband::arithmetic::Phase;
 use kband::feeder::OutOfRange;
 use num_complex::Complex32 as Complex;
-
-use crate::aim::{NoSetpoint, Selection};
-use crate::angle::radians_of;
-use crate::drive::{AmplitudeLoop, Reference, Resonance, Scale, Shape, Tones};
-use crate::hear::{Cycle, GearEstimator, Listener, LoadEvents, LoadMeter, MissedImpactDetector};
-use crate::identify::{self, Identifier};
-use crate::inputs::{Inputs, StartCause};
-use crate::recipe::Recipe;
-use crate::report::Report;
-use crate::settings::Settings;
-use crate::state::{Event, Events};
-use crate::supervise::{FaultDetector, Interlock, LimitMonitor, RestTest, StateMachine, TestSwing};
-use crate::target::Target;
 
 /// Slices of planning ([`Controller::plan_step`]) per drive cycle.
 pub const PLAN_SLICES: usize = 16;
@@ -77,12 +73,10 @@ pub struct Controller {
     watches_ready: bool,
 }
 
-/// Measurements of the last cycle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Measured {
     /// Amplitude b, in m.
     amplitude: f32,
-    /// Phase lead of the track before the output.
     lead: Phase,
     shape: Shape,
     events: Events,
@@ -115,9 +109,9 @@ impl Controller {
             scale,
             resonance,
             amplitude,
-            selection: Selection::from_target(target, settings, &scale)?,
+            selection: Selection::of(target, settings, &scale)?,
             machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),
-            listener: Listener::build(build_gear_estimator(settings, false))?,
+            listener: Listener::build()?,
             missed_impact_detector: MissedImpactDetector::default(),
             identifier: Identifier::new(),
             lead: 0.0,
@@ -184,11 +178,11 @@ impl Controller {
     /// The setpoint selection for a target within the drive's reach.
     #[inline(never)]
     fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
-        let selection = Selection::from_target(target, settings, &self.scale)?;
+        let selection = Selection::of(target, settings, &self.scale)?;
         match selection.no_setpoint() {
             Some(NoSetpoint::Output { .. }) => {
                 let reach = "what output_maximum and gain let the drive reach at its frequency";
-                Err(refused(target, reach))
+                Err(target.refused(reach))
             }
             _ => Ok(selection),
         }
@@ -196,13 +190,20 @@ impl Controller {
 
     /// Records that the settings in use were saved: their fault can then be acknowledged.
     pub fn settings_saved(&mut self) {
-        self.machine.interlock.settings_saved();
+        self.machine.interlock.settings_saved = true;
     }
 
     fn begin_target(&mut self) {
         self.machine.set_chaotic(self.selection.chaos.is_some());
         let identifies = self.selection.target == Target::Identify;
-        self.listener.gear = build_gear_estimator(&self.settings, identifies);
+        let settings = &self.settings;
+        // An identification expects any restitution.
+        let lot = if identifies {
+            [0.0, 1.0]
+        } else {
+            [settings.restitution_low, settings.restitution_high]
+        };
+        self.listener.gear = GearEstimator::new(lot, settings.scatter, settings.contact_time());
         self.listener.clear();
         if identifies {
             self.identifier.begin(self.settings.contact_time());
@@ -221,62 +222,6 @@ impl Controller {
         self.report()
     }
 
-    /// As [`Controller::cycle`], without the report.
-    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
-        let mut events = core::mem::take(&mut self.pending_events);
-        self.count_cycle();
-        let silent = Cycle::default();
-        let finite = cycle.is_finite();
-        let view = self.view(if finite { cycle } else { &silent }, finite);
-        let was_limited = !self.limits.limits.is_empty();
-        let untrusted = self.detect_faults(&view, inputs, &mut events);
-        self.follow_enable_input(inputs, view.measured, &mut events);
-        if !untrusted {
-            self.lead = radians_of(view.lead);
-        }
-        self.update_limits(inputs);
-        let goal = self.move_reference();
-        if !self.machine.running() {
-            self.switch_off();
-        } else if inputs.held_off {
-            self.release_output();
-        } else if self.resonance.is_sweeping() {
-            self.advance_sweep(view.measured, &mut events);
-        } else {
-            // The reading of a sensor that may be lost is not used: the output is held.
-            if !untrusted {
-                self.control_amplitude(&view);
-                self.listen(&view, goal);
-                self.follow_resonance(view.measured);
-                self.control_tones(&view.motion, &mut events);
-            }
-            self.detect_missed_impacts(view.cycle, goal, view.measured);
-            self.advance_state(goal, view.measured, &mut events);
-            self.watch_fit();
-            self.retune_gear();
-            self.serve_flow(&mut events);
-            self.identify(view.cycle, goal, view.measured, &mut events);
-        }
-        self.report_load(&mut events);
-        self.report_limits(was_limited, &mut events);
-        if !(view.finite && self.commands_finite()) {
-            self.fail_firmware(&mut events);
-        }
-        // The limit also holds while an untrusted reading freezes the output.
-        self.output = self.output.min(self.output_limit());
-        self.predict_envelope();
-        self.measured = Measured {
-            amplitude: view.measured,
-            lead: view.lead,
-            shape: if self.tones.allowed() {
-                view.motion.shape()
-            } else {
-                Shape::SINE
-            },
-            events,
-        };
-    }
-
     /// Computes one bounded slice of planning, in idle time. Returns whether more remain.
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
@@ -285,36 +230,6 @@ impl Controller {
                 .selection
                 .step(&self.settings, &self.scale, &mut self.pending_events)
     }
-}
-
-/// The error for a target's number, with the accepted range.
-fn refused(target: Target, accepted: &'static str) -> OutOfRange {
-    let (parameter, value) = match target {
-        Target::Locked { order } => ("target locked order", f64::from(order)),
-        Target::Gear { order } => ("target gear order", f64::from(order)),
-        Target::K(k) | Target::Tones { k, .. } => ("target k", f64::from(k)),
-        Target::Amplitude(b) => ("target amplitude", f64::from(b)),
-        Target::Speed(speed) => ("target speed", f64::from(speed)),
-        Target::Flow(flow) => ("target flow", f64::from(flow)),
-        Target::PartsPerMinute(rate) => ("target parts a minute", f64::from(rate)),
-        Target::Chaotic => ("target chaotic, order of its lock", 1.0),
-        Target::Identify => ("target identify, k that it begins at", identify::FIRST_K),
-    };
-    OutOfRange {
-        parameter,
-        value,
-        accepted,
-    }
-}
-
-/// The gear estimator: for the configured lot, or for any restitution during identification.
-fn build_gear_estimator(settings: &Settings, any: bool) -> GearEstimator {
-    let lot = if any {
-        [0.0, 1.0]
-    } else {
-        [settings.restitution_low, settings.restitution_high]
-    };
-    GearEstimator::new(lot, settings.scatter, settings.contact_time())
 }
 
 #[cfg(any(test, feature = "memo"))]

@@ -41,7 +41,7 @@ impl Controller {
 
     /// The best plan for gear so far; `None` for another target, and before a first k is found.
     pub fn gear(&self) -> Option<GearPlan> {
-        self.selection.gear_plan().copied()
+        self.selection.plan
     }
 
     /// The count of strikes that [`Controller::plan_step`] runs; `None` if there is none.

@@ -1,22 +1,19 @@
 //! Queries of a controller: its report, its readiness, its estimates.
 
 use super::Controller;
-use crate::aim::NoSetpoint;
-use crate::angle::{phase_of, radians_of};
+use crate::angle::radians_of;
 use crate::drive::absolute;
-use crate::hear::{Command, GearShare, Load};
-use crate::identify::Identification;
-use crate::report::Report;
-use crate::settings::Settings;
-use crate::state::{Events, Limits, State};
-use crate::supervise::Interlock;
-use crate::target::Target;
+use crate::{
+    Command, Events, GearShare, Identification, Interlock, Limits, Load, NoSetpoint, Report,
+    Settings, State, Target, phase_of,
+};
 
 impl Controller {
     /// Report of the last cycle.
     pub fn report(&self) -> Report {
         let (measured, phases) = (&self.measured, &self.listener.phases);
-        let (margin, plan) = (self.listener.margin_of_all(), self.selection.gear_plan());
+        let margin = self.listener.margin().or(self.listener.share.margin);
+        let plan = self.selection.plan;
         Report {
             cycle: self.count,
             k: self.k(measured.amplitude),
@@ -37,12 +34,12 @@ impl Controller {
             expected_in_gear: plan.map_or(0.0, |plan| plan.share),
             gear_band: plan.map(|plan| plan.band),
             load: self.load(),
-            attempts: self.machine.attempts(),
+            attempts: self.machine.capture.attempts,
             identification: self.identifier.result,
             regime: self.listener.regime,
             frequency: self.resonance.frequency,
             state: self.machine.state,
-            fault: self.machine.fault(),
+            fault: self.machine.interlock.fault,
             limits: self.limits.limits,
             events: measured.events,
             command: self.command(),
@@ -141,7 +138,7 @@ impl Controller {
     /// Estimated load of the parts on the track ([`Report::load`]).
     pub fn load(&self) -> Option<Load> {
         let weighs = !self.misses_impacts() && !self.listener.empty;
-        self.meter.as_ref().filter(|_| weighs)?.load()
+        self.meter.as_ref().filter(|_| weighs)?.load
     }
 
     /// Normal amplitude of the track (symbol b) measured in the last cycle, in m.

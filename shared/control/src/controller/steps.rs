@@ -1,24 +1,15 @@
-//! The steps of one drive cycle, which `Controller::advance` calls.
+//! One drive cycle of a controller, step by step.
 
+use super::{Controller, Measured};
+use crate::angle::radians_of;
+use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
+use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
+use crate::identify::{self, Driven, Step};
+use crate::supervise::{Clearance, Decision, FaultDetector, LimitInputs, Observation, Prediction};
+use crate::{Cycle, Event, Events, Fault, Inputs, Limits, Shape, State, Target, UPPER, phase_of};
 use core::f32::consts::TAU;
-
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use num_complex::Complex32 as Complex;
-
-use super::Controller;
-use crate::angle::{phase_of, radians_of};
-use crate::drive::{Approach, ImpactPhase, Shape, ToneInputs, TrackMotion, UPPER, absolute};
-use crate::hear::{
-    Cycle, DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector,
-};
-use crate::identify::{self, Driven, Step};
-use crate::inputs::Inputs;
-use crate::state::{Event, Events, Fault, Limits, State};
-use crate::supervise::{
-    Clearance, Decision, EnableResponse, FaultDetector, LimitInputs, Observation, Prediction,
-    SwingResult,
-};
-use crate::target::Target;
 
 /// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
 /// doubling (docs/theory-capture.md#t7.4).
@@ -32,20 +23,80 @@ const MIN_TRACKING_AMPLITUDE: f32 = 0.3e-3;
 /// Amplitude over the smallest detectable one above which the upper tones are phase-locked.
 const MIN_FIRST_TONE_RATIO: f32 = 4.0;
 
-/// Measured state of the track in a drive cycle.
-pub(super) struct View<'c> {
-    pub(super) cycle: &'c Cycle,
-    /// Whether all measurements are finite.
-    pub(super) finite: bool,
+struct View<'c> {
+    cycle: &'c Cycle,
+    finite: bool,
     /// Amplitude b, in m.
-    pub(super) measured: f32,
+    measured: f32,
     /// Phase lead of the track before the output.
-    pub(super) lead: Phase,
-    pub(super) motion: TrackMotion,
+    lead: Phase,
+    motion: TrackMotion,
 }
 
 impl Controller {
-    pub(super) fn count_cycle(&mut self) {
+    /// As [`Controller::cycle`], without the report.
+    pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
+        let mut events = core::mem::take(&mut self.pending_events);
+        self.count_cycle();
+        let silent = Cycle::default();
+        let finite = cycle.is_finite();
+        let view = self.view(if finite { cycle } else { &silent }, finite);
+        let was_limited = !self.limits.limits.is_empty();
+        let untrusted = self.detect_faults(&view, inputs, &mut events);
+        self.follow_enable_input(inputs, view.measured, &mut events);
+        if !untrusted {
+            self.lead = radians_of(view.lead);
+        }
+        self.update_limits(inputs);
+        let goal = self.move_reference();
+        if !self.machine.running() {
+            self.switch_off();
+        } else if inputs.held_off {
+            self.release_output();
+        } else if self.resonance.is_sweeping() {
+            self.advance_sweep(view.measured, &mut events);
+        } else {
+            // The reading of a sensor that may be lost is not used: the output is held.
+            if !untrusted {
+                self.control_amplitude(&view);
+                self.listen(&view, goal);
+                self.follow_resonance(view.measured);
+                self.control_tones(&view.motion, &mut events);
+            }
+            self.detect_missed_impacts(&view, goal);
+            self.advance_state(goal, view.measured, &mut events);
+            self.watch_fit();
+            if self.machine.settled() {
+                let (margin, missing) = (self.listener.margin(), self.tones.missing_tones());
+                (self.selection).retune(margin.as_ref(), missing, &self.settings, &self.scale);
+            }
+            let flow = self.load().map(|load| load.flow);
+            (self.selection).serve_flow(flow, &self.settings, &self.scale, &mut events);
+            self.identify(&view, goal, &mut events);
+        }
+        if let Some(event) = self.weighing.cycle(self.load(), self.resonance.frequency) {
+            events.push(event);
+        }
+        self.report_limits(was_limited, &mut events);
+        if !(view.finite && self.commands_finite()) {
+            self.fail_firmware(&mut events);
+        }
+        // The limit also holds while an untrusted reading freezes the output.
+        self.output = self.output.min(self.output_limit());
+        self.predict_envelope();
+        self.measured = Measured {
+            amplitude: view.measured,
+            lead: view.lead,
+            shape: if self.tones.allowed() {
+                view.motion.shape()
+            } else {
+                Shape::SINE
+            },
+            events,
+        };
+    }
+
+    fn count_cycle(&mut self) {
         self.count = self.count.wrapping_add(1);
         // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
         if self.count == 0 {
@@ -55,30 +106,23 @@ impl Controller {
     }
 
     /// The view of a cycle, with the track's motion corrected for the parts' load.
-    pub(super) fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
-        let sine = -cycle.quadrature / self.scale.angular_squared;
-        let cosine = -cycle.in_phase / self.scale.angular_squared;
-        let [mut sine, mut cosine] = self.estimate_load(cycle, sine, cosine);
-        let finite = finite && sine.is_finite() && cosine.is_finite();
-        if !(sine.is_finite() && cosine.is_finite()) {
-            [sine, cosine] = [0.0; 2];
+    fn view<'c>(&mut self, cycle: &'c Cycle, finite: bool) -> View<'c> {
+        let motion = Complex::new(-cycle.quadrature, -cycle.in_phase);
+        let mut motion = self.estimate_load(cycle, motion / self.scale.angular_squared);
+        let finite = finite && motion.is_finite();
+        if !motion.is_finite() {
+            motion = Complex::default();
         }
         View {
             cycle,
             finite,
-            measured: square_root_single(sine * sine + cosine * cosine),
-            lead: phase_of(libm::atan2f(cosine, sine)),
-            motion: self.motion(cycle, Complex::new(sine, cosine)),
+            measured: square_root_single(motion.norm_sqr()),
+            lead: phase_of(libm::atan2f(motion.im, motion.re)),
+            motion: self.motion(cycle, motion),
         }
     }
 
-    /// Whether [`Controller::is_ready`] depends on detected gear.
-    pub(super) fn detects_gear(&self) -> bool {
-        let target = self.selection.target;
-        self.watches_ready && matches!(target, Target::Gear { .. } | Target::Flow(_))
-    }
-
-    pub(super) fn commands_finite(&self) -> bool {
+    fn commands_finite(&self) -> bool {
         let upper = self.tones.output();
         let mut numbers = upper.as_flattened().iter();
         self.output.is_finite()
@@ -88,16 +132,16 @@ impl Controller {
 
     /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
     /// phase, in m, for the impacts that the demodulator blanks.
-    pub(super) fn estimate_load(&mut self, cycle: &Cycle, sine: f32, cosine: f32) -> [f32; 2] {
+    fn estimate_load(&mut self, cycle: &Cycle, motion: Complex) -> Complex {
         if self.meter.is_none() {
-            return [sine, cosine];
+            return motion;
         }
         let one = self.listener.margin();
         let phases = &self.listener.phases;
         let goal = self.selection.setpoint(&self.scale);
         let (quadrature, in_phase) = sine_cosine_single(phase_of(self.output_lead));
         let observed = LoadMeasurement {
-            motion: Complex::new(sine, cosine),
+            motion,
             output: Complex::new(in_phase, quadrature) * self.output,
             blanked: cycle.blanked,
             square: self.scale.angular_squared,
@@ -107,7 +151,7 @@ impl Controller {
             order: self.order().unwrap_or(1),
             restitution: one.map(|margin| margin.restitution),
             cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
-            sine: self.selection.shape.is_sine(),
+            sine: self.selection.shape().is_sine(),
             concentration: phases.concentration(),
             has_impact: !cycle.impacts.is_empty(),
             settled: self.machine.kick().is_none()
@@ -116,9 +160,7 @@ impl Controller {
                 && (self.reference.value - goal).abs() < SETPOINT_TOLERANCE * goal
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
-        let corrected =
-            (self.meter.as_mut()).map_or(observed.motion, |meter| meter.cycle(&observed));
-        [corrected.re, corrected.im]
+        (self.meter.as_mut()).map_or(motion, |meter| meter.cycle(&observed))
     }
 
     /// Converts the demodulated acceleration to the track's motion, in m.
@@ -133,7 +175,7 @@ impl Controller {
     }
 
     /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
-    pub(super) fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
+    fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
@@ -145,7 +187,7 @@ impl Controller {
         let tone_inputs = ToneInputs {
             motion: *motion,
             requested: if allowed {
-                self.selection.shape
+                self.selection.shape()
             } else {
                 Shape::SINE
             },
@@ -164,12 +206,7 @@ impl Controller {
     }
 
     /// Detects faults. Returns whether this cycle's reading is untrusted.
-    pub(super) fn detect_faults(
-        &mut self,
-        view: &View,
-        inputs: &Inputs,
-        events: &mut Events,
-    ) -> bool {
+    fn detect_faults(&mut self, view: &View, inputs: &Inputs, events: &mut Events) -> bool {
         let (cycle, measured, lead) = (view.cycle, view.measured, radians_of(view.lead));
         if inputs.chatters {
             events.push(Event::EnableChatters);
@@ -212,21 +249,16 @@ impl Controller {
         }
         let by_current = expected.by_current.unwrap_or(expected.amplitude);
         match self.swing.cycle(measured, [expected.amplitude, by_current]) {
-            SwingResult::Pending => {}
+            None => {}
             // The test swing moves no part, so the usual ratio under load must be estimated again.
-            SwingResult::Passed => self.faults.reset_load_ratio(),
-            SwingResult::Failed => self.machine.fail(Fault::SensorImplausible, events),
+            Some(true) => self.faults.reset_load_ratio(),
+            Some(false) => self.machine.fail(Fault::SensorImplausible, events),
         }
         untrusted
     }
 
     /// Follows the enable input, and the run bit of a bus in control.
-    pub(super) fn follow_enable_input(
-        &mut self,
-        inputs: &Inputs,
-        measured: f32,
-        events: &mut Events,
-    ) {
+    fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let at_rest =
             self.reference.value <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
         let stop_timeout = 4.0 * self.settings.soft_stop * self.settings.frequency;
@@ -243,12 +275,12 @@ impl Controller {
             self.machine
                 .follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
         match response {
-            Some(EnableResponse::Acknowledged) => self.faults = FaultDetector::default(),
-            Some(EnableResponse::Stopping) if self.resonance.is_sweeping() => {
-                self.resonance.stop();
+            Some(Event::Acknowledged) => self.faults = FaultDetector::default(),
+            Some(Event::Stopping) if self.resonance.is_sweeping() => {
+                self.resonance.sweep = None;
                 self.amplitude.resume(measured, self.output);
             }
-            Some(EnableResponse::Started) => {
+            Some(Event::Started) => {
                 self.predicted_envelopes = [Complex::default(); 3];
                 self.tones.restart();
                 self.swing.begin();
@@ -263,12 +295,12 @@ impl Controller {
                     self.update_scale();
                 }
             }
-            Some(EnableResponse::Stopping) | None => {}
+            _ => {}
         }
     }
 
-    /// Detects missing impacts, if the target depends on them.
-    pub(super) fn detect_missed_impacts(&mut self, cycle: &Cycle, goal: f32, measured: f32) {
+    fn detect_missed_impacts(&mut self, view: &View, goal: f32) {
+        let measured = view.measured;
         let limits = self.limits.limits;
         let settled = match self.machine.state {
             State::Holding | State::Capturing | State::Locked | State::Lost => true,
@@ -278,28 +310,23 @@ impl Controller {
         let at_setpoint = (measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal
             || self.machine.kick().is_some();
         let order = self.order();
-        let needs_impacts = match self.selection.target {
-            Target::Gear { .. } | Target::Flow(_) => true,
-            _ => self.selection.lock().is_some(),
-        };
         let turns = f32::from(order.unwrap_or(1));
         let unit = measured * square_root_single(self.scale.angular_squared);
         let middle = 0.5 * (self.settings.restitution_low + self.settings.restitution_high);
         self.missed_impact_detector.cycle(&ImpactEvidence {
-            listening: settled && needs_impacts && self.selection.chosen(),
+            listening: settled && order.is_some() && self.selection.chosen(),
             single_lock: self.selection.lock().is_some(),
             at_setpoint,
             rate: self.listener.phases.rate() * turns,
             concentration: self.listener.phases.concentration(),
             speed_from_rest: unit * self.listener.gear.landing_speed_from_rest(),
             locked: unit * TAU * turns * self.scale.k(measured) / (1.0 + middle),
-            kicked: self.machine.attempts() > 0,
-            noise: cycle.noise,
+            kicked: self.machine.capture.attempts > 0,
+            noise: view.cycle.noise,
         });
     }
 
-    /// Determines the limits that hold the drive back in this cycle.
-    pub(super) fn update_limits(&mut self, inputs: &Inputs) {
+    fn update_limits(&mut self, inputs: &Inputs) {
         let timeout = match inputs.bus {
             None => self.settings.link_timeout,
             Some(_) => self.settings.bus_timeout,
@@ -324,7 +351,7 @@ impl Controller {
     }
 
     /// Moves the reference by one cycle; its goal, in m.
-    pub(super) fn move_reference(&mut self) -> f32 {
+    fn move_reference(&mut self) -> f32 {
         let (settings, setpoint) = (&self.settings, self.selection.setpoint(&self.scale));
         let limits = self.limits.limits;
         let safe = settings.safe_amplitude * 1e-3;
@@ -354,26 +381,25 @@ impl Controller {
         let allowed = limits.map_or(goal, |[limit, _]| goal.min(limit));
         self.reference
             .advance(allowed, approach, self.lead, self.settings.envelope);
-        self.swing
-            .hold(allowed < goal && self.reference.value == allowed);
+        self.swing.held = allowed < goal && self.reference.value == allowed;
         goal
     }
 
     /// Limits of a start's test swing on the reference and on the output's amplitude, in m.
-    pub(super) fn swing_limits(&self) -> Option<[f32; 2]> {
+    fn swing_limits(&self) -> Option<[f32; 2]> {
         let (swing, scale) = (&self.swing, &self.scale);
         let limits = swing.limits(self.reference.value, scale.ceiling, scale.min_amplitude);
         limits.filter(|_| !self.resonance.is_sweeping())
     }
 
     /// Upper limit of the next output, as a share of full output, without the accelerometer.
-    pub(super) fn output_limit(&self) -> f32 {
+    fn output_limit(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, limit]| limit);
         self.scale
             .output_limit(self.predicted_envelopes[0], amplitude)
     }
 
-    pub(super) fn switch_off(&mut self) {
+    fn switch_off(&mut self) {
         self.release_output();
         self.listener.clear();
         self.missed_impact_detector = MissedImpactDetector::default();
@@ -387,7 +413,7 @@ impl Controller {
     }
 
     /// Switches the output off while the track comes to rest; the bridge is open already.
-    pub(super) fn release_output(&mut self) {
+    fn release_output(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
         self.reference.value = 0.0;
         self.amplitude.reset();
@@ -395,14 +421,14 @@ impl Controller {
     }
 
     /// Amplitude at the peak of the resonance search, in m.
-    pub(super) fn sweep_amplitude(&self) -> f32 {
+    fn sweep_amplitude(&self) -> f32 {
         (self.settings.safe_amplitude * 1e-3)
             .min(self.selection.setpoint(&self.scale))
             .min(self.scale.ceiling)
     }
 
     /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
-    pub(super) fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
+    fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
         self.output = output.min(self.settings.output_maximum);
         self.output_lead = 0.0;
@@ -415,7 +441,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn follow_resonance(&mut self, measured: f32) {
+    fn follow_resonance(&mut self, measured: f32) {
         if self.resonance.is_tracking()
             && measured > MIN_TRACKING_AMPLITUDE * self.settings.safe_amplitude
         {
@@ -424,8 +450,7 @@ impl Controller {
         }
     }
 
-    /// Updates the numbers that depend on the drive's frequency.
-    pub(super) fn update_scale(&mut self) {
+    fn update_scale(&mut self) {
         self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
@@ -437,9 +462,8 @@ impl Controller {
         self.listener.confidence(self.selection.lock())
     }
 
-    /// Moves between the states of a running drive.
     #[inline(always)]
-    pub(super) fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
+    fn advance_state(&mut self, goal: f32, measured: f32, events: &mut Events) {
         let observed = Observation {
             at_setpoint: self.selection.chosen()
                 && self.reference.value == goal
@@ -448,7 +472,7 @@ impl Controller {
             limits: self.limits.limits,
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
-            plan: self.selection.search.plan(),
+            plan: self.selection.search.plan.as_ref(),
             chaos: self.selection.chaos_result(),
         };
         let decision = self.machine.advance(&observed, events);
@@ -456,7 +480,7 @@ impl Controller {
     }
 
     /// Tests whether the parts fit the lot of gear. The result stays until the track is empty.
-    pub(super) fn watch_fit(&mut self) {
+    fn watch_fit(&mut self) {
         if self.selection.misfit {
             if self.listener.empty {
                 self.restart_target();
@@ -471,7 +495,6 @@ impl Controller {
         }
     }
 
-    /// Restarts the target for other parts.
     #[inline(never)]
     fn restart_target(&mut self) {
         if let Ok(selection) = self.select(self.selection.target, &self.settings) {
@@ -480,18 +503,6 @@ impl Controller {
         }
     }
 
-    pub(super) fn retune_gear(&mut self) {
-        if self.machine.settled() {
-            self.selection.retune(
-                self.listener.margin().as_ref(),
-                self.tones.missing_tones(),
-                &self.settings,
-                &self.scale,
-            );
-        }
-    }
-
-    /// Carries out a decision of the state machine.
     #[inline(always)]
     fn carry_out(&mut self, decision: Decision) {
         match decision {
@@ -503,13 +514,7 @@ impl Controller {
         }
     }
 
-    pub(super) fn identify(
-        &mut self,
-        cycle: &Cycle,
-        goal: f32,
-        measured: f32,
-        events: &mut Events,
-    ) {
+    fn identify(&mut self, view: &View, goal: f32, events: &mut Events) {
         if !self.identifier.is_running() {
             return;
         }
@@ -519,6 +524,7 @@ impl Controller {
             }
             return;
         }
+        let measured = view.measured;
         let amplitude_error = if self.reference.value == goal {
             (measured - goal).abs() / goal
         } else {
@@ -535,7 +541,7 @@ impl Controller {
             speed_from_rest: self.listener.gear.landing_speed_from_rest(),
             energy_per_squared_speed: self.listener.gear.energy_per_squared_speed(),
         };
-        match self.identifier.cycle(&driven, cycle) {
+        match self.identifier.cycle(&driven, view.cycle) {
             Step::Going => {}
             Step::At(k) => {
                 self.listener.clear();
@@ -546,8 +552,7 @@ impl Controller {
         }
     }
 
-    /// Controls the amplitude: the next output and its phase lead.
-    pub(super) fn control_amplitude(&mut self, view: &View) {
+    fn control_amplitude(&mut self, view: &View) {
         let reference = self.reference.value;
         let limit = self.output_limit();
         let impact_phase = ImpactPhase {
@@ -560,8 +565,7 @@ impl Controller {
             .unwrap_or_else(|| [self.amplitude.cycle(view.measured, reference, limit), 0.0]);
     }
 
-    /// Gives the cycle's impacts to the estimators of regime and gear.
-    pub(super) fn listen(&mut self, view: &View, goal: f32) {
+    fn listen(&mut self, view: &View, goal: f32) {
         let drive_state = DriveState {
             count: self.count,
             lead: view.lead,
@@ -574,28 +578,14 @@ impl Controller {
                 && self.reference.value == goal
                 && (view.measured - goal).abs() < 2.0 * SETPOINT_TOLERANCE * goal,
             contact: self.settings.contact_time(),
-            detects_gear: self.detects_gear(),
+            detects_gear: self.watches_ready && self.selection.gear_order().is_some(),
             needs_regime: self.machine.detects_chaos(),
         };
         self.listener
             .cycle(view.cycle, &drive_state, self.selection.lock());
     }
 
-    /// Selects the order of gear for the requested flow, from the present flow.
-    pub(super) fn serve_flow(&mut self, events: &mut Events) {
-        let flow = self.load().map(|load| load.flow);
-        self.selection
-            .serve_flow(flow, &self.settings, &self.scale, events);
-    }
-
-    pub(super) fn report_load(&mut self, events: &mut Events) {
-        let load = self.load();
-        if let Some(event) = self.weighing.cycle(load, self.resonance.frequency) {
-            events.push(event);
-        }
-    }
-
-    pub(super) fn report_limits(&self, was_limited: bool, events: &mut Events) {
+    fn report_limits(&self, was_limited: bool, events: &mut Events) {
         let is_limited = !self.limits.limits.is_empty();
         if !was_limited && is_limited {
             events.push(Event::Limited);
@@ -605,7 +595,7 @@ impl Controller {
     }
 
     /// Switches the drive off after an error of the firmware, and clears the loops' estimates.
-    pub(super) fn fail_firmware(&mut self, events: &mut Events) {
+    fn fail_firmware(&mut self, events: &mut Events) {
         self.machine.fail(Fault::ControlLate, events);
         self.amplitude.forget();
         self.meter = LoadMeter::build(&self.settings);
@@ -615,7 +605,7 @@ impl Controller {
     }
 
     /// Predicts the envelope at the end of the cycle that the output drives.
-    pub(super) fn predict_envelope(&mut self) {
+    fn predict_envelope(&mut self) {
         let [newest, before, _] = self.predicted_envelopes;
         // Missing amplitude counts as load only while impacts are detected.
         let detected = self.listener.phases.rate() > 0.0;

@@ -1,10 +1,10 @@
 //! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
 
 use super::*;
-use crate::drive::{UPPER, absolute};
+use crate::drive::absolute;
 use crate::signal_path::DetectedImpact;
-use crate::state::{Fault, Limits, State};
-use crate::testing::with;
+use crate::testing::{lot, with};
+use crate::{Fault, Limits, State, UPPER};
 use kband::regime::classify::Regime;
 
 mod table;
@@ -39,18 +39,19 @@ fn build(settings: &Settings, target: Target) -> Controller {
     Controller::build(settings, target, StartCause::Ordinary).unwrap()
 }
 
+/// A controller whose setpoint is found.
+fn planned(settings: &Settings, target: Target) -> Controller {
+    let mut controller = build(settings, target);
+    while !controller.is_setpoint_found() {
+        controller.plan_step();
+    }
+    controller
+}
+
 /// A controller at a target with an ideal drive, and their reports.
 fn driven(target: Target) -> (Controller, Report) {
-    let settings = Settings {
-        restitution_low: 0.199,
-        restitution_high: 0.201,
-        ..Settings::default()
-    };
-    let mut controller = build(&settings, target);
-    let mut report = Report::default();
-    for _ in 0..60 {
-        report = follow(&mut controller, true, 1);
-    }
+    let mut controller = build(&lot(0.199, 0.201), target);
+    let report = follow_for(60, &mut controller, true);
     (controller, report)
 }
 
@@ -85,6 +86,12 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
+/// The report after a number of such cycles.
+fn follow_for(cycles: u32, controller: &mut Controller, enable: bool) -> Report {
+    let reports = (0..cycles).map(|_| follow(controller, enable, 1));
+    reports.last().unwrap()
+}
+
 /// While the bridge is held open the output is 0 at once. The drive starts again once it is
 /// released and the track is at rest.
 #[test]
@@ -92,11 +99,9 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     let (mut controller, held) = driven(Target::K(0.5));
     assert!(held.command.amplitude > 0.1);
     let cycle = |controller: &mut Controller, held_off: bool| {
-        let inputs = Inputs {
-            held_off,
-            chatters: held_off,
-            ..enabled()
-        };
+        let inputs = with(enabled(), |it| {
+            (it.held_off, it.chatters) = (held_off, held_off)
+        });
         controller.cycle(&ideal(controller), &inputs)
     };
     let first = cycle(&mut controller, true);
@@ -113,7 +118,6 @@ fn a_drive_that_is_held_off_stops_without_a_ramp() {
     assert_eq!(cycle(&mut controller, false).state, State::Starting);
 }
 
-/// The stop ends, even if the track keeps swinging.
 #[test]
 fn a_stop_without_rest_ends_after_four_soft_stops() {
     let (mut controller, _) = driven(Target::K(0.5));
@@ -143,17 +147,10 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
     for track_mass in [0.0, 10.0] {
         for corrupt in corruptions {
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
-                let settings = Settings {
-                    second_tone: 0.1,
-                    track_mass,
-                    ..Settings::default()
-                };
-                let target = Target::K(0.5);
-                let mut controller = build(&settings, target);
-                let mut held = Report::default();
-                for _ in 0..60 {
-                    held = follow(&mut controller, true, 1);
-                }
+                let settings = with(Settings::default(), |it| it.second_tone = 0.1);
+                let settings = with(settings, |it| it.track_mass = track_mass);
+                let mut controller = build(&settings, Target::K(0.5));
+                let held = follow_for(60, &mut controller, true);
                 assert!(held.command.amplitude > 0.1 && controller.is_ready());
                 let mut cycle = ideal(&controller);
                 corrupt(&mut cycle, bad);
@@ -166,12 +163,8 @@ fn nan_reading_stops_the_drive_and_is_forgotten() {
                     assert!(!report.k.is_nan() && report.shape.second.ratio.is_finite());
                     report = follow(&mut controller, true, 1);
                 }
-                for _ in 0..40 {
-                    report = follow(&mut controller, false, 1);
-                }
-                for _ in 0..60 {
-                    report = follow(&mut controller, true, 1);
-                }
+                follow_for(40, &mut controller, false);
+                let report = follow_for(60, &mut controller, true);
                 assert_eq!(report.fault, None);
                 assert_eq!(report.amplitude, held.amplitude);
             }
@@ -215,8 +208,8 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
     let limited = with(weak(), |it| it.amplitude_limit = 0.15);
     let mut controller = build(&limited, Target::Amplitude(0.0));
     controller.set_target(Target::K(0.4)).unwrap();
-    let reports = (0..60).map(|_| follow(&mut controller, true, 1));
-    assert_eq!(reports.last().unwrap().limits, Limits::AMPLITUDE);
+    let report = follow_for(60, &mut controller, true);
+    assert_eq!(report.limits, Limits::AMPLITUDE);
 }
 
 #[test]
@@ -257,10 +250,7 @@ fn unreachable_speed_is_reported_after_the_search() {
     let b = strong.setpoint() * 1e3;
     assert!(b > 0.1, "{b}");
     let settings = with(Settings::default(), |it| it.gain = b);
-    let mut controller = build(&settings, Target::Speed(88.0));
-    while !controller.is_setpoint_found() {
-        controller.plan_step();
-    }
+    let mut controller = planned(&settings, Target::Speed(88.0));
     let why = controller.no_setpoint();
     assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
     let report = controller.cycle(&Cycle::default(), &Inputs::default());
@@ -272,11 +262,7 @@ fn parts_a_minute_are_a_speed_over_the_length_of_a_part() {
     let undisturbed = driven(Target::Speed(180.0)).0;
     let settings = with(*undisturbed.settings(), |it| it.part_length = 12.0);
     // 900 parts of 12 mm in 60 s.
-    let target = Target::PartsPerMinute(900.0);
-    let mut controller = build(&settings, target);
-    while !controller.is_setpoint_found() {
-        controller.plan_step();
-    }
+    let controller = planned(&settings, Target::PartsPerMinute(900.0));
     assert_eq!(controller.order(), undisturbed.order());
     assert_eq!(controller.setpoint(), undisturbed.setpoint());
 }

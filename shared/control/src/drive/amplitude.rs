@@ -11,21 +11,20 @@
 //! inverse of the rotating envelope, over the estimated gain. The only feedback is then the gain
 //! estimate with exponential forgetting: an integral loop. `margins` has its stability margins.
 
-use num_complex::Complex32 as Complex;
-
 use super::envelope::{Envelope, absolute};
 use super::observer::{ImpactPhase, Observer};
 use super::scale::min_amplitude;
 use crate::saturate::saturate;
 use crate::settings::Settings;
 use kband::feeder::OutOfRange;
+use num_complex::Complex32 as Complex;
 
 /// Time constant of the closed loop in cycles: phase margin 70 degrees, gain margin above 4.
 const CLOSED_LOOP_CYCLES: f32 = 6.0;
 /// Weight of a cycle in the gain estimate: a memory of four closed-loop time constants.
 const GAIN_FORGETTING: f32 = 0.04;
 /// Dead time in cycles: computing 1, driving 1, averaging 0.5.
-const DEAD_TIME_CYCLES: f32 = 2.5;
+pub(super) const DEAD_TIME_CYCLES: f32 = 2.5;
 /// Time constant of the gain estimate off the resonance, over dead time plus envelope.
 const GAIN_TIME_CONSTANT_RATIO: f32 = 3.0;
 /// Largest factor between estimated and configured gain; a larger one is a fault or a wrong scale.
@@ -51,7 +50,7 @@ const START_OVER_PHASE_LAG: f32 = 6.0;
 const START_OVER_INVERSE_OUTPUT: f32 = 1.5;
 
 /// Fixed values of the loop, derived from the settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Tuning {
     /// Share of the envelope that survives one cycle: exp(-pi w0 / (Q w)).
     decay: f32,
@@ -73,7 +72,7 @@ struct Tuning {
 /// The inverse of a rotating envelope, `(z - pole)(z - pole*) / (z (z - forget))`, of gain 1 at
 /// rest, in steps of one cycle. The amplitude's zero is its pole `forget = (pole.re - |pole|^2)/(1
 /// - pole.re)`. A negative pole would make the output alternate, so 0 replaces it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Inverse {
     forget: f32,
     /// Weights of the reference one and two cycles ago.
@@ -101,7 +100,7 @@ impl Inverse {
 
 /// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain. The
 /// feedforward alone tracks a reference that the envelope can follow.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
     envelope: Envelope,
@@ -128,7 +127,6 @@ pub struct AmplitudeLoop {
 }
 
 impl AmplitudeLoop {
-    /// Builds the loop at rest. The error names a setting out of range.
     pub fn build(settings: &Settings) -> Result<Self, OutOfRange> {
         settings.check()?;
         let envelope = Envelope::from_settings(settings);
@@ -172,15 +170,8 @@ impl AmplitudeLoop {
             envelope,
             inverse,
             gain: nominal,
-            estimated_cycles: 0.0,
-            quarter_cycles: 0.0,
-            integral_term: 0.0,
-            reference: [0.0; 4],
-            inverted: 0.0,
-            output: [0.0; 3],
-            model: Complex::default(),
-            saturated: false,
             observer: observed.then(|| Observer::from_amplitude(0.0, 0.0, 0.0)),
+            ..Self::default()
         })
     }
 
@@ -195,7 +186,6 @@ impl AmplitudeLoop {
         self.observer.is_some()
     }
 
-    /// Resets the loop, the gain estimate included.
     pub fn forget(&mut self) {
         self.gain = self.tuning.nominal;
         self.reset();
@@ -359,6 +349,7 @@ mod tests {
     use crate::testing::with;
 
     /// The drive's exact envelope, averaged over each cycle; `gain` is over the configured one.
+    #[derive(Default)]
     struct SimulatedDrive {
         envelope: f32,
         latched: f32,
@@ -366,14 +357,6 @@ mod tests {
     }
 
     impl SimulatedDrive {
-        fn new(gain: f32) -> Self {
-            Self {
-                envelope: 0.0,
-                latched: 0.0,
-                gain,
-            }
-        }
-
         fn cycle(&mut self, output: f32) -> f32 {
             let decay = libm::expf(-core::f32::consts::PI / 25.0);
             let before = self.envelope;
@@ -388,7 +371,7 @@ mod tests {
         let goal = 0.23e-3;
         for gain in [0.7, 1.0, 1.3] {
             let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-            let mut drive = SimulatedDrive::new(gain);
+            let mut drive = with(SimulatedDrive::default(), |it| it.gain = gain);
             let (mut output, mut peak, mut last_outside) = (0.0, 0.0_f32, 0);
             for n in 0..200 {
                 let b = drive.cycle(output);
@@ -436,7 +419,7 @@ mod tests {
     #[test]
     fn a_reference_out_of_reach_saturates_and_does_not_wind_up() {
         let mut control = AmplitudeLoop::build(&Settings::default()).unwrap();
-        let mut drive = SimulatedDrive::new(1.0);
+        let mut drive = with(SimulatedDrive::default(), |it| it.gain = 1.0);
         let mut output = 0.0;
         let mut cycle = |reference: f32| {
             let measured = drive.cycle(output);

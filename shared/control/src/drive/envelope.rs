@@ -6,18 +6,15 @@
 //! rotates by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
 //! approximation).
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-
 use crate::settings::Settings;
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::square_root_single;
+use num_complex::Complex32 as Complex;
 
 /// Rotation of the envelope within its time constant, in rad, below which it is a first-order lag.
 const MAX_FIRST_ORDER_TURN: f32 = 0.3;
 
-/// The envelope from cycle to cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Envelope {
     /// Share of the distance to the steady envelope that remains after a cycle.
     pub pole: Complex,

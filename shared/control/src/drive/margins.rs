@@ -4,13 +4,11 @@
 //! Only the component of a change along the steady envelope matters: `P = (E(z) + E*(z)) / 2`. `E`
 //! is the envelope with its pole, `E*` with the conjugate pole, both with dead time and cycle mean.
 
-use core::f64::consts::PI;
-
-use num_complex::Complex64 as Complex;
-
 use super::amplitude::AmplitudeLoop;
 use crate::settings::Settings;
+use core::f64::consts::PI;
 use kband::feeder::OutOfRange;
+use num_complex::Complex64 as Complex;
 
 /// Number of angles per cycle on the curve: spaced logarithmically, and around the envelope's pole.
 const ANGLES: i32 = 1500;
@@ -28,7 +26,6 @@ pub struct LoopMargins {
     pub distance: f64,
 }
 
-/// Frequency response of a drive's amplitude to its output.
 #[derive(Clone, Copy, Debug)]
 struct Plant {
     pole: Complex,
@@ -76,6 +73,23 @@ fn modulus(z: Complex) -> f64 {
 }
 
 impl LoopMargins {
+    /// Margins of an open loop that is 0.
+    pub(super) const LARGEST: Self = Self {
+        gain: f64::INFINITY,
+        phase: 180.0,
+        distance: 1.0,
+    };
+
+    /// The smaller margin of each kind, of two loops.
+    #[cfg(test)]
+    pub(super) fn min(self, other: Self) -> Self {
+        Self {
+            gain: self.gain.min(other.gain),
+            phase: self.phase.min(other.phase),
+            distance: self.distance.min(other.distance),
+        }
+    }
+
     /// Margins of the loop built for the settings `configured`, on the drive `actual`, whose `gain`
     /// and `resonance` may differ. The error names a setting out of range.
     ///
@@ -105,11 +119,7 @@ impl LoopMargins {
         let turn = libm::fabs(libm::atan2(pole.im, pole.re));
         // A decay within a few cycles is smooth enough for the even angles.
         let width = (-libm::log(modulus(pole))).min(0.2);
-        let mut margins = Self {
-            gain: f64::INFINITY,
-            phase: 180.0,
-            distance: 1.0,
-        };
+        let mut margins = Self::LARGEST;
         let mut scan = |angles: &mut dyn Iterator<Item = f64>| {
             let mut before: Option<Complex> = None;
             for angle in angles.filter(|angle| (MIN_ANGLE..=PI).contains(angle)) {
@@ -175,20 +185,21 @@ mod tests {
     #[test]
     fn the_loop_has_margins_at_every_quality_detuning_and_gain() {
         for gain_ratio in [1.0, 0.5, 2.0] {
-            let mut minimum = [f64::INFINITY; 3];
+            let mut minimum = LoopMargins::LARGEST;
             for quality in QUALITIES {
                 for detuning in detunings() {
                     let configured = drive(quality, detuning);
                     let actual = with(configured, |it| it.gain = configured.gain * gain_ratio);
-                    let margins = LoopMargins::from_settings(&configured, &actual).unwrap();
-                    let margins = [margins.gain, margins.phase, margins.distance];
-                    for (minimum, margins) in minimum.iter_mut().zip(margins) {
-                        *minimum = minimum.min(margins);
-                    }
+                    minimum =
+                        minimum.min(LoopMargins::from_settings(&configured, &actual).unwrap());
                 }
             }
             std::println!("gain {gain_ratio}: {minimum:?}");
-            let [gain, phase, distance] = minimum;
+            let LoopMargins {
+                gain,
+                phase,
+                distance,
+            } = minimum;
             if gain_ratio > 1.0 {
                 assert!(gain > 2.2 && phase > 44.0 && distance > 0.45, "{minimum:?}");
             } else {
@@ -200,7 +211,7 @@ mod tests {
     /// Any frequency on any resonance, and the smallest quality, within the settings' ranges.
     #[test]
     fn far_from_the_resonance_the_margins_stay() {
-        let mut minimum = [f64::INFINITY; 2];
+        let mut minimum = LoopMargins::LARGEST;
         for quality in [1.0, 1.5, 2.0, 10.0, 200.0] {
             for n in -60..=60 {
                 let ratio = 10.0_f32.powf(n as f32 / 30.0);
@@ -211,11 +222,11 @@ mod tests {
                     safe_amplitude: 0.0,
                     ..Settings::default()
                 };
-                let margins = LoopMargins::from_settings(&settings, &settings).unwrap();
-                minimum = [minimum[0].min(margins.gain), minimum[1].min(margins.phase)];
+                minimum = minimum.min(LoopMargins::from_settings(&settings, &settings).unwrap());
             }
         }
         std::println!("{minimum:?}");
-        assert!(minimum[0] > 3.9 && minimum[1] > 65.0, "{minimum:?}");
+        let holds = minimum.gain > 3.9 && minimum.phase > 65.0;
+        assert!(holds, "{minimum:?}");
     }
 }

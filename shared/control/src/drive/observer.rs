@@ -11,18 +11,15 @@
 //! thirds of its effect in the cycle's mean. Across the motion, more of the error is scatter that
 //! does not repeat. Blanked impacts limit the envelope gain to 1.1.
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-
 use super::envelope::absolute;
+use core::f32::consts::{PI, TAU};
+use num_complex::Complex32 as Complex;
 
 /// Observer gains along and across the held motion: for envelope, load per cycle, and its change.
 const OBSERVER_GAINS: [[f32; 2]; 3] = [[1.0, 0.9], [0.6, 0.4], [0.04, 0.02]];
 /// Share of the lead by which the held phase moves per cycle: the lead decays over 200 cycles.
 const PHASE_YIELD_SHARE: f32 = 1.0 / 200.0;
 
-/// Phase of the impacts in the cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImpactPhase {
     /// Mean of `e^(-i phase)` over the impacts, with the phase of the output.
@@ -69,7 +66,7 @@ impl Observer {
     pub fn cycle(
         &mut self,
         motion: Complex,
-        impact_phase: ImpactPhase,
+        impact: ImpactPhase,
         goal: f32,
         decay: f32,
     ) -> Complex {
@@ -77,15 +74,15 @@ impl Observer {
         // of the cycle add the conjugate term.
         let ends = Complex::new(0.0, 0.25 / PI);
         // Angle from the impact to half a turn.
-        let since = libm::atan2f(impact_phase.at.im, -impact_phase.at.re);
-        let before_impact = Complex::new(-since / TAU, 0.25 / PI) * absolute(impact_phase.at);
+        let since = libm::atan2f(impact.at.im, -impact.at.re);
+        let before_impact = Complex::new(-since / TAU, 0.25 / PI) * absolute(impact.at);
         let mean = |drift: Complex, jump: Complex| {
             let all = drift + jump;
             all * 0.5 + all.conj() * ends + jump * before_impact
         };
         let drift = (self.output_envelope - self.envelope) * (1.0 - decay);
         let mut innovation = motion - self.envelope - mean(drift, self.load);
-        if impact_phase.silent {
+        if impact.silent {
             // Under a drifting motion the acceleration is larger by this term.
             innovation += (drift + self.load) * Complex::new(0.0, 1.0 / PI);
         }
@@ -103,11 +100,10 @@ impl Observer {
     /// Limits the requested envelope to `high` and the track's direction; size (m), lead (rad).
     pub fn limit_output(&mut self, requested: Complex, high: f32) -> [f32; 2] {
         let relative = requested * self.held_phase.conj();
-        let mut driven = if relative.re > 0.0 {
-            relative
-        } else {
-            Complex::default()
-        };
+        let mut driven = Complex::default();
+        if relative.re > 0.0 {
+            driven = relative;
+        }
         let length = absolute(driven);
         if length > high {
             driven *= high / length;

@@ -1,10 +1,8 @@
 //! Reference of the amplitude loop: a ramp, a first-order lag or a step, advanced once per cycle.
 
+use crate::saturate::saturate;
 use core::f32::consts::TAU;
 
-use crate::saturate::saturate;
-
-/// Path of the reference to its goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Approach {
     /// By at most this much per cycle, in m.

@@ -3,11 +3,9 @@
 //! At the peak a resonance lags its force by a quarter turn: an integral controller moves the
 //! frequency until that phase is measured (phase-locked loop).
 
-use core::f32::consts::{FRAC_PI_2, PI};
-
-use crate::angle::SAMPLE_RATE;
 use crate::saturate::saturate;
-use crate::settings::Settings;
+use crate::{SAMPLE_RATE, Settings};
+use core::f32::consts::{FRAC_PI_2, PI};
 
 /// Largest number of points of a sweep; the settings refuse a band that needs more.
 const MAX_SWEEP_POINTS: u16 = 400;
@@ -18,18 +16,17 @@ const SETTLING_CYCLES: f32 = 4.0;
 /// Time constant of the phase loop over that of the envelope, which has settled then.
 const PHASE_LOOP_RATIO: f32 = 4.0;
 
-/// The drive's frequency, and its tracking of the resonance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resonance {
     low: f32,
     high: f32,
     quality: f32,
     pub frequency: f32,
-    sweep: Option<Sweep>,
+    pub sweep: Option<Sweep>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Sweep {
+pub struct Sweep {
     /// Points after the first.
     intervals: u16,
     point: u16,
@@ -72,10 +69,6 @@ impl Resonance {
             best: (0.0, self.low),
             returning: false,
         });
-    }
-
-    pub fn stop(&mut self) {
-        self.sweep = None;
     }
 
     /// Processes the amplitude (m) of a sweep's cycle. Whether it ended, settled at its peak.
@@ -121,10 +114,9 @@ impl Resonance {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
     use crate::testing::seeded;
+    use proptest::prelude::*;
 
     proptest! {
         #![proptest_config(seeded())]

@@ -1,15 +1,11 @@
 //! Conversion between amplitude, k and output at the drive's frequency; the hard limits.
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-
 use super::envelope::Envelope;
-use crate::angle::{phase_of, phase_step};
-use crate::settings::Settings;
-use crate::state::Limits;
+use crate::{Limits, Settings, phase_of, phase_step};
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::sine_cosine_single;
 use kband::feeder::STANDARD_GRAVITY;
+use num_complex::Complex32 as Complex;
 
 /// Smallest detectable swing in converter steps: a phase error of 0.04 rad at 500 Hz.
 const MIN_RESOLVED_STEPS: f32 = 8.0;
@@ -30,7 +26,6 @@ fn min_acceleration(settings: &Settings) -> f32 {
     MIN_RESOLVED_STEPS * step
 }
 
-/// The factors between amplitude, k and output.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
@@ -41,9 +36,7 @@ pub struct Scale {
     pub step: u32,
     /// Largest amplitude that both hard limits allow, in m.
     pub ceiling: f32,
-    /// The hard limit that sets the ceiling.
     pub ceiling_limit: Limits,
-    /// Model of the track's amplitude under the output.
     pub envelope: Envelope,
     /// Share of the envelope's size that survives a cycle, 0..1.
     decay: f32,

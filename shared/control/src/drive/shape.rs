@@ -1,15 +1,13 @@
 //! Shape of the track's motion: its upper tones, relative to the first
 //! (docs/theory-real-parts.md#t10.3).
 
-use core::f32::consts::TAU;
-
-use num_complex::Complex32 as Complex;
-use serde::{Deserialize, Serialize};
-
 use crate::angle::phase_of;
+use core::f32::consts::TAU;
 use kband::arithmetic::{sine_cosine_single, square_root_single};
 use kband::feeder::{OutOfRange, accept};
 use kband::regime::gear;
+use num_complex::Complex32 as Complex;
+use serde::{Deserialize, Serialize};
 
 /// Number of upper tones: the second and the third.
 pub const UPPER: usize = 2;
@@ -25,10 +23,7 @@ pub struct UpperTone {
 
 impl UpperTone {
     /// No tone.
-    pub const NONE: Self = Self {
-        ratio: 0.0,
-        phase: 0.0,
-    };
+    pub const NONE: Self = Self::new(0.0, 0.0);
 
     /// A tone of this ratio and phase angle.
     pub const fn new(ratio: f32, phase: f32) -> Self {
@@ -45,10 +40,8 @@ impl UpperTone {
         if phasor == Complex::default() {
             return Self::NONE;
         }
-        Self {
-            ratio: square_root_single(phasor.norm_sqr()),
-            phase: libm::atan2f(phasor.im, phasor.re),
-        }
+        let ratio = square_root_single(phasor.norm_sqr());
+        Self::new(ratio, libm::atan2f(phasor.im, phasor.re))
     }
 }
 
@@ -63,10 +56,7 @@ pub struct Shape {
 
 impl Shape {
     /// A sine.
-    pub const SINE: Self = Self {
-        second: UpperTone::NONE,
-        third: UpperTone::NONE,
-    };
+    pub const SINE: Self = Self::of_two(UpperTone::NONE);
 
     /// A shape of three tones.
     pub const fn new(second: UpperTone, third: UpperTone) -> Self {
@@ -75,19 +65,13 @@ impl Shape {
 
     /// A shape of two tones.
     pub const fn of_two(second: UpperTone) -> Self {
-        Self {
-            second,
-            third: UpperTone::NONE,
-        }
+        Self::new(second, UpperTone::NONE)
     }
 
     /// The shape of amplitudes over the first tone's and phase angles in rad.
     pub fn from_tones([second, third]: gear::Tones) -> Self {
         let tone = |[ratio, phase]: [f32; 2]| UpperTone { ratio, phase };
-        Self {
-            second: tone(second),
-            third: tone(third),
-        }
+        Self::new(tone(second), tone(third))
     }
 
     /// The upper tones, lowest first.
@@ -116,7 +100,6 @@ impl Shape {
         self.tones().iter().all(|tone| tone.ratio == 0.0)
     }
 
-    /// The error names a number out of range.
     pub(crate) fn check(&self) -> Result<(), OutOfRange> {
         let names = [
             ("second tone, ratio", "second tone, phase"),
@@ -206,7 +189,7 @@ mod tests {
 
     #[test]
     fn numbers_out_of_range_are_refused_by_name() {
-        let tone = |ratio, phase| UpperTone { ratio, phase };
+        let tone = UpperTone::new;
         let valid = tone(0.1, 2.4);
         for (second, third, parameter) in [
             (tone(0.6, 0.0), UpperTone::NONE, "second tone, ratio"),

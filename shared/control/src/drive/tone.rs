@@ -1,16 +1,13 @@
 //! Amplitude and phase control of one upper tone of the track's motion. Method: an integral loop on
 //! a phasor, as in adaptive feedforward cancellation of harmonics (Bodson, Sacks and Khosla 1994).
 
-use core::f32::consts::PI;
-
-use num_complex::Complex32 as Complex;
-
+use super::amplitude::DEAD_TIME_CYCLES;
 use super::envelope::absolute;
 use super::shape::UpperTone;
 use crate::settings::Settings;
+use core::f32::consts::PI;
+use num_complex::Complex32 as Complex;
 
-/// Dead time in cycles: computing 1, driving 1, averaging 0.5.
-const DEAD_TIME: f32 = 2.5;
 /// Time constant of the loop over dead time plus envelope: gain margin above 4 at any detuning.
 const LOOP_TIME_CONSTANT_RATIO: f32 = 4.0;
 /// Deviation of the track's response that is reported, as a factor and in rad.
@@ -20,7 +17,7 @@ const MAX_DEVIATION: (f32, f32) = (3.0, 1.05);
 
 /// The loop that holds one tone. It estimates the track's response over the configured one. The
 /// output is the requested motion through it, so the tone follows a change of amplitude.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToneLoop {
     /// Frequency of the tone over the drive's.
     harmonic: u8,
@@ -47,13 +44,12 @@ pub struct ToneLoop {
 /// Time constant of the loop of a tone, cycles.
 fn loop_time_constant(settings: &Settings, harmonic: u8) -> f32 {
     let envelope = settings.quality / (f32::from(harmonic) * PI);
-    LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME + envelope)
+    LOOP_TIME_CONSTANT_RATIO * (DEAD_TIME_CYCLES + envelope)
 }
 
 impl ToneLoop {
     /// The loop at `harmonic` times the drive's frequency; `response`: motion at full output, in m.
     pub fn new(settings: &Settings, harmonic: u8, max_ratio: f32, response: Complex) -> Self {
-        let time_constant = loop_time_constant(settings, harmonic);
         let mut tone = Self {
             harmonic,
             max_ratio,
@@ -62,21 +58,14 @@ impl ToneLoop {
             } else {
                 Complex::default()
             },
-            loop_gain: 1.0 / time_constant,
-            rates: [0.0; 3],
+            loop_gain: 1.0 / loop_time_constant(settings, harmonic),
             correction: Complex::new(1.0, 0.0),
-            shape: Complex::default(),
-            goal: Complex::default(),
-            requested: [Complex::default(); 3],
-            estimated_cycles: 0,
-            reported: false,
-            disabled: false,
+            ..Self::default()
         };
         tone.set_rates(settings);
         tone
     }
 
-    /// Takes the times of these settings.
     pub fn set_rates(&mut self, settings: &Settings) {
         let time_constant = loop_time_constant(settings, self.harmonic);
         let cycles = |seconds: f32| (seconds * settings.frequency).max(1.0);
@@ -87,8 +76,6 @@ impl ToneLoop {
         ];
     }
 
-    /// Whether the settings allow the tone.
-    #[inline]
     pub fn allowed(&self) -> bool {
         self.max_ratio > 0.0
     }
@@ -189,15 +176,14 @@ impl ToneLoop {
 
 #[cfg(test)]
 mod tests {
-    use num_complex::Complex64;
-
     use super::super::margins::LoopMargins;
     use super::*;
     use crate::testing::with;
+    use num_complex::Complex64;
 
     /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
     /// frequency is that of the tone times `1 + detuning`.
-    fn margins(harmonic: u8, quality: f32, detuning: f64) -> [f64; 3] {
+    fn margins(harmonic: u8, quality: f32, detuning: f64) -> LoopMargins {
         let settings = with(Settings::default(), |it| it.quality = quality);
         let response = Complex::new(0.0, -5e-4);
         let loop_gain = f64::from(ToneLoop::new(&settings, harmonic, 0.2, response).loop_gain);
@@ -212,32 +198,26 @@ mod tests {
             loop_gain * delay * delay * (delay + 1.0) * 0.5 * (Complex64::new(1.0, 0.0) - pole)
                 / ((Complex64::new(1.0, 0.0) - pole * delay) * (Complex64::new(1.0, 0.0) - delay))
         };
-        let [positive, negative] = [true, false].map(|positive| {
-            let turned = |z: Complex64| if positive { z } else { z.conj() };
-            LoopMargins::from_open_loop(|z| open(turned(z)), pole)
-        });
-        [
-            positive.gain.min(negative.gain),
-            positive.phase.min(negative.phase),
-            positive.distance.min(negative.distance),
-        ]
+        LoopMargins::from_open_loop(open, pole)
+            .min(LoopMargins::from_open_loop(|z| open(z.conj()), pole))
     }
 
     /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.
     #[test]
     fn the_loop_has_margins_at_every_quality_and_detuning() {
         for harmonic in [2, 3] {
-            let mut minimum = [f64::INFINITY; 3];
+            let mut minimum = LoopMargins::LARGEST;
             for quality in [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0] {
                 for n in -40..=40 {
-                    let computed = margins(harmonic, quality, 0.005 * f64::from(n));
-                    for (minimum, computed) in minimum.iter_mut().zip(computed) {
-                        *minimum = minimum.min(computed);
-                    }
+                    minimum = minimum.min(margins(harmonic, quality, 0.005 * f64::from(n)));
                 }
             }
             std::println!("{harmonic}: {minimum:?}");
-            let [gain, phase, distance] = minimum;
+            let LoopMargins {
+                gain,
+                phase,
+                distance,
+            } = minimum;
             // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave a factor of 2 and
             // 30 degrees.
             assert!(gain > 4.0 && phase > 60.0 && distance > 0.7, "{minimum:?}");

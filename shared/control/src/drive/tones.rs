@@ -1,14 +1,14 @@
 //! The upper tones of the track's motion: one loop for each, within output and hard limits.
 
-use num_complex::Complex32 as Complex;
-
 use super::envelope::absolute;
-use super::response::upper_response;
 use super::scale::Scale;
 use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
 use super::tone::ToneLoop;
-use crate::settings::Settings;
+use crate::saturate::consecutive;
+use crate::{SAMPLE_RATE, Settings};
+use core::f32::consts::PI;
 use kband::feeder::{OutOfRange, accept};
+use num_complex::Complex32 as Complex;
 
 /// Acceleration over the hard limit that switches the upper tones off at once.
 const MAX_ACCELERATION_RATIO: f32 = 1.15;
@@ -17,7 +17,33 @@ const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
 const CUT_CYCLES: u16 = 25;
 
-/// Inputs of the upper tones' loops in a cycle.
+/// The track's displacement in m at full output at twice and three times the drive's frequency,
+/// against as many times the output's phase: `x = Im(response e^(i n phi))`.
+pub fn upper_response(settings: &Settings) -> [Complex; UPPER] {
+    let response = |gain: f32, lag: f32, frequency: f32| {
+        if gain > 0.0 {
+            let lag = lag * (PI / 180.0);
+            Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
+        } else {
+            resonant(settings, frequency)
+        }
+    };
+    let once = settings.frequency;
+    [
+        response(settings.second_gain, settings.second_lag, 2.0 * once),
+        response(settings.third_gain, settings.third_lag, 3.0 * once),
+    ]
+}
+
+/// Response of the drive's resonance at a frequency in Hz, in m, to an output with zero-order hold.
+fn resonant(settings: &Settings, frequency: f32) -> Complex {
+    let x = frequency / settings.resonance;
+    let denominator = Complex::new(1.0 - x * x, x / settings.quality);
+    let lag = PI * frequency / SAMPLE_RATE as f32;
+    Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (settings.gain * 1e-3 / settings.quality)
+        / denominator
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneInputs {
     pub motion: TrackMotion,
@@ -69,7 +95,6 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     affordable
 }
 
-/// The loops that hold the upper tones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tones {
     loops: [ToneLoop; UPPER],
@@ -117,11 +142,8 @@ impl Tones {
         })
     }
 
-    /// Whether the settings allow an upper tone.
-    #[inline]
     pub fn allowed(&self) -> bool {
-        let [second, _] = &self.loops;
-        second.allowed()
+        self.loops[0].allowed()
     }
 
     pub fn set_rates(&mut self, settings: &Settings) {
@@ -208,11 +230,8 @@ impl Tones {
                 *output *= headroom / all;
             }
         }
-        self.limited_cycles = if produced_share < MIN_TONE_SHARE {
-            self.limited_cycles.saturating_add(1)
-        } else {
-            0
-        };
+        let is_limited = produced_share < MIN_TONE_SHARE;
+        self.limited_cycles = consecutive(self.limited_cycles, is_limited);
         deviations
     }
 

@@ -16,7 +16,6 @@ const AVERAGED_LENGTH: u32 = 1 << 31;
 pub struct BinLayout {
     /// Number of samples from one bin to the next.
     pub stride: u32,
-    /// Number of bins in half a turn.
     pub bins: usize,
 }
 
@@ -152,30 +151,23 @@ impl SynchronousAverage {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
     use std::vec::Vec;
 
-    use super::*;
-
-    /// Runs drive cycles, averages `count` of them, and returns the output bins.
-    fn output(
-        average: &mut SynchronousAverage,
-        step: u32,
-        from: Phase,
-        count: u32,
-        level: f32,
-    ) -> Vec<f32> {
+    /// Runs drive cycles, averages five of them, and returns the output bins.
+    fn output(average: &mut SynchronousAverage, step: u32, from: Phase, level: f32) -> Vec<f32> {
         let (mut phase, mut cycles, mut output) = (Phase::ZERO, 0, Vec::new());
         let mut bins = AverageBins::default();
         average.finish(Some(from), step, &mut bins);
         assert_eq!(bins.first, 0);
-        while cycles < count + 40 {
+        while cycles < 45 {
             let before = phase;
             phase += Phase::from_bits(step);
             // A ramp over the turn, with an offset by round.
             average.add(phase, (phase - from).bits() as f32 + level);
             if phase.bits() < before.bits() {
                 cycles += 1;
-                let start = Some(from).filter(|_| cycles < count);
+                let start = Some(from).filter(|_| cycles < 5);
                 average.finish(start, step, &mut bins);
                 if bins.first > 0 {
                     assert_eq!(usize::from(bins.first), output.len() + 1);
@@ -200,7 +192,7 @@ mod tests {
                 let layout = BinLayout::from_step(step);
                 assert_eq!(layout.stride, stride);
                 for level in [0.0, 1e6] {
-                    let output = output(&mut average, step, Phase::from_bits(from), 5, level);
+                    let output = output(&mut average, step, Phase::from_bits(from), level);
                     assert!((layout.bins..layout.bins + BINS_PER_CYCLE).contains(&output.len()));
                     for (bin, mean) in output[..layout.bins].iter().enumerate() {
                         // The first sample of a half turn lies within a step of its start; rounding

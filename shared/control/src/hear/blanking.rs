@@ -6,12 +6,10 @@
 //! sine and cosine by least squares to the remaining samples. It blanks the samples during the
 //! ringing of an impact, where the sawtooth is largest.
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-
 use crate::angle::phase_of;
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::sine_cosine_single;
+use num_complex::Complex32 as Complex;
 
 /// Bias of the fit over `J` and the blanked share: 0.43 (one phase) to 0.3 (scatter).
 const BLANKING_BIAS: f32 = 0.35;
@@ -40,10 +38,8 @@ mod tests {
             let (mut sum, mut weight) = (0.0, 0.0);
             for n in -20..=20 {
                 let deviation = f64::from(n) * 0.15;
-                let (contribution, at) = (
-                    libm::exp(-0.5 * deviation * deviation),
-                    phase - deviation * scatter,
-                );
+                let contribution = libm::exp(-0.5 * deviation * deviation);
+                let at = phase - deviation * scatter;
                 let since = at - turn * libm::floor(at / turn);
                 sum += contribution * (0.5 - since / turn) * libm::sin(at);
                 weight += contribution;

@@ -24,7 +24,6 @@ pub struct Sectors {
 pub struct EnergyHistogram {
     /// Sums by sector, in groups as they are output.
     sums: [[f32; SECTORS_PER_CYCLE]; SECTORS / SECTORS_PER_CYCLE],
-    /// Index of the next group to output.
     next: u8,
 }
 

@@ -9,18 +9,18 @@
 //! exponentially. Successive restitutions of one part are uncorrelated, which the mean square
 //! successive difference tests (von Neumann 1941).
 
-use core::f32::consts::TAU;
-
 use super::energy::{SECTORS, SECTORS_PER_CYCLE};
-use super::margin::GearMargin;
 use super::onset::DetectedImpact;
+use super::phases::share_of;
 use super::signal::Cycle;
-use crate::angle::{impact_time, phase_of, radians_of};
-use crate::drive::{Shape, UPPER};
+use crate::angle::{impact_time, radians_of};
+use crate::{Shape, UPPER, phase_of};
+use core::f32::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use kband::feeder::Restitution;
 use kband::impact::ContactTime;
 use kband::regime::gear;
+use serde::{Deserialize, Serialize};
 
 /// Memory of the share of time in gear, in drive cycles (exponential forgetting).
 const GEAR_WINDOW: f32 = 64.0;
@@ -43,8 +43,7 @@ const QUARTERS: usize = SECTORS / SECTORS_PER_CYCLE;
 const MIN_FLIGHTS_IN_GEAR: u16 = 8;
 /// Minimum scatter of an implied restitution (stamps, amplitude); also its slack beyond 0 and 1.
 const MIN_SCATTER: f32 = 0.03;
-/// Largest ratio of estimated to configured scatter that is used: 1 plus the 16 % of
-/// [`MIN_IMPACTS`].
+/// Largest used ratio of estimated to configured scatter: 1 plus the 16 % of [`MIN_IMPACTS`].
 const MAX_SCATTER_RATIO: f32 = 1.2;
 /// Distance of an implied restitution from the lot, in standard deviations, that rejects it.
 const MAX_LOT_DISTANCE: f32 = 4.0;
@@ -68,8 +67,25 @@ const STAMP_ERROR: f32 = 0.1;
 /// Relative change of k, and change of the tones, above which the flight from rest is recomputed.
 const FLIGHT_TOLERANCE: f32 = 0.003;
 
-/// Motion of the track over its first tone's amplitude: displacement S, velocity C, negative
-/// acceleration A.
+/// Estimated margin to the loss of gear. One part: from each flight. Several parts: from the
+/// profile of their impacts over the turn (docs/theory-real-parts.md#t10.7).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GearMargin {
+    /// Trace of the tangent map of one impact (symbol tr J): `1 + R^2 - A (1 + R)^2/k`.
+    pub trace: f32,
+    /// Estimated restitution (symbol R), 0..1.
+    pub restitution: f32,
+    /// Standard error of that restitution.
+    pub error: f32,
+    /// Scatter of restitution from impact to impact (symbol s): of one part, or the lot's.
+    pub scatter: f32,
+    /// Distance from the period doubling, `1 + R^2 + tr J`: 0 at the flip, negative beyond it.
+    pub flip: f32,
+    /// Expected drive cycles until gear is lost: cycles in gear over losses plus one, or the map's.
+    pub to_loss: f32,
+}
+
+/// Motion of the track over its first tone's amplitude: displacement, velocity, minus acceleration.
 #[derive(Clone, Copy, Debug, Default)]
 struct TrackMotion {
     /// `e cos th` and `e sin th` of each tone above the first.
@@ -77,12 +93,6 @@ struct TrackMotion {
 }
 
 impl TrackMotion {
-    fn from_shape(shape: &Shape) -> Self {
-        Self {
-            tones: shape.cartesian_tones(),
-        }
-    }
-
     fn evaluate(&self, phase: Phase) -> [f32; 3] {
         let (sine, cosine) = sine_cosine_single(phase);
         let [[in_phase, quadrature], third] = self.tones;
@@ -180,7 +190,6 @@ impl FlightFromRest {
     }
 }
 
-/// An impact, and the flight before it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Impact {
     /// Time in steps of 2^-32 cycles.
@@ -217,7 +226,6 @@ fn normal_density(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-/// State of drive and settings in one cycle, as the estimators need it.
 #[derive(Clone, Copy, Debug)]
 pub struct DriveState {
     pub count: u32,
@@ -225,16 +233,12 @@ pub struct DriveState {
     /// Order of the gear (symbol r).
     pub order: u8,
     pub k: f32,
-    /// Measured shape of the track's motion.
     pub shape: Shape,
     /// Advance of the phase per sample.
     pub step: u32,
-    /// Configured or identified restitutions of the lot (symbol R), and their scatter from impact
-    /// to impact (symbol s).
+    /// Configured or identified restitutions of the lot (symbol R), and their scatter (symbol s).
     pub lot: Option<(Restitution, f32)>,
-    /// Whether the amplitude has settled at its setpoint.
     pub settled: bool,
-    /// Configured duration of an impact.
     pub contact: ContactTime,
     /// Whether gear is to be detected for READY; only then is the short histogram fitted.
     pub detects_gear: bool,
@@ -242,10 +246,8 @@ pub struct DriveState {
     pub needs_regime: bool,
 }
 
-/// Estimator of gear from single impacts.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GearEstimator {
-    /// Configured restitutions of the lot, and their scatter.
     lot: [f32; 2],
     scatter: f32,
     track: TrackMotion,
@@ -310,7 +312,6 @@ impl GearEstimator {
         };
     }
 
-    /// Updates the estimates with the impacts of one drive cycle.
     pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
         let forgetting_factor = 1.0 - 1.0 / GEAR_WINDOW;
         self.in_gear *= forgetting_factor;
@@ -347,8 +348,8 @@ impl GearEstimator {
         if drive_state.shape.is_sine() {
             self.track = TrackMotion::default();
         } else {
-            let now = TrackMotion::from_shape(&drive_state.shape);
-            for (tone, now) in self.track.tones.iter_mut().zip(now.tones) {
+            let now = drive_state.shape.cartesian_tones();
+            for (tone, now) in self.track.tones.iter_mut().zip(now) {
                 for (part, now) in tone.iter_mut().zip(now) {
                     *part += (now - *part) * 0.1;
                 }
@@ -397,35 +398,28 @@ impl GearEstimator {
         let speed = rise - last.launch[1] + self.contact_gain * (k - last.launch[2]);
         let restitution = last.arrival.map(|arrival| speed / arrival);
         impact.arrival = Some(k * duration + impact.track[1] - rise);
-        if let Some(arrival) =
-            self.detect_missed_flight(&last, &impact, restitution, duration, noise)
-        {
-            impact.arrival = arrival;
-            self.last = Some(impact);
+        let missed = self.detect_missed_flight(&last, &impact, restitution, duration, noise);
+        impact.arrival = missed.unwrap_or(impact.arrival);
+        self.last = Some(impact);
+        if missed.is_some() {
             self.end_gear();
             return;
         }
-        self.last = Some(impact);
         self.flights = self.flights.saturating_add(1);
         self.pending_cycles += turns;
         if self.flights >= MIN_FLIGHTS_IN_GEAR {
             self.in_gear += self.pending_cycles;
             self.cycles += self.pending_cycles;
             self.pending_cycles = 0.0;
-        }
-        // Flights before gear may belong to another kind of hopping.
-        if let (Some(restitution), Some(arrival), true) = (
-            restitution,
-            impact.arrival,
-            self.flights >= MIN_FLIGHTS_IN_GEAR,
-        ) {
-            self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+            // Flights before gear may belong to another kind of hopping.
+            if let (Some(restitution), Some(arrival)) = (restitution, impact.arrival) {
+                self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+            }
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was more than one
-    /// flight. `None`: it was one. Else the part was thrown from rest (with this arrival), or
-    /// bounced.
+    /// Decides by a likelihood ratio whether the gap since the last impact was one flight (`None`).
+    /// Else the part was thrown from rest, with this arrival, or bounced.
     fn detect_missed_flight(
         &self,
         last: &Impact,
@@ -521,9 +515,8 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0)
     }
 
-    /// Whether a part may stay in gear at a phase of the track (rad). A restitution one scatter
-    /// below the lot's middle must have a lock, too. Its velocity is proportional to `(1 - R)/(1 +
-    /// R)`.
+    /// Whether a part may stay in gear at a phase of the track (rad): also one scatter below the
+    /// lot's middle there must be a lock, of velocity proportional to `(1 - R)/(1 + R)`.
     pub fn may_stay_in_gear_at(&self, phase: f32) -> bool {
         let middle = 0.5 * (self.lot[0] + self.lot[1]);
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
@@ -571,11 +564,7 @@ impl GearEstimator {
 
     /// Share of time in gear, 0..=1, with a memory of [`GEAR_WINDOW`] cycles.
     pub fn share(&self) -> f32 {
-        if self.window_cycles > 0.0 {
-            (self.in_gear / self.window_cycles).min(1.0)
-        } else {
-            0.0
-        }
+        share_of(self.in_gear, self.window_cycles).min(1.0)
     }
 
     /// Share of time in gear, 0..=1, with a memory of [`LOSS_MEMORY_CYCLES`] cycles.
@@ -645,7 +634,8 @@ mod tests {
         ] {
             let [e2, th2, e3, th3] = tones.map(f64::from);
             let shape = Shape::from_tones([[tones[0], tones[1]], [tones[2], tones[3]]]);
-            let track = TrackMotion::from_shape(&shape);
+            let tones = shape.cartesian_tones();
+            let track = TrackMotion { tones };
             for k in [0.6, 0.75, 0.95] {
                 let flight = FlightFromRest::evaluate(k as f32, track);
                 let upper = [Tone::new(e2, th2), Tone::new(e3, th3)];
@@ -659,8 +649,7 @@ mod tests {
         }
     }
 
-    /// An estimator after 1000 drive cycles with an energy of 3 and an impact at this phase of the
-    /// track.
+    /// An estimator after 1000 drive cycles, each with an energy of 3 and an impact at this phase.
     fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
         let drive_state = DriveState {
             count: 0,
@@ -700,10 +689,8 @@ mod tests {
             let factor = (1.0 + restitution) * (1.0 + restitution) / k;
             let trace = 1.0 + restitution * restitution - factor * libm::sin(lock.state().phase);
             assert!((margin.restitution - r).abs() < 1e-3, "{margin:?}");
-            assert!(
-                (margin.trace - trace as f32).abs() < 1e-3,
-                "{margin:?} {trace}"
-            );
+            let holds = (margin.trace - trace as f32).abs() < 1e-3;
+            assert!(holds, "{margin:?} {trace}");
             assert!((0.99..=1.0).contains(&estimator.long_share()) && estimator.share() > 0.99);
             let arrival = lock.state().velocity / restitution;
             let energy = f64::from(estimator.energy_per_squared_speed().unwrap());

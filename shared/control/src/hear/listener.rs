@@ -2,8 +2,7 @@
 //!
 //! Gear is detected with hysteresis; time limits confirm gear and an empty track.
 
-use super::gear::{DriveState, GearEstimator};
-use super::margin::GearMargin;
+use super::gear::{DriveState, GearEstimator, GearMargin};
 use super::phases::{LockWindow, PhaseStatistics};
 use super::share::{GearEvidence, GearShare, ShareEstimator};
 use super::signal::Cycle;
@@ -15,7 +14,6 @@ use kband::regime::gear::StrikeProfile;
 
 /// Period of the regime's classification, in drive cycles. It is the most expensive task.
 const CLASSIFICATION_PERIOD_CYCLES: u32 = 8;
-
 /// Largest error at which a share with only a lower bound is reported.
 const MAX_BOUND_ERROR: f32 = 0.1;
 /// Ratio of single flights to the share of all parts below which several parts are on the track.
@@ -24,12 +22,10 @@ const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
 const GEAR_DETECTED_SHARE: f32 = 0.5;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
-
 /// Share of time in single flights above which they prove gear of one part alone.
 const MIN_SINGLE_FLIGHTS: f32 = 0.99;
 /// Share of time in single flights below which that proof is lost (hysteresis).
 const LOST_SINGLE_FLIGHTS: f32 = 0.9;
-
 /// Minimum drive cycles without contradiction before gear is detected again.
 const MIN_SUPPORTED_CYCLES: f32 = 24.0;
 /// Minimum time without contradiction, in s.
@@ -41,7 +37,6 @@ const EMPTY_SECONDS: f32 = 1.0;
 /// Minimum time without an impact for an empty track, in flights of the gear.
 const EMPTY_FLIGHTS: f32 = 4.0;
 
-/// Estimated state of the parts.
 #[derive(Clone, Debug)]
 pub struct Listener {
     pub phases: PhaseStatistics,
@@ -58,16 +53,15 @@ pub struct Listener {
     supported: f32,
     /// Frequency of the drive in Hz.
     frequency: f32,
-    /// Whether the regime is classified even if nothing depends on it.
     pub always_classifies: bool,
 }
 
 impl Listener {
     /// Listener without any data; refused outside the classifier's range.
-    pub fn build(gear: GearEstimator) -> Result<Self, OutOfRange> {
+    pub fn build() -> Result<Self, OutOfRange> {
         Ok(Self {
             phases: PhaseStatistics::default(),
-            gear,
+            gear: GearEstimator::default(),
             share: ShareEstimator::new(),
             classifier: Classifier::build(TimingAccuracy::BOARD)?,
             regime: None,
@@ -88,7 +82,7 @@ impl Listener {
     }
 
     pub fn clear(&mut self) {
-        self.phases.reset();
+        self.phases = PhaseStatistics::default();
         self.gear.reset();
         self.share.reset();
         self.classifier.forget();
@@ -138,7 +132,7 @@ impl Listener {
     /// Detects gear, and counts the cycles without contradiction by the energy.
     fn update_gear_detection(&mut self) {
         let one = self.is_one_in_gear(LOST_SINGLE_FLIGHTS);
-        let refuted = self.share.evidence().is_some_and(|evidence| {
+        let refuted = self.share.evidence.is_some_and(|evidence| {
             !(evidence.supports(GEAR_LOST_SHARE) && (evidence.fits() || one))
         });
         self.supported = if refuted { 0.0 } else { self.supported + 1.0 };
@@ -148,7 +142,7 @@ impl Listener {
     /// Whether the parts are in gear for more than half of their time, with hysteresis. The map
     /// must support gear, and the energy fit it; or nearly all flights are single ones of one part.
     fn detect_gear(&self) -> bool {
-        let Some(evidence) = self.share.evidence() else {
+        let Some(evidence) = self.share.evidence else {
             return self.in_gear_detected && self.in_gear_at_least() > GEAR_LOST_SHARE;
         };
         let (level, single) = if self.in_gear_detected {
@@ -169,9 +163,9 @@ impl Listener {
 
     /// Whether the parts do not fit the lot. One part in gear gives its restitution instead.
     pub fn is_misfit(&self) -> bool {
-        let in_gear = |evidence: &GearEvidence| evidence.in_gear() > GEAR_LOST_SHARE;
+        let in_gear = |evidence: GearEvidence| evidence.long.in_gear > GEAR_LOST_SHARE;
         self.share.is_misfit()
-            && !(self.gear.share() > GEAR_LOST_SHARE && self.share.evidence().is_some_and(in_gear))
+            && !(self.gear.share() > GEAR_LOST_SHARE && self.share.evidence.is_some_and(in_gear))
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a
@@ -215,11 +209,6 @@ impl Listener {
             margin.to_loss = margin.to_loss.max(profile.time_to_loss());
         }
         Some(margin)
-    }
-
-    /// Margin to the loss of gear: of one part, else the mean over several.
-    pub fn margin_of_all(&self) -> Option<GearMargin> {
-        self.margin().or(self.share.margin)
     }
 
     /// Mean drive cycles in gear per loss: measured of one part, else predicted for the lot.

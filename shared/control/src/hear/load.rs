@@ -6,16 +6,13 @@
 //! `pi r k (1 - R)/(1 + R)`, also after doublings (docs/theory-real-parts.md#t10.5). The empty
 //! track gives the tare. All means forget exponentially.
 
-use core::f32::consts::{PI, TAU};
-
-use num_complex::Complex32 as Complex;
-use serde::{Deserialize, Serialize};
-
 use super::blanking::{impulse_weight, last_cycle_gain};
-use crate::angle::{SAMPLE_RATE, phase_of};
-use crate::settings::Settings;
+use crate::{SAMPLE_RATE, Settings, phase_of};
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::{sine_cosine_single, square_root_single};
 use kband::impact::ContactTime;
+use num_complex::Complex32 as Complex;
+use serde::{Deserialize, Serialize};
 
 /// Gain of the mean mass per drive cycle: one cycle scatters by a third, the mean of 64 by 4 %.
 const MASS_GAIN: f32 = 1.0 / 64.0;
@@ -44,7 +41,6 @@ pub struct Load {
     pub flow: f32,
 }
 
-/// Measurements of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadMeasurement {
     /// Demodulated motion between the impacts, in m: along sine and cosine of the output's phase.
@@ -72,7 +68,6 @@ pub struct LoadMeasurement {
     /// Whether the track moves sinusoidally: a second tone consumes additional power.
     pub sine: bool,
     pub has_impact: bool,
-    /// Whether the amplitude has settled at its setpoint.
     pub settled: bool,
 }
 
@@ -86,7 +81,6 @@ pub struct LoadMeter {
     natural: f32,
     force: f32,
     loss: f32,
-    /// Restitution in the middle of the configured lot.
     restitution: f32,
     /// Ratio of motion along the track to normal motion, times cosine and sine of the lead.
     along: [f32; 2],
@@ -113,7 +107,8 @@ pub struct LoadMeter {
     /// Mean mass over the track's, and the number of cycles averaged.
     mass_ratio: f32,
     cycles: f32,
-    load: Option<Load>,
+    /// Estimated load; `None` before 64 cycles in gear.
+    pub load: Option<Load>,
 }
 
 impl LoadMeter {
@@ -138,7 +133,6 @@ impl LoadMeter {
         Some(meter)
     }
 
-    /// Takes the lot of these settings, and clears the mass.
     pub fn set_lot(&mut self, settings: &Settings) {
         self.tangential = settings.tangential_restitution;
         self.incline = libm::tanf(settings.incline * (PI / 180.0));
@@ -161,11 +155,6 @@ impl LoadMeter {
     /// Whether the track counts as empty: no impact for 16 cycles.
     pub fn is_silent(&self) -> bool {
         self.silent_cycles > EMPTY_CYCLES
-    }
-
-    /// Estimated load; `None` before 64 cycles in gear.
-    pub fn load(&self) -> Option<Load> {
-        self.load
     }
 
     /// Updates the estimate with one cycle. Returns the track's motion with the impacts' impulse, in
@@ -360,8 +349,7 @@ mod tests {
         (measured, motion)
     }
 
-    /// The mass does not depend on the contact: `<cos t>` over its force changes by up to 0.6 % at
-    /// 2 % of the cycle.
+    /// At a contact of 2 % of the cycle `<cos t>` over the force, hence the mass, changes by 0.6 %.
     #[test]
     fn speed_with_contact_is_that_of_the_lock() {
         for (k, r, phase_lead) in [(0.43, 0.2, 0.0), (0.56, 0.35, 0.0), (0.56, 0.35, 20.0)] {
@@ -380,7 +368,7 @@ mod tests {
                     for _ in 0..400 {
                         meter.cycle(&measured);
                     }
-                    meter.load().unwrap().speed
+                    meter.load.unwrap().speed
                 };
                 let instant = with(settings, |it| it.contact = 0.0);
                 let contact_speed = speed(&settings) - speed(&instant);
@@ -392,15 +380,14 @@ mod tests {
                     locked::velocity(&lock.unwrap().unwrap(), f64::from(k), &along) * unit
                 };
                 let expected = exact(settings.contact_time()) - exact(ContactTime::INSTANT);
-                let ratio = f64::from(speed(&instant)) / exact(ContactTime::INSTANT);
-                assert!((ratio - 1.0).abs() < 1e-3);
-                let relative_error =
-                    (f64::from(contact_speed) - expected) / exact(ContactTime::INSTANT);
-                std::println!(
-                    "{k} {contact} {tangential}: {contact_speed} {expected} {relative_error:.4}"
-                );
+                let unit = exact(ContactTime::INSTANT);
+                assert!((f64::from(speed(&instant)) / unit - 1.0).abs() < 1e-3);
+                let relative_error = (f64::from(contact_speed) - expected) / unit;
                 let holds = relative_error.abs() < 0.006 && expected < -0.5;
-                assert!(holds, "{k} {contact}: {contact_speed} {expected}");
+                assert!(
+                    holds,
+                    "{k} {contact} {tangential}: {contact_speed} {expected}"
+                );
             }
         }
     }
@@ -415,9 +402,9 @@ mod tests {
                 let mut corrected = measured.motion;
                 for cycle in 0..400 {
                     corrected = meter.cycle(&measured);
-                    assert_eq!(meter.load().is_some(), cycle >= 63);
+                    assert_eq!(meter.load.is_some(), cycle >= 63);
                 }
-                let load = meter.load().unwrap();
+                let load = meter.load.unwrap();
                 let expected = share * 1e4;
                 let holds = (load.mass / expected - 1.0).abs() < 5e-3;
                 assert!(holds, "{quality} {share} {load:?}");
@@ -432,8 +419,7 @@ mod tests {
         }
     }
 
-    /// The empty track corrects an error of the configured gain of a tenth; parts out of gear are
-    /// not weighed.
+    /// The empty track corrects an error of the gain of a tenth; parts out of gear are not weighed.
     #[test]
     fn empty_track_is_tare_and_parts_weigh_only_in_gear() {
         let settings = settings();
@@ -449,11 +435,11 @@ mod tests {
         for _ in 0..400 {
             meter.cycle(&loaded);
         }
-        let mass = meter.load().unwrap().mass;
+        let mass = meter.load.unwrap().mass;
         assert!((mass / 500.0 - 1.0).abs() < 0.01, "{mass}");
         loaded.in_gear = 0.6;
         meter.cycle(&loaded);
-        assert_eq!(meter.load(), None);
+        assert_eq!(meter.load, None);
         assert!(LoadMeter::build(&Settings::default()).is_none());
     }
 }

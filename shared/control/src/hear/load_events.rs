@@ -8,7 +8,6 @@ const MIN_EVENT_INTERVAL: f32 = 10.0;
 /// Relative change of mass or flow, against the last reported value, that triggers an event.
 const MIN_RELATIVE_CHANGE: f32 = 0.1;
 
-/// Last reported load.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LoadEvents {
     reported_load: Option<Load>,
@@ -43,9 +42,8 @@ fn changed(reported_load: &Load, now: &Load) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
+    use std::vec::Vec;
 
     fn load(mass: f32) -> Option<Load> {
         Some(Load {

@@ -3,6 +3,8 @@
 //! Inputs per cycle: the speeds at which the map predicts impacts (m/s), the noise (m/s^2), the
 //! ratio of detected to due impacts, and their concentration. Counters have hysteresis.
 
+use crate::saturate::consecutive;
+
 /// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
 const MIN_RINGING_PER_SPEED: f32 = 10.0;
 /// Height of an impact's ringing over its speed on a bare track, in 1/s.
@@ -20,9 +22,8 @@ const MIN_CONCENTRATION: f32 = 0.6;
 /// Successive silent cycles until detection: twice the memory of the rate, below a kick's delay.
 const SILENT_CYCLES: u8 = 32;
 /// Successive cycles with detected parts that end it: the memory of the impact rate.
-const DETECTED_CYCLES: u8 = 16;
+const DETECTED_CYCLES: u16 = 16;
 
-/// Measurements and predictions of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ImpactEvidence {
     /// Whether the drive holds a setpoint and detections matter.
@@ -38,7 +39,6 @@ pub struct ImpactEvidence {
     pub speed_from_rest: f32,
     /// Predicted speed of impact of locked parts, in m/s.
     pub locked: f32,
-    /// Whether a kick has thrown the parts.
     pub kicked: bool,
     /// RMS of the noise in the residual in m/s^2.
     pub noise: f32,
@@ -47,7 +47,7 @@ pub struct ImpactEvidence {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MissedImpactDetector {
     silent_cycles: u8,
-    detected_cycles: u8,
+    detected_cycles: u16,
     pub missed_impacts: bool,
     pub merges_impacts: bool,
 }
@@ -69,11 +69,8 @@ impl MissedImpactDetector {
             };
             return;
         }
-        self.detected_cycles = if evidence.rate > MIN_DETECTED_RATE && !noise {
-            self.detected_cycles.saturating_add(1)
-        } else {
-            0
-        };
+        let is_detected = evidence.rate > MIN_DETECTED_RATE && !noise;
+        self.detected_cycles = consecutive(self.detected_cycles, is_detected);
         if self.detected_cycles >= DETECTED_CYCLES
             || (self.detected_cycles > 0 && !self.missed_impacts)
         {
@@ -96,11 +93,10 @@ impl MissedImpactDetector {
 
 #[cfg(test)]
 mod tests {
-    use proptest::collection::vec;
-    use proptest::prelude::*;
-
     use super::*;
     use crate::testing::{seeded, with};
+    use proptest::collection::vec;
+    use proptest::prelude::*;
 
     const EVIDENCE: ImpactEvidence = ImpactEvidence {
         listening: true,

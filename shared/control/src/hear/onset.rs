@@ -5,7 +5,6 @@
 //! Monro 1951). A decaying envelope of the last impact prevents repeated detections.
 
 use core::ops::{Add, Mul, Sub};
-
 use kband::arithmetic::Phase;
 
 /// Largest number of impacts with a phase per drive cycle; further impacts are dropped.
@@ -40,8 +39,7 @@ impl<T> HighPass<T> {
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetDetector {
     passes: [HighPass<f32>; 2],
-    /// Running median of the residual's magnitude, in m/s^2: [`OnsetDetector::QUARTILE`] of the
-    /// noise's RMS.
+    /// Running median of the residual's magnitude, in m/s^2.
     median: f32,
     /// Decaying envelope of the last ringing, in m/s^2.
     ringing: f32,

@@ -6,13 +6,11 @@ use super::signal::Cycle;
 use crate::angle::{impact_time, radians_of};
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 
-/// Phases in which impacts count for a lock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LockWindow {
     /// Drive cycles per impact (symbol r).
     pub order: u8,
     pub k: f64,
-    /// Predicted phase of the impacts.
     pub phase: Phase,
     /// Half width of the window, in rad.
     pub width: f32,
@@ -25,11 +23,8 @@ pub struct LockWindow {
 pub struct PhaseStatistics {
     sine: f32,
     cosine: f32,
-    /// Weight of the impacts in memory.
     weight: f32,
-    /// Weight of the cycles in memory.
     cycles: f32,
-    /// Weight of the impacts within the lock's window.
     at_lock: f32,
     /// Weight of the cycles with such an impact, by their number modulo the order.
     cycles_by_remainder: [f32; MAX_ORDER],
@@ -42,14 +37,17 @@ pub struct PhaseStatistics {
 /// Half difference of alternate impact phases, in rad, where the confidence begins to fall, and
 /// where it is 0. A locked lot alternates by 0.01, flights just beyond the doubling by 0.13.
 const ALTERNATION_BOUNDS: [f32; 2] = [0.04, 0.24];
-
 /// Tolerance of the share of cycles with an impact: one cycle of the memory of sixteen.
 const CYCLE_TOLERANCE: f32 = 0.1;
 /// Highest order of a lock.
 const MAX_ORDER: usize = 8;
-
 /// Forgetting factor per drive cycle: memory of 16 cycles.
 const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
+
+/// A part over the whole; 0 without a whole.
+pub fn share_of(part: f32, whole: f32) -> f32 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
 
 impl PhaseStatistics {
     /// Adds the impacts of cycle number `count`, with the track's lead and the window of the lock.
@@ -76,7 +74,8 @@ impl PhaseStatistics {
                 let difference = radians_of(phase - lock.phase);
                 if difference > -lock.width && difference < lock.width {
                     self.at_lock += 1.0;
-                    let number = self.add_impact_in_window(count, impact.phase, lead, lock);
+                    let time = impact_time(count, impact.phase, lead);
+                    let number = self.add_impact_in_window(time, lock);
                     let even = number & 1 == 0;
                     self.alternating_sum += if even { difference } else { -difference };
                 }
@@ -86,14 +85,7 @@ impl PhaseStatistics {
 
     /// Counts an impact within the lock's window; returns the number of the flight that it ends.
     /// Parts of order r strike in every r-th cycle.
-    fn add_impact_in_window(
-        &mut self,
-        count: u32,
-        phase: Phase,
-        lead: Phase,
-        lock: &LockWindow,
-    ) -> u32 {
-        let time = impact_time(count, phase, lead);
+    fn add_impact_in_window(&mut self, time: u64, lock: &LockWindow) -> u32 {
         // Cycles that begin half a turn before the lock's phase.
         let shifted = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
         let number = (shifted >> 32) as u32;
@@ -119,17 +111,9 @@ impl PhaseStatistics {
             / (ALTERNATION_BOUNDS[1] - ALTERNATION_BOUNDS[0])
     }
 
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
-
     /// Mean number of impacts per cycle.
     pub fn rate(&self) -> f32 {
-        if self.cycles > 0.0 {
-            self.weight / self.cycles
-        } else {
-            0.0
-        }
+        share_of(self.weight, self.cycles)
     }
 
     /// Mean phase of the impacts in rad, -pi..pi; 0 without any impact.
@@ -139,20 +123,8 @@ impl PhaseStatistics {
 
     /// Concentration of the phases: mean resultant length, 0 (uniform) to 1 (one phase).
     pub fn concentration(&self) -> f32 {
-        if self.weight > 0.0 {
-            square_root_single(self.sine * self.sine + self.cosine * self.cosine) / self.weight
-        } else {
-            0.0
-        }
-    }
-
-    /// Share of the impacts within the lock's window, 0..1.
-    pub fn share_at_lock(&self) -> f32 {
-        if self.weight > 0.0 {
-            self.at_lock / self.weight
-        } else {
-            0.0
-        }
+        let square = self.sine * self.sine + self.cosine * self.cosine;
+        share_of(square_root_single(square), self.weight)
     }
 
     /// Confidence that the parts are locked in `order`, 0..1: the smallest of four values. They are
@@ -173,7 +145,7 @@ impl PhaseStatistics {
         } else {
             self.at_lock / expected
         };
-        self.share_at_lock()
+        share_of(self.at_lock, self.weight)
             .min(filled_share)
             .min(self.cycles / 8.0)
             .min(self.alternation_confidence())

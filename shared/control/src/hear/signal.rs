@@ -4,21 +4,17 @@
 //! demodulation over one cycle measures the tones of the acceleration. Samples in which an impact
 //! rings are replaced by the last cycle's tone (imputation), and left out of the new estimate.
 
-use heapless::Vec;
-use serde::{Deserialize, Serialize};
-
 use super::average::{AverageBins, SynchronousAverage};
 use super::energy::{EnergyHistogram, Sectors};
 use super::onset::{DetectedImpact, MAX_IMPACTS_PER_CYCLE, OnsetDetector};
-use crate::angle::phase_step;
-use crate::drive::UPPER;
-use crate::settings::Settings;
+use crate::{Settings, UPPER, phase_step};
+use heapless::Vec;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
+use serde::{Deserialize, Serialize};
 
 /// Largest share of a cycle that the demodulator blanks: cosine, sine and mean stay separable.
 pub const MAX_BLANKED_SHARE: f64 = 1.0 / 3.0;
-
 /// Acceleration beyond any converter, in m/s^2: a hundred times full scale at least sensitivity.
 const MAX_ACCELERATION: f32 = 1e7;
 
@@ -552,7 +548,6 @@ fn for_each_upper_tone<const TONES: usize>(mut act: impl FnMut(usize)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Settings;
     use crate::testing::with;
 
     /// Middle of the converter's range: rest.
@@ -566,6 +561,14 @@ mod tests {
     fn cycle(signal: &mut Signal, code: AdcCode) -> Cycle {
         while !signal.sample(code).wrapped {}
         signal.cycle().clone()
+    }
+
+    fn half_output(signal: &Signal) -> Command {
+        Command {
+            amplitude: 0.5,
+            step: signal.timing.step,
+            ..Command::default()
+        }
     }
 
     #[test]
@@ -612,11 +615,7 @@ mod tests {
     #[test]
     fn output_stays_off_past_the_end_of_the_cycle() {
         let mut signal = signal();
-        let command = Command {
-            amplitude: 0.5,
-            step: signal.timing.step,
-            ..Command::default()
-        };
+        let command = half_output(&signal);
         signal.command(command);
         cycle(&mut signal, REST);
         let peak = (0..400).fold(0.0_f32, |max, _| max.max(signal.sample(REST).output));
@@ -634,12 +633,7 @@ mod tests {
             for _ in 0..50 {
                 signal.sample(REST);
             }
-            signal.command(Command {
-                amplitude: 0.5,
-                step: signal.timing.step,
-                immediate,
-                ..Command::default()
-            });
+            signal.command(with(half_output(&signal), |it| it.immediate = immediate));
             assert_eq!(signal.sample(REST).output != 0.0, immediate);
         }
     }

@@ -3,7 +3,6 @@
 //! The map computes impact after impact; the rest time is extrapolated as a geometric series.
 
 use core::f32::consts::TAU;
-
 use kband::impact::{ContactTime, Kernel, LIFT_OFF_DELAY, Release, Single};
 
 /// Largest number of predicted impacts; further ones are too faint for detection.

@@ -7,11 +7,10 @@
 //! restitution is found on a grid of [`GRID_POINTS`] values and by a parabola. The evidence is the
 //! log likelihood ratio of the residuals.
 
-use core::f32::consts::{PI, TAU};
-
 use super::bounce_train::{BounceTrain, IMPACTS};
-use super::ringing::{Pulse, SampledRinging, TrainFit, correlate_with_drive, fit_train};
+use super::ringing::{Pulse, Ringing, TrainFit, correlate_with_drive, fit_train};
 use crate::hear::{BINS_PER_CYCLE, BinLayout, MAX_BINS};
+use core::f32::consts::{PI, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
 
@@ -75,7 +74,7 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Best {
     fit: TrainFit,
-    ringing: SampledRinging,
+    ringing: Ringing,
     onset: f32,
 }
 
@@ -93,7 +92,7 @@ pub struct Fit {
     lowest: f32,
     grid_step: f32,
     stage: Stage,
-    ringing: Option<SampledRinging>,
+    ringing: Option<Ringing>,
     /// Samples from the average's beginning to the first landing, and on to the second impact.
     onset: f32,
     first_landing_samples: f32,
@@ -110,7 +109,6 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Comparison without any average.
     pub const EMPTY: Self = Self {
         residual: [0.0; MAX_BINS],
         layout: BinLayout::NONE,
@@ -138,9 +136,8 @@ impl Fit {
             let (mut low, mut high) = (0.0, 1.0);
             for _ in 0..7 {
                 let middle = 0.5 * (low + high);
-                if BounceTrain::simulate(k, middle, self.contact)
-                    .is_some_and(|bounces| bounces.rests())
-                {
+                let bounces = BounceTrain::simulate(k, middle, self.contact);
+                if bounces.is_some_and(|bounces| bounces.rests()) {
                     low = middle;
                 } else {
                     high = middle;
@@ -196,7 +193,7 @@ impl Fit {
     }
 
     fn try_ringing(&mut self, n: u16) -> Stage {
-        let ringing = SampledRinging {
+        let ringing = Ringing {
             decay: 1.0 / DECAY_SAMPLES[usize::from(n) % DECAY_SAMPLES.len()],
             angle: MIN_ANGLE + ANGLE_STEP * f32::from(n / DECAY_SAMPLES.len() as u16),
         };
@@ -214,7 +211,7 @@ impl Fit {
         }
     }
 
-    fn try_onsets(&mut self, n: u16, ringing: SampledRinging) -> Stage {
+    fn try_onsets(&mut self, n: u16, ringing: Ringing) -> Stage {
         self.best = None;
         let (middle, stride) = if n == 0 {
             (LANDING_OFFSET * self.per_radian, 1.0)
@@ -234,13 +231,7 @@ impl Fit {
     }
 
     /// Searches the first landing around `middle` in steps of `step` samples; returns a better one.
-    fn landing(
-        &mut self,
-        ringing: SampledRinging,
-        middle: f32,
-        step: f32,
-        tuned: bool,
-    ) -> Option<f32> {
+    fn landing(&mut self, ringing: Ringing, middle: f32, step: f32, tuned: bool) -> Option<f32> {
         let range = (MAX_LANDING_SHIFT * self.per_radian).min(MAX_LANDING_SHIFT_SAMPLES) as i32;
         let mut candidate = None;
         for shift in -range..=range {
@@ -258,7 +249,7 @@ impl Fit {
     }
 
     /// Keeps a fit with a smaller relative residual; returns whether it was better.
-    fn update_best(&mut self, fit: TrainFit, ringing: SampledRinging, onset: f32) -> bool {
+    fn update_best(&mut self, fit: TrainFit, ringing: Ringing, onset: f32) -> bool {
         // Relative residuals, because the pieces differ in length with the onset.
         let refined = self.best.is_none_or(|best| {
             let best = best.fit;
@@ -274,7 +265,7 @@ impl Fit {
         refined
     }
 
-    fn try_train(&mut self, n: u16, ringing: SampledRinging) -> Stage {
+    fn try_train(&mut self, n: u16, ringing: Ringing) -> Stage {
         let index = usize::from(n / ONSETS_PER_RESTITUTION);
         let shift = n % ONSETS_PER_RESTITUTION;
         let onset = self.onset + 0.5 * (f32::from(shift) - 1.0);
@@ -390,9 +381,7 @@ impl Fit {
 
     /// Impacts of a chatter with its first landing at this sample.
     fn train(&self, bounces: &BounceTrain, onset: f32) -> [Pulse; IMPACTS] {
-        bounces
-            .impacts
-            .map(|(time, speed)| (onset + time * self.per_radian, speed))
+        (bounces.impacts).map(|(time, speed)| (onset + time * self.per_radian, speed))
     }
 
     /// Restitution with the least residual over all averages with a chatter.
@@ -443,23 +432,19 @@ fn interpolate_minimum(values: &[f32]) -> Option<f32> {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use crate::angle::phase_step;
     use crate::hear::OnsetDetector;
+    use crate::testing::with;
     use kband::arithmetic::Noise;
+    use std::vec::Vec;
 
     /// Chatter of several parts at k in noise over one cycle; the ringing lasts `lasting` samples.
     fn average(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
         let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(seed));
         let per_radian = 20_000.0 / (TAU * 50.0);
-        let trains: Vec<_> = restitutions
-            .iter()
-            .map(|&restitution| {
-                BounceTrain::simulate(k, restitution, ContactTime::INSTANT).unwrap()
-            })
-            .collect();
+        let train = |r: &f32| BounceTrain::simulate(k, *r, ContactTime::INSTANT).unwrap();
+        let trains: Vec<_> = restitutions.iter().map(train).collect();
         let mut filtered = |n: i32| {
             let time = n as f32;
             let mut sum = 12.0 * libm::sinf(0.0157 * time + 2.0) + noise * source.gauss();
@@ -522,11 +507,7 @@ mod tests {
     #[test]
     fn noise_is_quiet_and_parts_of_two_kinds_are_not_one() {
         let k = 0.56;
-        let fit = || {
-            let mut fit = Fit::EMPTY;
-            fit.set_grid((k * 1.05, 0.0));
-            fit
-        };
+        let fit = || with(Fit::EMPTY, |it| it.set_grid((k * 1.05, 0.0)));
         for seed in 1..4 {
             let averaged = average(k, &[], 20.0, 0.04, seed);
             assert_eq!(compared(&mut fit(), k, &averaged), Verdict::Quiet);

@@ -11,17 +11,15 @@
 //! restitution exceeds every other by a likelihood ratio. The spread of the averages gives the
 //! standard error.
 
-use core::f32::consts::TAU;
-
-use heapless::Vec;
-use serde::{Deserialize, Serialize};
-
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
-use crate::angle::phase_of;
-use crate::hear::{BINS_PER_CYCLE, BinLayout, Cycle, GearMargin};
+use crate::hear::{BINS_PER_CYCLE, BinLayout};
+use crate::{Cycle, GearMargin, phase_of};
+use core::f32::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::Phase;
 use kband::impact::ContactTime;
+use serde::{Deserialize, Serialize};
 
 /// k of the first level: a part of R = 0.84 still rests each cycle there.
 pub const FIRST_K: f64 = 0.87;
@@ -391,8 +389,7 @@ impl Identifier {
         Step::Going
     }
 
-    /// Brings the parts to rest before averages at a k with rest each cycle; `hopping` is a k
-    /// without rest.
+    /// Brings the parts to rest before averages at a k with rest; `hopping`: a k without rest.
     fn begin_averages(&mut self, hopping: f64) -> Step {
         let first = resting_k(self.k);
         self.first = Some(first);
@@ -463,8 +460,7 @@ impl Identifier {
         }
     }
 
-    /// Checks the averages' result against the restitution in gear: scattered parts repeat no
-    /// train.
+    /// Checks the averages' result against the restitution in gear: scattered parts repeat none.
     fn begin_gear_check(&mut self, result: Identification) -> Step {
         self.averages_result = Some(result);
         match GEAR_CHECK_K.get(self.checks) {
@@ -502,8 +498,7 @@ impl Identifier {
         })
     }
 
-    /// Estimates the number n of parts from two energies: n^2 of parts that land together, n in
-    /// gear.
+    /// Estimates the number n of parts from two energies: n^2 of joint landings, n in gear.
     fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
         let bounces = BounceTrain::simulate(self.first?, restitution, self.fit.contact)?;
         let trained: f32 = (bounces.impacts.iter().map(|(_, speed)| speed * speed)).sum();
@@ -540,7 +535,6 @@ impl Identifier {
     }
 }
 
-/// Combined standard error of two independent causes.
 fn combine_errors(one: f32, other: f32) -> f32 {
     libm::sqrtf(one * one + other * other)
 }

@@ -5,10 +5,9 @@
 
 use crate::angle::phase_of;
 use crate::hear::{HighPass, OnsetDetector};
+use crate::saturate::saturate;
 use kband::arithmetic::sine_cosine_single;
 use num_complex::Complex32 as Complex;
-
-use crate::saturate::saturate;
 
 /// Number of columns: ringing and derivative, each in and out of phase, and a cubic.
 const COLUMNS: usize = 8;
@@ -21,16 +20,15 @@ const DERIVATIVE_SCALE: f32 = 0.01;
 /// Pivot up to which a column is linearly dependent and left out.
 const MIN_PIVOT: f32 = 1e-9;
 
-/// Decay and frequency of a ringing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SampledRinging {
+pub struct Ringing {
     /// Decay rate of the height per sample: positive.
     pub decay: f32,
     /// Angular frequency, in rad per sample.
     pub angle: f32,
 }
 
-impl SampledRinging {
+impl Ringing {
     /// Complex amplitude after some samples, over the initial one.
     fn after(self, samples: f32) -> Complex {
         let (sine, cosine) = sine_cosine_single(phase_of(self.angle * samples));
@@ -49,15 +47,13 @@ impl SampledRinging {
     }
 }
 
-/// Result of the fit of a train.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrainFit {
-    /// Residual sum of squares with the train.
     pub residual_sum: f32,
     /// Residual sum of squares without any impact.
     pub baseline_sum: f32,
     /// Improved ringing after one Gauss-Newton step.
-    pub refined: SampledRinging,
+    pub refined: Ringing,
     /// Complex height of the ringing at unit strength.
     height: Complex,
 }
@@ -68,7 +64,7 @@ pub type Pulse = (f32, f32);
 /// Ringing of a train and its derivative by decay and frequency, sample by sample.
 struct TrainRinging<'a> {
     impacts: core::slice::Iter<'a, Pulse>,
-    ringing: SampledRinging,
+    ringing: Ringing,
     turn: Complex,
     now: Complex,
     change: Complex,
@@ -76,7 +72,7 @@ struct TrainRinging<'a> {
 }
 
 impl<'a> TrainRinging<'a> {
-    fn new(ringing: SampledRinging, train: &'a [Pulse]) -> Self {
+    fn new(ringing: Ringing, train: &'a [Pulse]) -> Self {
         Self {
             impacts: train.iter(),
             ringing,
@@ -114,7 +110,7 @@ impl<'a> TrainRinging<'a> {
 pub fn fit_train(
     residual: &[f32],
     stride: u32,
-    ringing: SampledRinging,
+    ringing: Ringing,
     tuned: bool,
     train: &[Pulse],
 ) -> TrainFit {
@@ -159,7 +155,7 @@ pub fn fit_train(
         solve(&mut matrix, &mut sums, squares);
     let size = (re * re + im * im).max(f32::MIN_POSITIVE);
     // The quotient of both complex heights is the step of decay and frequency.
-    let refined = SampledRinging {
+    let refined = Ringing {
         decay: ringing.decay - DERIVATIVE_SCALE * (by_re * re + by_im * im) / size,
         angle: ringing.angle + DERIVATIVE_SCALE * (by_im * re - by_re * im) / size,
     };
@@ -226,7 +222,7 @@ fn inverse(diagonal: f32) -> f32 {
 /// demodulator. The phase is `begin` at the first of `samples` and advances by `step`, in rad.
 pub fn correlate_with_drive(
     fit: &TrainFit,
-    ringing: SampledRinging,
+    ringing: Ringing,
     samples: u32,
     [begin, step]: [f32; 2],
     train: &[Pulse],
@@ -244,12 +240,11 @@ pub fn correlate_with_drive(
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use kband::arithmetic::Noise;
+    use std::vec::Vec;
 
-    const RINGING: SampledRinging = SampledRinging {
+    const RINGING: Ringing = Ringing {
         decay: 0.05,
         angle: 0.754,
     };
@@ -257,24 +252,25 @@ mod tests {
     const START: f32 = 0.7;
     const TRAIN: [(f32, f32); 3] = [(20.3, 1.0), (61.8, 0.3), (75.1, 0.1)];
 
+    /// Ringing of the train after some samples, 4 at unit strength.
+    fn ringing_at(time: f32) -> f32 {
+        let begun = TRAIN.iter().filter(|(at, _)| *at <= time);
+        let ringing = begun.map(|(at, strength)| {
+            let since = time - at;
+            let height = 4.0 * strength * libm::expf(-RINGING.decay * since);
+            height * libm::sinf(RINGING.angle * since + START)
+        });
+        ringing.sum()
+    }
+
     /// Train of ringings in noise on a slow oscillation, after the high-passes.
     fn averaged(noise: f32) -> Vec<f32> {
         let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(1));
-        let sample = |n: i32, source: &mut Noise| {
+        let mut filtered = |n: i32| {
             let time = n as f32;
-            let ringing = TRAIN.iter().map(|(at, strength)| {
-                let since = time - at;
-                let height = 4.0 * strength * libm::expf(-RINGING.decay * since.max(0.0));
-                if since < 0.0 {
-                    0.0
-                } else {
-                    height * libm::sinf(RINGING.angle * since + START)
-                }
-            });
             let swing = 20.0 * libm::sinf(0.0157 * time);
-            swing + ringing.sum::<f32>() + noise * source.gauss()
+            detector.residual(swing + ringing_at(time) + noise * source.gauss())
         };
-        let mut filtered = |n| detector.residual(sample(n, &mut source));
         for n in -400..0 {
             filtered(n);
         }
@@ -286,7 +282,7 @@ mod tests {
         let averaged = averaged(0.01);
         let every_second: Vec<f32> = averaged.iter().copied().step_by(2).collect();
         for (residual, stride) in [(&averaged, 1), (&every_second, 2)] {
-            let mut ringing = SampledRinging {
+            let mut ringing = Ringing {
                 decay: 0.065,
                 angle: 0.77,
             };
@@ -302,17 +298,9 @@ mod tests {
     fn amplitude_bias_is_the_sum_of_ringing_times_drive() {
         let fit = fit_train(&averaged(0.0), 1, RINGING, true, &TRAIN);
         let bias = correlate_with_drive(&fit, RINGING, 200, [0.4, 0.0157], &TRAIN);
-        let sum: f32 = (0..200)
-            .map(|n| {
-                let ringing = TRAIN.iter().filter(|(at, _)| *at <= n as f32);
-                let ringing = ringing.map(|(at, strength)| {
-                    let since = n as f32 - at;
-                    4.0 * strength
-                        * libm::expf(-RINGING.decay * since)
-                        * libm::sinf(RINGING.angle * since + START)
-                });
-                ringing.sum::<f32>() * libm::sinf(0.4 + 0.0157 * n as f32)
-            })
+        let times = (0..200_u8).map(f32::from);
+        let sum: f32 = times
+            .map(|n| ringing_at(n) * libm::sinf(0.4 + 0.0157 * n))
             .sum();
         assert!((bias / sum - 1.0).abs() < 0.02, "{bias} {sum}");
     }

@@ -162,12 +162,6 @@ impl Limits {
         self.0
     }
 
-    /// The set of these bits; `None` if a bit belongs to no limit.
-    pub fn from_bits(bits: u16) -> Option<Self> {
-        let defined = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
-        (bits & !defined == 0).then_some(Self(bits))
-    }
-
     /// Whether any limit of `other` is in this set.
     pub fn contains(self, other: Self) -> bool {
         self.0 & other.0 != 0
@@ -197,7 +191,10 @@ impl TryFrom<u16> for Limits {
     type Error = &'static str;
 
     fn try_from(bits: u16) -> Result<Self, Self::Error> {
-        Self::from_bits(bits).ok_or("an unknown limit")
+        let defined = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
+        (bits & !defined == 0)
+            .then_some(Self(bits))
+            .ok_or("an unknown limit")
     }
 }
 

@@ -7,16 +7,16 @@
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks for
 //! parts outside the lot. A kick misses a part with the probability of the plan, or always.
 
+use super::machine::{LOCK_CONFIDENCE, LOST_CONFIDENCE};
+use crate::Event;
 use kband::regime::capture::{Kick, Plan};
 
 /// Predicted share of captured parts below which a plan is called uncertain.
 const MIN_CAPTURED_SHARE: f64 = 0.95;
-
 /// Kicks per hour that the token bucket gains: 60 in an hour take 2.7 % of the time at 50 Hz.
 const KICKS_PER_HOUR: f32 = 40.0;
 /// Largest number of saved kicks: two complete captures in a row.
 const MAX_SAVED_KICKS: f32 = 20.0;
-
 /// Largest probability that the kicks miss parts of the lot (false alarm rate).
 const MAX_MISS_PROBABILITY: f64 = 1e-3;
 
@@ -34,7 +34,6 @@ pub enum Stage {
 /// Settled cycles at the setpoint after which a kick counts as failed, as in the plan's simulation.
 const LOCK_TEST_CYCLES: u32 = 60;
 
-/// The attempts at capturing the parts.
 #[derive(Clone, Copy, Debug)]
 pub struct Capture {
     stage: Stage,
@@ -45,33 +44,6 @@ pub struct Capture {
     /// Kicks in the token bucket, and kicks gained per cycle.
     tokens: f32,
     tokens_per_cycle: f32,
-}
-
-/// State of the requested lock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DetectedLock {
-    /// Of all parts.
-    All,
-    /// Of most parts.
-    Most,
-    /// Of few parts or none: the evidence of a kick that missed.
-    Few,
-}
-
-/// Event of the capture in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CaptureEvent {
-    /// The plan is ready.
-    Planned {
-        /// Whether its best kick captures all but one part in twenty.
-        sure: bool,
-    },
-    Begun,
-    /// The kick is over and the test for the lock begins.
-    Ended,
-    Captured,
-    /// The attempts of this capture or of the hour are used up, or the misses are improbable.
-    Failed,
 }
 
 impl Capture {
@@ -108,24 +80,20 @@ impl Capture {
         }
     }
 
-    /// Advances one cycle. `settled`: the amplitude is back at the setpoint.
-    pub fn cycle(
-        &mut self,
-        plan: Option<&Plan>,
-        lock: DetectedLock,
-        settled: bool,
-    ) -> Option<CaptureEvent> {
+    /// Advances one cycle. `lock`: confidence that the parts are locked; `settled`: the amplitude is
+    /// back at the setpoint. `NotCaptured`: no attempt is left, or the misses are improbable.
+    pub fn cycle(&mut self, plan: Option<&Plan>, lock: f32, settled: bool) -> Option<Event> {
         match self.stage {
             Stage::Idle => None,
-            Stage::Planning => match plan {
-                Some(plan) => {
-                    self.stage = Stage::Ready;
-                    Some(CaptureEvent::Planned {
-                        sure: (plan.best()).is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE),
-                    })
+            Stage::Planning => {
+                let best = plan?.best();
+                self.stage = Stage::Ready;
+                if best.is_some_and(|best| best.share() >= MIN_CAPTURED_SHARE) {
+                    Some(Event::KickPlanned)
+                } else {
+                    Some(Event::KickUncertain)
                 }
-                None => None,
-            },
+            }
             Stage::Ready => self.next(plan),
             Stage::Kicking(kick, cycle) => {
                 if cycle + 1 < kick.length() {
@@ -133,19 +101,20 @@ impl Capture {
                     None
                 } else {
                     self.stage = Stage::Judging(0);
-                    Some(CaptureEvent::Ended)
+                    Some(Event::KickEnded)
                 }
             }
-            Stage::Judging(_) if lock == DetectedLock::All && settled => {
+            Stage::Judging(_) if lock >= LOCK_CONFIDENCE && settled => {
                 self.stage = Stage::Idle;
-                Some(CaptureEvent::Captured)
+                Some(Event::Locked)
             }
             Stage::Judging(cycle) if cycle < LOCK_TEST_CYCLES => {
                 self.stage = Stage::Judging(cycle + u32::from(settled));
                 None
             }
             Stage::Judging(_) => {
-                if let (DetectedLock::Few, Some(plan)) = (lock, plan) {
+                // Few locked parts are the evidence of a kick that missed.
+                if let Some(plan) = plan.filter(|_| lock < LOST_CONFIDENCE) {
                     let attempt = u32::from(self.attempts).saturating_sub(1);
                     self.miss_probability *= plan.miss_probability(attempt);
                 }
@@ -154,36 +123,32 @@ impl Capture {
         }
     }
 
-    fn next(&mut self, plan: Option<&Plan>) -> Option<CaptureEvent> {
+    fn next(&mut self, plan: Option<&Plan>) -> Option<Event> {
         let kick = plan
             .and_then(|plan| plan.attempt(u32::from(self.attempts)))
             .filter(|_| self.attempts < self.allowed && self.tokens >= 1.0)
             .filter(|_| self.miss_probability > MAX_MISS_PROBABILITY);
         let Some(kick) = kick else {
             self.stage = Stage::Idle;
-            return Some(CaptureEvent::Failed);
+            return Some(Event::NotCaptured);
         };
         self.attempts += 1;
         self.tokens -= 1.0;
         self.stage = Stage::Kicking(kick, 0);
-        Some(CaptureEvent::Begun)
+        Some(Event::KickBegun)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Controller, Settings, StartCause, Target};
+    use crate::testing::lot;
+    use crate::{Controller, StartCause, Target};
 
     #[test]
     fn plan_that_captures_less_than_95_percent_is_uncertain() {
         for (low, high, sure) in [(0.18, 0.22, true), (0.48, 0.52, false)] {
-            let settings = Settings {
-                restitution_low: low,
-                restitution_high: high,
-                ..Settings::default()
-            };
-            let target = Target::Locked { order: 1 };
+            let (settings, target) = (lot(low, high), Target::Locked { order: 1 });
             let mut controller =
                 Controller::build(&settings, target, StartCause::Ordinary).unwrap();
             while controller.plan_step() {}
@@ -192,8 +157,9 @@ mod tests {
             assert!((0.35..0.95).contains(&share) != sure, "{low}: {share}");
             let mut capture = Capture::new(8, 50.0);
             capture.begin();
-            let event = capture.cycle(Some(&plan), DetectedLock::Few, true);
-            assert_eq!(event, Some(CaptureEvent::Planned { sure }), "{low}");
+            let event = capture.cycle(Some(&plan), 0.0, true);
+            assert_eq!(event == Some(Event::KickPlanned), sure, "{low}");
+            assert_eq!(event == Some(Event::KickUncertain), !sure, "{low}");
         }
     }
 }

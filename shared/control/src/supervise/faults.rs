@@ -4,10 +4,8 @@
 //! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
 //! detected by counting reversals with hysteresis.
 
+use crate::{Cycle, Fault};
 use core::f32::consts::PI;
-
-use crate::hear::Cycle;
-use crate::state::Fault;
 
 /// Peak-to-peak range of a dead reading, in converter steps.
 const DEAD_RANGE_STEPS: u16 = 1;
@@ -41,7 +39,6 @@ const INVERTED_CYCLES: u8 = 5;
 const MAX_AMPLITUDE_RATIO: f32 = 1.15;
 /// Cycles of excessive amplitude that are a fault: two, because an impact can raise a single one.
 const EXCESS_CYCLES: u8 = 2;
-
 /// Swing of the amplitude, over its reference, that counts as a reversal; heavy parts cause 0.075.
 const REVERSAL_SWING: f32 = 0.1;
 /// Smallest swing in standard errors of the amplitude: four to either side.
@@ -65,7 +62,6 @@ struct ReversalCounter {
     extreme: f32,
     rising: bool,
     count: u8,
-    /// Cycles since the last reversal.
     since: u8,
 }
 
@@ -153,7 +149,6 @@ impl RatioEstimate {
     }
 }
 
-/// Predictions and limits against which a cycle's reading is checked.
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
     pub running: bool,
@@ -173,13 +168,11 @@ pub struct Prediction {
     pub reference: f32,
     /// Standard error of the measured amplitude, in m.
     pub error: f32,
-    /// Largest factor between measured and expected amplitude.
     pub tolerance: f32,
     /// Whether the mean reading deviates from the one at rest at commissioning.
     pub shifted: bool,
 }
 
-/// Counters of every sign of a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FaultDetector {
     /// Of each sign, in the order of their precedence.
@@ -298,7 +291,6 @@ mod tests {
         }
     }
 
-    /// A cycle of a sensor that moves.
     fn moving() -> Cycle {
         with(Cycle::default(), |it| (it.low, it.high) = (2000, 2100))
     }
@@ -345,7 +337,7 @@ mod tests {
         // Range and saturated readings of the converter, amplitude in 0.1 mm, and lead: with the
         // sign, and just without it.
         let lag = -PI / 2.0;
-        use Fault::*;
+        use Fault::{SensorImplausible as Implausible, *};
         let cases = [
             ((1, 0, 1.0, lag), (2, 0, 1.0, lag), 3, SensorLost),
             ((99, 4, 1.0, lag), (99, 3, 1.0, lag), 5, SensorSaturated),
@@ -354,18 +346,8 @@ mod tests {
             ((99, 0, 0.14, lag), (99, 0, 0.16, lag), 15, NoResponse),
             ((10, 0, 0.14, lag), (11, 0, 0.16, lag), 8, SensorLost),
             ((99, 0, 11.6, lag), (99, 0, 11.4, lag), 2, OverAmplitude),
-            (
-                (99, 0, 0.39, lag),
-                (99, 0, 0.41, lag),
-                50,
-                SensorImplausible,
-            ),
-            (
-                (99, 0, 2.51, lag),
-                (99, 0, 2.49, lag),
-                50,
-                SensorImplausible,
-            ),
+            ((99, 0, 0.39, lag), (99, 0, 0.41, lag), 50, Implausible),
+            ((99, 0, 2.51, lag), (99, 0, 2.49, lag), 50, Implausible),
         ];
         let after = |cycles, (span, saturated, measured, lead): (u16, u16, f32, f32)| {
             let cycle = with(moving(), |it| {
@@ -379,7 +361,7 @@ mod tests {
             // Where it lasts, such an amplitude is implausible.
             let later = after(100, healthy);
             assert!(later != Some(fault), "{fault:?}");
-            assert!(matches!(later, None | Some(SensorImplausible)), "{later:?}");
+            assert!(matches!(later, None | Some(Implausible)), "{later:?}");
         }
     }
 
@@ -481,8 +463,7 @@ mod tests {
         assert_eq!(detected, Some(Fault::SensorLost));
     }
 
-    /// Cycle at which an amplitude oscillating about 0.1 mm is a fault; its swing is relative, its
-    /// period in cycles.
+    /// Cycle at which a swing about 0.1 mm, of a relative size and a period in cycles, is a fault.
     fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
         let mut reversals = ReversalCounter::default();
         (0..400).find(|n| {

@@ -4,8 +4,7 @@
 //! 60204-1, 9.2.5.4.2), and they outlast every new controller. One exception: a fieldbus with that
 //! authority acknowledges a fault, but no lock-out.
 
-use crate::inputs::{Inputs, StartCause};
-use crate::state::{Event, Events, Fault};
+use crate::{Event, Events, Fault, Inputs, StartCause};
 
 /// Time in s for which the enable input must be off to acknowledge a fault: longer than any bounce.
 const ACKNOWLEDGE_SECONDS: f32 = 0.5;
@@ -18,7 +17,6 @@ pub struct Interlock {
     pub(crate) fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
     latched: bool,
-    /// Whether the third fault in the window locked the drive out.
     locked_out: bool,
     /// Drive cycles since the beginning, and those of the last two faults, newest first.
     now: u32,
@@ -28,10 +26,9 @@ pub struct Interlock {
     /// Drive cycles per second.
     rate: f32,
     /// Whether settings were saved since they were found invalid.
-    settings_saved: bool,
+    pub(crate) settings_saved: bool,
     /// Whether the link stopped a running drive: then the link may start it again.
     stopped_by_link: bool,
-    /// Whether the fieldbus was in control in the last cycle.
     bus_controls: bool,
     /// Whether the run bit was 0 since power-on, a fault, or an enable withdrawn by input or link.
     run_was_off: bool,
@@ -112,11 +109,6 @@ impl Interlock {
         }
         self.faults = [Some(self.now), newest];
         true
-    }
-
-    /// Records that the settings in use were saved: their fault can then be acknowledged.
-    pub(crate) fn settings_saved(&mut self) {
-        self.settings_saved = true;
     }
 
     /// Processes the inputs of a drive cycle, before any other function uses them.
@@ -334,11 +326,8 @@ mod tests {
                 interlock.stopping(&stopped);
             }
             assert!(!may_start_after(&mut interlock, at_rest), "{at_rest:?}");
-            assert_eq!(
-                may_start_after(&mut interlock, &[on]),
-                starts,
-                "{at_rest:?}"
-            );
+            let may_start = may_start_after(&mut interlock, &[on]);
+            assert_eq!(may_start, starts, "{at_rest:?}");
         }
     }
 }

@@ -1,18 +1,17 @@
 //! Limit monitor: the limits that hold the drive back; some count only after a delay.
 
+use crate::saturate::consecutive;
 use crate::state::Limits;
 
 /// Cycles of a saturated output that are a limit: starts and kicks saturate briefly.
-const SATURATION_CYCLES: u32 = 25;
+const SATURATION_CYCLES: u16 = 25;
 
-/// Inputs of the limit monitor in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitInputs {
     pub running: bool,
     pub frame_received: bool,
     /// Timeout of the link in cycles; `None` if its silence is permitted.
     pub link_timeout: Option<f32>,
-    /// Whether the output is at its limit.
     pub saturated: bool,
     /// The limits whose causes count at once.
     pub causes: Limits,
@@ -23,7 +22,7 @@ pub struct LimitInputs {
 pub struct LimitMonitor {
     pub limits: Limits,
     /// Cycles in a row with the output at its limit.
-    saturated_cycles: u32,
+    saturated_cycles: u16,
     link_silence: u32,
     link_used: bool,
 }
@@ -38,11 +37,7 @@ impl LimitMonitor {
         }
         let lost = self.link_used
             && (inputs.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
-        self.saturated_cycles = if inputs.saturated {
-            self.saturated_cycles.saturating_add(1)
-        } else {
-            0
-        };
+        self.saturated_cycles = consecutive(self.saturated_cycles, inputs.saturated);
         self.limits = Limits::default();
         if inputs.running {
             self.limits = inputs.causes;

@@ -3,50 +3,36 @@
 //! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions
 //! are the table of `control/state/transition.rs`.
 
-use super::capture::{Capture, CaptureEvent, DetectedLock};
+use super::capture::Capture;
 use super::interlock::Interlock;
-use crate::inputs::Inputs;
-use crate::state::{Event, Events, Fault, Limits, State};
+use crate::saturate::consecutive;
+use crate::{Event, Events, Fault, Inputs, Limits, State};
 use kband::regime::capture::Plan;
 use kband::regime::classify::{Regime, Verdict};
 
 /// Cycles at the setpoint before a missing lock triggers a capture: five rise times.
 const CAPTURE_DELAY_CYCLES: u32 = 40;
 /// Confidence, 0..1, at which a lock is detected: one of 16 cycles may lack its impact.
-const LOCK_CONFIDENCE: f32 = 0.9;
+pub(super) const LOCK_CONFIDENCE: f32 = 0.9;
 /// Confidence, 0..1, below which a lock is doubted: period-doubled parts miss half of its window.
-const LOST_CONFIDENCE: f32 = 0.6;
+pub(super) const LOST_CONFIDENCE: f32 = 0.6;
 /// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
-const LOST_CYCLES: u8 = 10;
+const LOST_CYCLES: u16 = 10;
 /// Consecutive cycles near the setpoint that reach it: more than the dead time of two.
-const SETPOINT_CYCLES: u8 = 3;
+const SETPOINT_CYCLES: u16 = 3;
 /// Confidence, 0..1, at which a regime is detected: more likely than not.
 const REGIME_CONFIDENCE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos: three times the memory of the phase statistics.
 const LOCK_CYCLES_BEFORE_GLIDE: u32 = 50;
 
-/// Progress on the way to chaos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Glide {
     None,
     Lock,
-    /// The amplitude moves from the lock's to that of chaos.
     Gliding,
-    /// The amplitude of chaos is reached.
-    Arrived {
-        detected: bool,
-    },
+    Arrived { detected: bool },
 }
 
-/// Response of the drive to the enable input.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EnableResponse {
-    Acknowledged,
-    Stopping,
-    Started,
-}
-
-/// Whether a drive at rest may start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clearance {
     Pending,
@@ -54,16 +40,13 @@ pub enum Clearance {
     Refused(Fault),
 }
 
-/// Observations of a running drive in one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
     pub at_setpoint: bool,
     pub limits: Limits,
     /// Confidence that the parts are in the requested lock, 0..1; `None` if no lock is requested.
     pub lock: Option<f32>,
-    /// The last verdict on the parts' regime.
     pub regime: Option<&'a Verdict>,
-    /// The planned kicks that bring the parts onto the lock.
     pub plan: Option<&'a Plan>,
     /// k of chaos, if the lot has one; `None` before the search is over.
     pub chaos: Option<Option<f64>>,
@@ -83,22 +66,21 @@ pub enum Decision {
     NoChaos,
 }
 
-/// The state, and the counters on which the next one depends.
 #[derive(Clone, Debug)]
 pub struct StateMachine {
     pub state: State,
     pub interlock: Interlock,
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
-    setpoint_cycles: u8,
-    doubt_cycles: u8,
+    setpoint_cycles: u16,
+    doubt_cycles: u16,
     /// Whether every permitted kick has failed for the present target.
     given_up: bool,
     glide: Glide,
     /// Falls out of chaos since the target was set, and the largest permitted number.
     falls: u8,
     max_falls: f32,
-    capture: Capture,
+    pub capture: Capture,
 }
 
 impl StateMachine {
@@ -119,10 +101,6 @@ impl StateMachine {
         }
     }
 
-    pub fn fault(&self) -> Option<Fault> {
-        self.interlock.fault
-    }
-
     pub fn running(&self) -> bool {
         !matches!(self.state, State::Off | State::Fault)
     }
@@ -138,10 +116,6 @@ impl StateMachine {
 
     pub fn glides(&self) -> bool {
         self.state == State::Holding && self.glide == Glide::Gliding
-    }
-
-    pub fn attempts(&self) -> u8 {
-        self.capture.attempts
     }
 
     /// Amplitude of a kick over the setpoint, during a capture.
@@ -194,13 +168,14 @@ impl StateMachine {
     }
 
     /// Follows the enable input. A drive that stops is off at rest, or after `stop_timeout` cycles.
+    /// Returns the event that the controller must respond to.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
         clearance: Clearance,
         (at_rest, stop_timeout): (bool, f32),
         events: &mut Events,
-    ) -> Option<EnableResponse> {
+    ) -> Option<Event> {
         self.interlock.watch(inputs);
         match self.state {
             State::Fault => {
@@ -208,7 +183,7 @@ impl StateMachine {
                     return None;
                 }
                 self.enter(State::Off);
-                Some(EnableResponse::Acknowledged)
+                Some(Event::Acknowledged)
             }
             State::Off => {
                 if !self.interlock.may_start(inputs) {
@@ -225,7 +200,7 @@ impl StateMachine {
                 self.enter(State::Starting);
                 self.setpoint_cycles = 0;
                 events.push(Event::Started);
-                Some(EnableResponse::Started)
+                Some(Event::Started)
             }
             State::Stopping => {
                 if self.in_state > 0 && (at_rest || self.in_state as f32 > stop_timeout) {
@@ -242,13 +217,12 @@ impl StateMachine {
                 self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
                 events.push(Event::Stopping);
-                Some(EnableResponse::Stopping)
+                Some(Event::Stopping)
             }
             _ => None,
         }
     }
 
-    /// Moves between the states of a running drive.
     #[inline(always)]
     pub fn advance(&mut self, observation: &Observation<'_>, events: &mut Events) -> Decision {
         let (at_setpoint, limits) = (observation.at_setpoint, observation.limits);
@@ -268,11 +242,7 @@ impl StateMachine {
                 return Decision::ForgetImpacts;
             }
             State::Starting => {
-                self.setpoint_cycles = if at_setpoint {
-                    self.setpoint_cycles.saturating_add(1)
-                } else {
-                    0
-                };
+                self.setpoint_cycles = consecutive(self.setpoint_cycles, at_setpoint);
                 if self.setpoint_cycles >= SETPOINT_CYCLES || limits.contains(Limits::OUTPUT) {
                     if limits.is_empty() {
                         self.enter(State::Holding);
@@ -300,35 +270,21 @@ impl StateMachine {
                 }
             }
             State::Capturing => {
-                let detected = detected_lock(confidence);
-                match self.capture.cycle(observation.plan, detected, at_setpoint) {
-                    None => {}
-                    Some(CaptureEvent::Planned { sure: true }) => events.push(Event::KickPlanned),
-                    Some(CaptureEvent::Planned { sure: false }) => {
-                        events.push(Event::KickUncertain)
-                    }
-                    Some(CaptureEvent::Begun) => {
-                        events.push(Event::KickBegun);
-                        return Decision::ForgetImpacts;
-                    }
-                    Some(CaptureEvent::Ended) => events.push(Event::KickEnded),
-                    Some(CaptureEvent::Captured) => {
-                        self.enter(State::Locked);
-                        events.push(Event::Locked);
-                    }
-                    Some(CaptureEvent::Failed) => {
+                let event = (self.capture).cycle(observation.plan, confidence, at_setpoint);
+                event.into_iter().for_each(|event| events.push(event));
+                match event {
+                    Some(Event::KickBegun) => return Decision::ForgetImpacts,
+                    Some(Event::Locked) => self.enter(State::Locked),
+                    Some(Event::NotCaptured) => {
                         self.given_up = true;
                         self.enter(State::Holding);
-                        events.push(Event::NotCaptured);
                     }
+                    _ => {}
                 }
             }
             State::Locked => {
-                self.doubt_cycles = if confidence < LOST_CONFIDENCE {
-                    self.doubt_cycles.saturating_add(1)
-                } else {
-                    0
-                };
+                let doubted = confidence < LOST_CONFIDENCE;
+                self.doubt_cycles = consecutive(self.doubt_cycles, doubted);
                 if self.doubt_cycles >= LOST_CYCLES {
                     self.doubt_cycles = 0;
                     self.enter(State::Lost);
@@ -351,7 +307,6 @@ impl StateMachine {
         Decision::Stay
     }
 
-    /// Leaves the lock for chaos once the search for chaos is over.
     fn leave_lock(&mut self, chaos: Option<Option<f64>>, events: &mut Events) -> Decision {
         match chaos {
             None => Decision::Stay,
@@ -421,24 +376,13 @@ impl StateMachine {
     }
 }
 
-fn detected_lock(confidence: f32) -> DetectedLock {
-    if confidence >= LOCK_CONFIDENCE {
-        DetectedLock::All
-    } else if confidence >= LOST_CONFIDENCE {
-        DetectedLock::Most
-    } else {
-        DetectedLock::Few
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use proptest::collection::vec;
-    use proptest::prelude::*;
-
     use super::*;
     use crate::inputs::StartCause;
     use crate::testing::seeded;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
 
     const PACE: f32 = 50.0;
 
@@ -489,7 +433,7 @@ mod tests {
             let mut released = !power_on;
             for (flags, cycles, what) in steps {
                 let fault = CAUSES.get(what).map_or(Fault::SensorLost, |(fault, _)| *fault);
-                let free = machine.fault().is_none();
+                let free = machine.interlock.fault.is_none();
                 if what < 7 {
                     machine.fail(fault, &mut events);
                 }
@@ -500,7 +444,7 @@ mod tests {
                     (off, released) = (0, true);
                 }
                 let mut inputs = Inputs { enable: flags & 1 == 1, ..Inputs::default() };
-                let cause = CAUSES.iter().find(|(fault, _)| machine.fault() == Some(*fault));
+                let cause = CAUSES.iter().find(|(fault, _)| machine.interlock.fault == Some(*fault));
                 let lasts = flags & 2 == 2 && cause.is_some();
                 if let Some((_, cause)) = cause {
                     *cause(&mut inputs) = lasts;
@@ -509,11 +453,11 @@ mod tests {
                     now += 1;
                     off = if inputs.enable { 0 } else { off + 1 };
                     released |= !inputs.enable;
-                    let (fault, running) = (machine.fault(), machine.running());
+                    let (fault, running) = (machine.interlock.fault, machine.running());
                     let state = after(&mut machine, 1, &inputs);
                     if fault.is_some() {
                         let is_locked_out = off < min_off_cycles || lasts;
-                        prop_assert_eq!(machine.fault(), fault.filter(|_| is_locked_out));
+                        prop_assert_eq!(machine.interlock.fault, fault.filter(|_| is_locked_out));
                         prop_assert_eq!(state, if is_locked_out { State::Fault } else { State::Off });
                     } else if !running {
                         let starts = inputs.enable && released;

@@ -10,5 +10,5 @@ mod sensor;
 pub use faults::{FaultDetector, Prediction};
 pub use interlock::Interlock;
 pub use limits::{LimitInputs, LimitMonitor};
-pub use machine::{Clearance, Decision, EnableResponse, Observation, StateMachine};
-pub use sensor::{RestTest, SwingResult, TestSwing};
+pub use machine::{Clearance, Decision, Observation, StateMachine};
+pub use sensor::{RestTest, TestSwing};

@@ -3,8 +3,7 @@
 //!
 //! Limit checks on a block average and a ratio (Isermann, Fault-Diagnosis Systems, 2006).
 
-use crate::hear::Cycle;
-use crate::settings::Settings;
+use crate::{Cycle, Settings};
 use kband::feeder::STANDARD_GRAVITY;
 
 /// Averaging time of the mean reading, in s: at 50 Hz 0.03 mV of the converter's noise remain.
@@ -13,7 +12,6 @@ const REST_SECONDS: f32 = 0.1;
 const OFFSET_DRIFT: f32 = 0.02;
 /// Permitted relative drift of the sensitivity.
 const SENSITIVITY_DRIFT: f32 = 0.05;
-
 /// Amplitude of the test swing over the hard limit.
 const SWING_SHARE: f32 = 0.05;
 /// Smallest amplitude of the test swing over the smallest detectable one.
@@ -28,7 +26,7 @@ const SWING_CYCLES: f32 = 8.0;
 pub const UNCOMMISSIONED_TOLERANCE: f32 = 2.5;
 
 /// Compares the mean reading with the one at rest at commissioning; motion has no mean.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct RestTest {
     /// Commissioned mean acceleration and largest deviation from it, in m/s^2.
     commissioned: Option<[f32; 2]>,
@@ -36,7 +34,6 @@ pub struct RestTest {
     length: f32,
     cycles: f32,
     sum: f32,
-    /// Whether the last complete average deviates.
     deviates: Option<bool>,
 }
 
@@ -50,9 +47,7 @@ impl RestTest {
         Self {
             commissioned: (settings.sensor_rest > 0.0).then_some([rest, bound]),
             length: libm::ceilf(REST_SECONDS * settings.frequency),
-            cycles: 0.0,
-            sum: 0.0,
-            deviates: None,
+            ..Self::default()
         }
     }
 
@@ -79,17 +74,8 @@ impl RestTest {
     }
 }
 
-/// Result of the test swing after a cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SwingResult {
-    Pending,
-    /// Measured amplitude over predicted amplitude is within the tolerance.
-    Passed,
-    Failed,
-}
-
 /// A small swing at each start, compared with the predictions from output and from current.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct TestSwing {
     /// Largest factor between the two; `None` without commissioning.
     tolerance: Option<f32>,
@@ -97,7 +83,7 @@ pub struct TestSwing {
     settling: f32,
     passed: bool,
     /// Whether the reference is held at the swing, and for how many cycles.
-    held: bool,
+    pub held: bool,
     cycles: f32,
     /// Sums of the measured and predicted amplitudes, in m.
     measured: f32,
@@ -111,11 +97,7 @@ impl TestSwing {
         Self {
             tolerance: (tolerance < UNCOMMISSIONED_TOLERANCE).then_some(tolerance),
             settling: SETTLING_TIME_CONSTANTS * envelope + SETTLING_CYCLES,
-            passed: false,
-            held: false,
-            cycles: 0.0,
-            measured: 0.0,
-            expected: [0.0; 2],
+            ..Self::default()
         }
     }
 
@@ -128,9 +110,8 @@ impl TestSwing {
         (self.cycles, self.measured, self.expected) = (0.0, 0.0, [0.0; 2]);
     }
 
-    /// Limits until the swing has passed: for the reference, now at `now`, and for the amplitude of
-    /// the outputs, all in m. `ceiling`: hard limit; `min_amplitude`: smallest detectable
-    /// amplitude.
+    /// Limits until the swing has passed, in m: of the reference, now at `now`, and of the outputs'
+    /// amplitude. `ceiling`: hard limit; `min_amplitude`: smallest detectable one.
     pub fn limits(&self, now: f32, ceiling: f32, min_amplitude: f32) -> Option<[f32; 2]> {
         let tolerance = self.tolerance.filter(|_| !self.passed)?;
         let swing = (SWING_SHARE * ceiling).max(SWING_RESOLUTION * min_amplitude);
@@ -138,27 +119,23 @@ impl TestSwing {
         Some([swing, tolerance * swing])
     }
 
-    /// Sets whether the reference is held at the swing.
-    pub fn hold(&mut self, held: bool) {
-        self.held = held;
-    }
-
-    /// Adds the measured amplitude of a cycle and those predicted from output and current, in m.
-    pub fn cycle(&mut self, measured: f32, expected: [f32; 2]) -> SwingResult {
+    /// Adds the measured amplitude of a cycle and those predicted from output and current, in m. At
+    /// the end of the swing it returns whether their ratios are within the tolerance.
+    pub fn cycle(&mut self, measured: f32, expected: [f32; 2]) -> Option<bool> {
         let Some(tolerance) = self.tolerance.filter(|_| self.held && !self.passed) else {
             self.restart();
-            return SwingResult::Pending;
+            return None;
         };
         self.cycles += 1.0;
         if self.cycles <= self.settling {
-            return SwingResult::Pending;
+            return None;
         }
         self.measured += measured;
         for (sum, expected) in self.expected.iter_mut().zip(expected) {
             *sum += expected;
         }
         if self.cycles < self.settling + SWING_CYCLES {
-            return SwingResult::Pending;
+            return None;
         }
         let [by_output, by_current] = self.expected.map(|expected| self.measured / expected);
         self.restart();
@@ -166,11 +143,7 @@ impl TestSwing {
         let is_plausible =
             |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
         self.passed = is_plausible(by_output) && is_plausible(by_current);
-        if self.passed {
-            SwingResult::Passed
-        } else {
-            SwingResult::Failed
-        }
+        Some(self.passed)
     }
 }
 
@@ -218,29 +191,28 @@ mod tests {
         assert_eq!(after(&uncommissioned, 1.0, 1.0), Some(false));
     }
 
+    fn held_swing() -> TestSwing {
+        with(TestSwing::build(&commissioned(0.0), 8.0), |it| {
+            it.held = true
+        })
+    }
+
     #[test]
     fn a_swing_that_is_too_strong_for_its_output_ends() {
-        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
-        swing.begin();
-        swing.hold(true);
-        let actual = (0..40).find_map(|_| match swing.cycle(1e-4, [0.0; 2]) {
-            SwingResult::Pending => None,
-            other => Some(other),
-        });
-        assert_eq!(actual, Some(SwingResult::Failed));
+        let mut swing = held_swing();
+        let passed = (0..40).find_map(|_| swing.cycle(1e-4, [0.0; 2]));
+        assert_eq!(passed, Some(false));
     }
 
     #[test]
     fn the_swing_is_averaged_after_it_has_settled() {
-        let mut swing = TestSwing::build(&commissioned(0.0), 8.0);
-        swing.begin();
-        swing.hold(true);
+        let mut swing = held_swing();
         // 19 cycles to settle, in which the sensor measures nothing yet.
         let results: std::vec::Vec<_> = (1..=27)
             .map(|n| swing.cycle(if n > 19 { 1e-4 } else { 0.0 }, [1e-4; 2]))
             .collect();
-        assert!((results[..26].iter()).all(|result| *result == SwingResult::Pending));
-        assert_eq!(results[26], SwingResult::Passed);
+        assert!(results[..26].iter().all(Option::is_none));
+        assert_eq!(results[26], Some(true));
     }
 
     #[test]

@@ -1,12 +1,11 @@
 //! Frames: content and CRC by consistent overhead byte stuffing (COBS: Cheshire and Baker 1999),
 //! which removes zeros. `receiver` finds them in a stream of bytes and undoes the stuffing.
 
-use serde::{Deserialize, Serialize};
-
 use super::message::{Request, Response};
 use super::receiver::{MAX_FRAME_BYTES, Unreadable};
 use super::update::{UpdateAnswer, UpdateRequest};
 use super::{SCHEMA, VERSION};
+use serde::{Deserialize, Serialize};
 
 /// Largest content of a frame, in bytes with its CRC: COBS adds two, the final zero one.
 const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
@@ -14,8 +13,7 @@ const MAX_INSIDE_BYTES: usize = MAX_FRAME_BYTES - 3;
 const CHECK_BYTES: usize = 4;
 /// Version of frames whose format never changes.
 const FROZEN: u8 = 0;
-/// Byte after the sequence of a frozen frame with a message of an update. In an identity the
-/// version is there.
+/// Byte after the sequence of a frozen frame of an update; an identity has its version there.
 const UPDATE: u8 = b'u';
 
 /// Error: a message too long for a frame.
@@ -152,7 +150,7 @@ pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
     match check_frame(inside)? {
         (FROZEN, rest) => frozen_request(rest),
         (version, rest) => {
-            let (sequence, request) = read_message(version, rest)?;
+            let (sequence, request) = read(version, rest)?;
             Ok(Incoming::Request { sequence, request })
         }
     }
@@ -196,7 +194,7 @@ pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
         }),
         (FROZEN, _) => Err(Unreadable::Unknown),
         (version, rest) => {
-            let (sequence, response) = read_message(version, rest)?;
+            let (sequence, response) = read(version, rest)?;
             Ok(Outgoing::Response { sequence, response })
         }
     }
@@ -228,10 +226,7 @@ fn parse<'a, M: Deserialize<'a>>(message: &'a [u8]) -> Result<M, Unreadable> {
     }
 }
 
-fn read_message<'a, M: Deserialize<'a>>(
-    version: u8,
-    rest: &'a [u8],
-) -> Result<(u8, M), Unreadable> {
+fn read<'a, M: Deserialize<'a>>(version: u8, rest: &'a [u8]) -> Result<(u8, M), Unreadable> {
     let [low, high, ..] = SCHEMA.to_le_bytes();
     match rest {
         [a, b, sequence, message @ ..] if version == VERSION && [*a, *b] == [low, high] => {

@@ -1,11 +1,10 @@
 //! Messages between board and desk.
 
-use serde::{Deserialize, Serialize};
-
 use crate::{
     Fault, GearMargin, Identification, Inputs, Load, Recipe, RecipeName, Report, Shape, StartCause,
     Target, UPPER,
 };
+use serde::{Deserialize, Serialize};
 
 /// Request from the desk to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,20 +1,24 @@
 //! Golden frames, and rejection of invalid frames.
 
-use std::format;
-use std::string::{String, ToString};
-use std::vec::Vec;
-
-use proptest::prelude::*;
-
 use super::*;
+use crate::testing::with;
 use crate::{
     Command, Event, Events, Fault, GearMargin, Identification, Identified, Inputs, Limits, Load,
     Recipe, RecipeName, Report, Shape, StartCause, State, Target, Unidentified, UpperTone,
 };
 use kband::arithmetic::Phase;
 use kband::regime::classify::{Regime, Verdict};
+use proptest::prelude::*;
+use std::format;
+use std::string::{String, ToString};
+use std::vec::Vec;
 
 fn requests() -> Vec<Request<'static>> {
+    let samples = |codes, end| Request::Samples { codes, end };
+    let set_recipe = |number, recipe| Request::SetRecipe { number, recipe };
+    let inputs = with(Inputs::default(), |it| {
+        (it.enable, it.link_heard) = (true, true)
+    });
     std::vec![
         Request::Setting(3),
         Request::Get("frequency"),
@@ -32,7 +36,7 @@ fn requests() -> Vec<Request<'static>> {
         Request::Target(Target::Gear { order: 1 }),
         Request::Target(Target::Tones {
             k: 0.35,
-            shape: Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.05, 5.3)),
+            shape: SHAPE,
         }),
         Request::Enable(true),
         Request::Telemetry(5),
@@ -45,18 +49,8 @@ fn requests() -> Vec<Request<'static>> {
             target: Target::Locked { order: 1 },
             start: StartCause::Ordinary,
         },
-        Request::Samples {
-            codes: &[1, 2, 3],
-            end: None,
-        },
-        Request::Samples {
-            codes: &[],
-            end: Some(Inputs {
-                enable: true,
-                link_heard: true,
-                ..Inputs::default()
-            }),
-        },
+        samples(&[1, 2, 3], None),
+        samples(&[], Some(inputs)),
         Request::Identification,
         Request::Held,
         Request::Fault(3),
@@ -65,14 +59,8 @@ fn requests() -> Vec<Request<'static>> {
         Request::Lock(None),
         Request::Unlock(Pin::parse("12345678").unwrap()),
         Request::Recipe(7),
-        Request::SetRecipe {
-            number: 2,
-            recipe: Some((RecipeName::parse("M3 screws").unwrap(), recipe())),
-        },
-        Request::SetRecipe {
-            number: 3,
-            recipe: None,
-        },
+        set_recipe(2, Some((recipe_name(), recipe()))),
+        set_recipe(3, None),
         Request::SaveRecipes,
         Request::UseRecipe(2),
         Request::Bus(&[1, 3, 0, 5, 0, 1]),
@@ -88,11 +76,17 @@ const MARGIN: GearMargin = GearMargin {
     to_loss: 1000.0,
 };
 
+const SHAPE: Shape = Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.05, 5.3));
+
 const LOAD: Load = Load {
     mass: 250.0,
     speed: 93.5,
     flow: 46.75,
 };
+
+fn recipe_name() -> RecipeName {
+    RecipeName::parse("M3 screws").unwrap()
+}
 
 fn recipe() -> Recipe {
     Recipe {
@@ -170,7 +164,7 @@ fn responses() -> Vec<Response<'static>> {
             setpoint: 0.000_25,
             lead: -1.5,
             output: 0.3,
-            shape: Shape::new(UpperTone::new(0.15, 2.356), UpperTone::new(0.05, 5.3)),
+            shape: SHAPE,
             overtones: [[0.1, -0.2], [0.3, 0.05]],
             rate: 1.0,
             phase: 0.7,
@@ -218,10 +212,7 @@ fn responses() -> Vec<Response<'static>> {
             recipe: 2,
         }),
         Response::Recipe(Stored::None),
-        Response::Recipe(Stored::Recipe(
-            RecipeName::parse("M3 screws").unwrap(),
-            recipe()
-        )),
+        Response::Recipe(Stored::Recipe(recipe_name(), recipe())),
         Response::Recipe(Stored::Newer),
         Response::Fault(Some(FaultRecord {
             number: 300,
@@ -310,7 +301,7 @@ fn report() -> Report {
         identification: Identification::NotFound(Unidentified::Dead),
         state: State::Fault,
         fault: Some(Fault::StackLow),
-        limits: Limits::from_bits(Limits::OUTPUT.bits() | Limits::LINK_LOST.bits()).unwrap(),
+        limits: Limits::try_from(Limits::OUTPUT.bits() | Limits::LINK_LOST.bits()).unwrap(),
         events,
         command: Command {
             amplitude: 0.3,
@@ -384,18 +375,15 @@ fn the_schema_is_the_hash_of_the_golden_messages() {
 #[test]
 fn the_frozen_frames_never_change() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let actual = write_identity_request(&mut buffer, 0x2a).unwrap();
-    assert_eq!(
-        actual, IDENTITY_REQUEST,
-        "the question who is there is frozen"
-    );
+    let actual = write_identity_request(&mut buffer, 0x2a);
+    assert_eq!(actual, Ok(IDENTITY_REQUEST), "who is there");
     let identity = Identity {
         version: 1,
         schema: 0x0102_0304,
         image: "kband",
     };
-    let actual = write_identity(&mut buffer, 0x2a, &identity).unwrap();
-    assert_eq!(actual, ANSWER, "the answer who is there is frozen");
+    let actual = write_identity(&mut buffer, 0x2a, &identity);
+    assert_eq!(actual, Ok(ANSWER), "the answer");
 }
 
 // Computed by an independent program, with another library's CRC-32.
@@ -580,16 +568,12 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_request(&mut buffer, 7, &Request::Get("frequency"));
     let frame = frame.unwrap().to_vec();
-    let refusal = |bytes: &[u8]| -> Option<Unreadable> {
-        let inside = match receive(bytes).pop()? {
-            Ok(inside) => inside,
-            Err(reason) => return Some(reason),
-        };
-        read_request(&inside).err()
+    let refusal = |bytes: &[u8]| match receive(bytes).pop()? {
+        Ok(inside) => read_request(&inside).err(),
+        Err(reason) => Some(reason),
     };
     for cut in 1..frame.len() - 1 {
-        let mut short = frame[..cut].to_vec();
-        short.push(0);
+        let short = [&frame[..cut], &[0]].concat();
         assert_eq!(refusal(&short), Some(Unreadable::Corrupt), "cut at {cut}");
     }
     let long = [&[1; MAX_FRAME_BYTES + 1][..], &[0]].concat();
@@ -607,16 +591,10 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let question = std::vec![0, 1, 2];
     let update = std::vec![0, 1, b'u', 7];
     let update_and_more = std::vec![0, 1, b'u', 0, 0];
-    for (content, reason) in [
-        (foreign(0), Unreadable::Foreign),
-        (foreign(1), Unreadable::Foreign),
-        (foreign(2), Unreadable::Foreign),
-        (unknown, Unreadable::Unknown),
-        (trailing, Unreadable::Unknown),
-        (question, Unreadable::Unknown),
-        (update, Unreadable::Unknown),
-        (update_and_more, Unreadable::Unknown),
-    ] {
+    let unknown = [unknown, trailing, question, update, update_and_more];
+    let unknown = unknown.map(|content| (content, Unreadable::Unknown));
+    let foreign = [0, 1, 2].map(|at| (foreign(at), Unreadable::Foreign));
+    for (content, reason) in foreign.into_iter().chain(unknown) {
         let mut buffer = [0; MAX_FRAME_BYTES];
         let bytes = frame::write_inside(&mut buffer, &content).to_vec();
         assert_eq!(refusal(&bytes), Some(reason), "{content:x?}");

@@ -2,9 +2,8 @@
 //!
 //! Their frames have version 0, and their bytes never change: any desk can update any board.
 
-use serde::{Deserialize, Serialize};
-
 use super::message::Pin;
+use serde::{Deserialize, Serialize};
 
 /// Largest number of bytes of an image in a request.
 pub const MAX_UPDATE_BYTES: usize = 256;

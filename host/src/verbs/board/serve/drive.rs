@@ -168,7 +168,6 @@ impl Machine for Drive {
             },
             authority: Authority::of(controller.settings()),
             target: controller.target(),
-            recipe: 0,
             save: self.save,
             events: self.events.len() as u32,
             missed: 0,

@@ -63,7 +63,7 @@ impl BoardStatus {
         if let Target::Gear { order } = self.target
             && matches!(self.state(), Some(State::Holding | State::Limiting))
         {
-            let limits = Limits::from_bits(self.telemetry.limits).unwrap_or_default();
+            let limits = Limits::try_from(self.telemetry.limits).unwrap_or_default();
             let settings = BoardSettings::read(link)?.configured();
             self.causes = cache.causes(&settings, order, now, limits);
         }
@@ -86,7 +86,7 @@ impl BoardStatus {
     }
 
     fn limits(&self) -> Vec<Limits> {
-        let held = Limits::from_bits(self.telemetry.limits).unwrap_or_default();
+        let held = Limits::try_from(self.telemetry.limits).unwrap_or_default();
         let limits = Limits::ALL.into_iter();
         limits.filter(|limit| held.contains(*limit)).collect()
     }

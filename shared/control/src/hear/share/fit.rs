@@ -9,7 +9,6 @@ pub const COMPONENTS: usize = GROUPS + 3;
 pub const NOISE_INDEX: usize = GROUPS + 2;
 
 pub type SectorEnergy = [f32; SECTORS];
-/// Covariance of the weights.
 pub type Covariance = [[f32; COMPONENTS]; COMPONENTS];
 
 /// Energy of each component by sector; rows of a multiple of four allow the compiler to vectorize.
@@ -25,8 +24,7 @@ pub fn moving_average(measured: &SectorEnergy) -> SectorEnergy {
 }
 
 /// Fits the mixture from `start` on: non-negative weights of the rows, and their covariance for a
-/// dispersion of 1. A sector's variance is proportional to its expected energy `variance`
-/// (Poisson).
+/// dispersion of 1. `variance`: expected energy of each sector, proportional to it (Poisson).
 pub fn fit_mixture(
     measured: &SectorEnergy,
     rows: &DesignMatrix,
@@ -62,11 +60,7 @@ pub fn predict_energy(rows: &DesignMatrix, weights: &[f32; COMPONENTS]) -> Secto
 }
 
 /// Weighted residual sum of squares (chi-square for unit dispersion).
-pub fn residual_sum(
-    measured: &SectorEnergy,
-    predicted: &SectorEnergy,
-    variance: &SectorEnergy,
-) -> f32 {
+pub fn residual_sum([measured, predicted, variance]: [&SectorEnergy; 3]) -> f32 {
     let variance_floor = variance_floor(measured);
     let sectors = measured.iter().zip(predicted).zip(variance);
     sectors

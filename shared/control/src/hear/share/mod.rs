@@ -14,11 +14,9 @@ mod fit;
 mod model;
 
 use super::energy::{SECTORS, Sectors};
-use super::gear::DriveState;
-use super::margin::GearMargin;
+use super::gear::{DriveState, GearMargin};
 use super::signal::Cycle;
-use crate::angle::SAMPLE_RATE;
-use crate::drive::UPPER;
+use crate::{SAMPLE_RATE, UPPER};
 use fit::{
     COMPONENTS, Covariance, DesignMatrix, NOISE_INDEX, SectorEnergy, fit_mixture, moving_average,
     predict_energy, residual_sum, unexplained_energy,
@@ -65,8 +63,7 @@ const PROFILE_TOLERANCE: f32 = 0.01;
 const TONE_ROUNDING_STEP: f32 = 1.0 / 1024.0;
 /// Relative change of k, and change of the upper tones, up to which the old share remains reported.
 const STALE_SHARE_TOLERANCE: f32 = 0.05;
-/// Growth of that share's standard error per drive cycle: after 4 s at 50 Hz it exceeds
-/// [`MAX_REPORTED_ERROR`].
+/// Growth of its standard error per drive cycle: 4 s at 50 Hz to [`MAX_REPORTED_ERROR`].
 const STALE_ERROR_GROWTH: f32 = 0.001;
 /// Initial decay time of the ringing's energy, in s: half of the 1 ms of a bare track.
 const INITIAL_DECAY_TIME: f32 = 0.5e-3;
@@ -109,8 +106,7 @@ const INITIAL_DELAY: f32 = 2.5;
 const DELAY_BOUNDS: [f32; 2] = [-1.5, 6.5];
 /// Step of the search for the delay, in samples.
 const DELAY_STEP: f32 = 0.5;
-/// Trial points around the estimate: delays in steps of [`DELAY_STEP`], decay times as powers of
-/// [`DECAY_TIME_FACTOR`].
+/// Trial points around the estimate: steps of the delay, and factors on the decay time.
 const TRIAL_POINTS: [[f32; 2]; 3] = [
     [0.0, 1.0],
     [-1.0, 1.0 / DECAY_TIME_FACTOR],
@@ -150,11 +146,10 @@ impl Histogram {
     }
 }
 
-/// Agreement of an energy histogram with the fitted mixture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Agreement {
+pub struct Agreement {
     /// Share of time in gear by the fitted weights, 0..=1.
-    in_gear: f32,
+    pub in_gear: f32,
     /// Unexplained share of the energy (total variation distance) less its bound in gear.
     excess: f32,
 }
@@ -170,7 +165,7 @@ impl Agreement {
 pub struct GearEvidence {
     /// Share of time in gear that the map predicts for the lot, 0..=1.
     predicted: f32,
-    long: Agreement,
+    pub long: Agreement,
     short: Agreement,
 }
 
@@ -182,25 +177,17 @@ impl GearEvidence {
             && self.short.in_gear > level
     }
 
-    /// Share of time in gear by the long histogram, 0..=1.
-    pub fn in_gear(&self) -> f32 {
-        self.long.in_gear
-    }
-
-    /// Whether the mixture fits both histograms.
     pub fn fits(&self) -> bool {
         self.long.fits() && self.short.fits()
     }
 }
 
-/// Estimator of the share of time in gear for any number of parts.
 #[derive(Clone, Debug, Default)]
 pub struct ShareEstimator {
     k: f32,
     /// Mean upper tones (`e cos th`, `e sin th`) since then.
     tones: [[f32; 2]; UPPER],
     cycles: f32,
-    /// Upper tones for which the profiles were predicted.
     profiled_tones: [[f32; 2]; UPPER],
     profiler: Option<StrikeProfiler>,
     /// Energy of the last 256 cycles; the reported share is fitted to it.
@@ -211,7 +198,8 @@ pub struct ShareEstimator {
     cycles_since_short_fit: f32,
     short_fit_due: bool,
     detects_gear: bool,
-    evidence: Option<GearEvidence>,
+    /// Evidence for READY; `None` before the first fit.
+    pub evidence: Option<GearEvidence>,
     lead: Phase,
     /// Mean lead since the histogram began; a growing load turns the track.
     mean_lead: Phase,
@@ -231,7 +219,6 @@ pub struct ShareEstimator {
     /// Whether the share was estimated before the track changed.
     is_stale: bool,
     pub has_fit: bool,
-    /// Number of fits with the profiles of the present hypothesis.
     fits: u32,
     /// Misfit of the parts to the lot in the last fit, and cycles in a row above [`MAX_MISFIT`].
     misfit: f32,
@@ -255,7 +242,6 @@ struct ParabolicSearch {
 struct Mixture {
     /// Sum over the sectors of the squared residual over the expected energy.
     residual_sum: f32,
-    /// Energy in other sectors than the mixture predicts.
     unexplained_energy: f32,
     weights: [f32; COMPONENTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
@@ -263,7 +249,6 @@ struct Mixture {
 }
 
 impl ShareEstimator {
-    /// Estimator without any data.
     pub fn new() -> Self {
         Self {
             decay_time: INITIAL_DECAY_TIME,
@@ -292,11 +277,6 @@ impl ShareEstimator {
         (self.is_stale, self.has_fit) = (false, false);
         self.evidence = None;
         (self.misfit, self.misfit_cycles) = (0.0, 0.0);
-    }
-
-    /// Evidence for READY; `None` before the first fit.
-    pub fn evidence(&self) -> Option<&GearEvidence> {
-        self.evidence.as_ref()
     }
 
     /// Predicted profile of the lot; `None` until the prediction is complete.
@@ -377,7 +357,6 @@ impl ShareEstimator {
         }
     }
 
-    /// Scatter of the present hypothesis over the configured one.
     fn scatter_factor(&self) -> f32 {
         let factor = SCATTER_FACTORS.get(self.hypothesis);
         factor.copied().unwrap_or(1.0)
@@ -496,11 +475,11 @@ impl ShareEstimator {
             self.fit_weights(&measured_energy, &design_matrix);
         let expected = predict_energy(&design_matrix, &weights);
         if let Some(difference) = search.residual_sum.get_mut(search.trials) {
-            *difference = residual_sum(&measured_energy, &expected, &sector_variance);
+            *difference = residual_sum([&measured_energy, &expected, &sector_variance]);
         }
         if search.trials == 0 {
             self.update_estimates(&Mixture {
-                residual_sum: residual_sum(&measured_energy, &expected, &expected),
+                residual_sum: residual_sum([&measured_energy, &expected, &expected]),
                 unexplained_energy: unexplained_energy(&measured_energy, &expected),
                 weights,
                 covariance,
@@ -537,13 +516,8 @@ impl ShareEstimator {
         measured_energy: &SectorEnergy,
         design_matrix: &DesignMatrix,
     ) -> (SectorEnergy, [f32; COMPONENTS], Covariance) {
-        let fit = |sector_variance: &SectorEnergy| {
-            fit_mixture(
-                measured_energy,
-                design_matrix,
-                sector_variance,
-                &self.weights,
-            )
+        let fit = |variance: &SectorEnergy| {
+            fit_mixture(measured_energy, design_matrix, variance, &self.weights)
         };
         let start_weights = if self.weights == [0.0; COMPONENTS] {
             fit(&moving_average(measured_energy)).0
@@ -555,7 +529,6 @@ impl ShareEstimator {
         (sector_variance, weights, covariance)
     }
 
-    /// Updates share, margin and evidence from a mixture.
     fn update_estimates(&mut self, mixture: &Mixture) {
         let noise = self.long.noise / self.long.weight;
         let aligned = DELAY_BOUNDS[0] < self.delay
@@ -578,9 +551,8 @@ impl ShareEstimator {
         (self.is_stale, self.has_fit) = (false, true);
     }
 
-    /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus the shortfall of
-    /// the share. The shortfall is relative to [`MIN_CREDIBLE_SHARE`] times the smallest share of a
-    /// part of the lot.
+    /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus what the share
+    /// lacks of [`MIN_CREDIBLE_SHARE`] times the smallest share of a part of the lot.
     fn estimate_misfit(&self, long: Option<&Agreement>) -> f32 {
         let (Some(long), Some(profile)) = (long, self.profile()) else {
             return 0.0;
@@ -645,8 +617,7 @@ impl ShareEstimator {
         }
         let group_restitutions: [f32; GROUPS] =
             core::array::from_fn(|group| profiler.restitution(group));
-        let weighted = groups.iter().zip(group_restitutions);
-        let weighted = weighted.map(|(weight, group_restitution)| weight * group_restitution);
+        let weighted = (groups.iter().zip(group_restitutions)).map(|(weight, one)| weight * one);
         let restitution = weighted.sum::<f32>() / total_weight;
         let mut variance = 0.0_f32;
         for (row, one) in mixture.covariance.iter().zip(group_restitutions) {
@@ -663,15 +634,11 @@ impl ShareEstimator {
                 + RESTITUTION_MARGIN * RESTITUTION_MARGIN,
         );
         // A group's phase follows from its restitution; the fit estimates the number of its parts.
-        let group_terms = groups
-            .iter()
-            .zip(group_restitutions)
-            .zip(profile.launch_accelerations);
-        let traces = group_terms.map(|((weight, group_restitution), acceleration)| {
-            let restitution_factor = (1.0 + group_restitution) * (1.0 + group_restitution);
-            weight
-                * (1.0 + group_restitution * group_restitution
-                    - restitution_factor * acceleration / k)
+        let groups = groups.iter().zip(group_restitutions);
+        let traces = groups.zip(profile.launch_accelerations);
+        let traces = traces.map(|((weight, one), acceleration)| {
+            let restitution_factor = (1.0 + one) * (1.0 + one);
+            weight * (1.0 + one * one - restitution_factor * acceleration / k)
         });
         let trace = traces.sum::<f32>() / total_weight;
         Some(GearMargin {
@@ -731,9 +698,8 @@ fn round_k(k: f32) -> f32 {
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
 }
 
-/// The share of a mixture. `noise`: measured noise energy per cycle; `aligned`: delay and decay
-/// time are within their bounds. `None` if the noise exceeds the parts' energy or the error exceeds
-/// [`MAX_REPORTED_ERROR`].
+/// The share of a mixture; `None` if the noise or the error is too large. `noise`: measured noise
+/// energy per cycle; `aligned`: delay and decay time are within their bounds.
 fn estimate_share(
     mixture: &Mixture,
     profile: &StrikeProfile,
@@ -807,12 +773,13 @@ mod tests {
                 in_gear,
                 excess: -0.1,
             });
-            let evidence = GearEvidence {
-                predicted,
+            let evidence = (GearEvidence {
                 long,
                 short,
-            };
-            assert_eq!(evidence.supports(0.5), supports, "{evidence:?}");
+                predicted,
+            })
+            .supports(0.5);
+            assert_eq!(evidence, supports, "{predicted} {shares:?}");
         }
     }
 }

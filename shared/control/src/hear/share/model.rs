@@ -16,7 +16,6 @@ const MIN_PERIODS_OUT: f32 = 256.0;
 const MAX_MERGED_PARTS: f32 = 24.0;
 /// Number of predicted impact profiles: one per group in gear, and one out of gear.
 const IMPACT_PROFILES: usize = GROUPS + 1;
-
 /// Attenuation of the second harmonic by the average over a sector, `sin x / x`.
 const SECTOR_ATTENUATION: f32 = 0.993_6;
 
@@ -57,8 +56,7 @@ pub fn predict_design_matrix(
     rows
 }
 
-/// Energy per cycle that the drive's own acceleration (`cosines`, `sines`, in m/s^2) leaves in each
-/// sector of the residual.
+/// Energy per cycle that the drive's own acceleration (in m/s^2) leaves in each sector.
 pub fn drive_energy([cosines, sines]: [f32; 2], step: u32) -> SectorEnergy {
     let theta = Phase::from_bits(step);
     let (sine, cosine) = sine_cosine_single(theta);
@@ -88,7 +86,6 @@ pub fn drive_energy([cosines, sines]: [f32; 2], step: u32) -> SectorEnergy {
     });
     core::array::from_fn(|n| half[n % half.len()])
 }
-/// Whether the profile of parts out of gear counts.
 pub fn has_out_of_gear_profile(profile: &StrikeProfile) -> bool {
     profile.periods[1].iter().sum::<f32>() >= MIN_PERIODS_OUT
 }
