@@ -426,8 +426,7 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good(kind: Kind) {
         assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
         // The track is at rest first. A high input alone starts nothing; a press does.
         if n % 11 == 4 {
-            rig.act(&Act::Enable(true));
-            rig.run(from + 1.5);
+            rig.act(&Act::Enable(true)).run(from + 1.5);
             assert!(!rig.chip.is_driven(), "{frequency} Hz, {duty}");
             let press = from + 1.62;
             rig.at(from + 1.5, Act::Enable(false))
@@ -492,8 +491,7 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     let mut low = running(kind);
     let operations = low.chip.operations();
     let sag = low.time();
-    low.act(&Act::Volts(2.6));
-    low.run(sag + 0.3);
+    low.act(&Act::Volts(2.6)).run(sag + 0.3);
     assert!(low.faults_after(sag).is_some());
     let save = |rig: &mut Rig| rig.request(&Request::Save, |response| format!("{response:?}"));
     let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
@@ -514,9 +512,9 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
         let mut good = rig.time();
         if let Some(blip) = blip {
             rig.run(good + blip);
-            rig.act(&Act::Volts(2.6));
-            rig.run_for(1e-4);
-            rig.act(&Act::Volts(3.3));
+            rig.act(&Act::Volts(2.6))
+                .run_for(1e-4)
+                .act(&Act::Volts(3.3));
             good = rig.time();
         }
         rig.run(good + 0.05);
@@ -549,8 +547,7 @@ fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
         assert!(rig.time() < limit, "nothing is programmed");
     }
     let start = rig.chip.operations();
-    rig.act(&Act::Volts(2.6));
-    rig.run_for(0.2);
+    rig.act(&Act::Volts(2.6)).run_for(0.2);
     let ended = rig.chip.operations();
     assert!(ended <= start + 1, "{start} words, then {ended}");
 }
@@ -619,8 +616,7 @@ fn with_records(kind: Kind, records: usize) -> Rig {
         flash[place..place + RECORD].copy_from_slice(&record);
     }
     rig.run(1.1);
-    rig.act(&Act::Volts(3.3));
-    rig.run(1.4);
+    rig.act(&Act::Volts(3.3)).run(1.4);
     rig
 }
 
@@ -713,8 +709,7 @@ fn of_version_3() -> Rig {
         }
     }
     rig.run(1.1);
-    rig.act(&Act::Volts(3.3));
-    rig.run(1.4);
+    rig.act(&Act::Volts(3.3)).run(1.4);
     rig
 }
 
@@ -729,8 +724,7 @@ fn settings_of_an_older_image_drive_and_move_with_a_save() {
         let frame = driven.frame(&Request::Alive);
         driven.at(start + 0.3 * f64::from(n), Act::Link(frame));
     }
-    driven.act(&Act::Enable(true));
-    driven.run(start + 3.0);
+    driven.act(&Act::Enable(true)).run(start + 3.0);
     let driven_at = driven.amplitude();
     assert!((driven_at - 0.2).abs() < 0.01, "{driven_at}");
     assert_eq!(driven.find_time(start, &Event::Fault(true)), None);
@@ -779,9 +773,9 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
     }
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
     // The start must read the whole bank within the watchdog's period.
-    rig.act(&Act::Volts(0.0));
-    rig.run_for(0.01);
-    rig.act(&Act::Volts(3.3));
+    rig.act(&Act::Volts(0.0))
+        .run_for(0.01)
+        .act(&Act::Volts(3.3));
     let (on, start) = (rig.time(), rig.chip.handler(SAMPLE).count);
     while rig.chip.handler(SAMPLE).count == start {
         rig.run_for(1e-3);
@@ -819,8 +813,7 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
         let mut rig = rig.clone();
         rig.tolerant = true;
         rig.peak();
-        rig.act(&Act::Store(address, f32::NAN.to_bits()));
-        rig.run(4.04);
+        rig.act(&Act::Store(address, f32::NAN.to_bits())).run(4.04);
         if rig.opening_after(4.0).is_some_and(|time| time < 100e-6) {
             at_once.push((address - place.start, rig));
         }
@@ -868,8 +861,7 @@ fn a_damaged_image_never_closes_the_bridge(kind: Kind) {
     let check = images::symbol(&image, "_image_end");
     let damaged = |address: u32, bit: usize, checked_anew: bool| {
         let mut rig = rig.clone();
-        rig.act(&Act::Volts(0.0));
-        rig.run_for(0.3);
+        rig.act(&Act::Volts(0.0)).run_for(0.3);
         let at = (address - flash::START) as usize + bit / 8;
         rig.chip.flash_mut()[at] ^= 1 << (bit % 8);
         if checked_anew {
@@ -879,15 +871,13 @@ fn a_damaged_image_never_closes_the_bridge(kind: Kind) {
         }
         let on = rig.time();
         rig.chip.forget_handlers();
-        rig.act(&Act::Volts(3.3));
-        rig.run(on + 0.5);
+        rig.act(&Act::Volts(3.3)).run(on + 0.5);
         (on, rig)
     };
     // This bit is not essential: with a matching checksum the program drives.
     let (on, mut rig) = damaged(check - 8, 0, true);
     for enable in [false, true] {
-        rig.act(&Act::Enable(enable));
-        rig.run_for(0.5);
+        rig.act(&Act::Enable(enable)).run_for(0.5);
     }
     assert!(rig.closes_after(on).is_some());
     // Two constants, and the checksum itself.
@@ -903,8 +893,7 @@ fn a_damaged_image_never_closes_the_bridge(kind: Kind) {
         }
         // Neither an edge of the input nor an acknowledgement may start it.
         for enable in [true, false, true] {
-            rig.act(&Act::Enable(enable));
-            rig.run_for(1.0);
+            rig.act(&Act::Enable(enable)).run_for(1.0);
         }
         assert_eq!(rig.closes_after(on), None);
         assert_eq!(rig.chip.handler(SAMPLE).count, 0, "no sample is taken");
@@ -922,8 +911,7 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth(kind: Kind) {
         let mut rig = ready.clone();
         rig.chip.board.memory_below_ram = vec![0; 64 * 1024];
         let from = rig.time();
-        rig.act(&Act::Stack(bottom + 4 - depth));
-        rig.run(from + 0.5);
+        rig.act(&Act::Stack(bottom + 4 - depth)).run(from + 0.5);
         let opens = rig.opening_after(from);
         let written = |rig: &Rig| {
             rig.chip
@@ -937,9 +925,10 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth(kind: Kind) {
         if depth >= 1024 {
             let mut unguarded = ready.clone();
             unguarded.chip.board.memory_below_ram = vec![0; 64 * 1024];
-            unguarded.act(&Act::Store(0xe000_ed94, 0));
-            unguarded.act(&Act::Stack(bottom + 4 - depth));
-            unguarded.run(from + 60e-6);
+            unguarded
+                .act(&Act::Store(0xe000_ed94, 0))
+                .act(&Act::Stack(bottom + 4 - depth))
+                .run(from + 60e-6);
             assert!(written(&unguarded), "{depth}");
         }
         assert!(
@@ -1033,8 +1022,7 @@ fn option_bytes_are_reported_and_in_force(kind: Kind) {
     rig.act(&Act::Volts(0.0));
     rig.chip.board.flash.set_options(options);
     rig.run(1.1);
-    rig.act(&Act::Volts(3.3));
-    rig.run(1.4);
+    rig.act(&Act::Volts(3.3)).run(1.4);
     let set_up = rig.self_test().set_up;
     assert_eq!((set_up.brown_out, set_up.watchdog), (level, true));
     assert_eq!(rig.faults_after(1.1), None);

@@ -128,8 +128,7 @@ fn a_thousand_pipelined_requests_are_answered() {
         // With so many answers the line has no room for telemetry.
         let dropped = counters.rows_dropped > 0;
         assert_eq!(dropped, frequency > 30.0, "{frequency} Hz");
-        rig.act(&Act::Enable(false));
-        rig.run(rig.time() + 2.0);
+        rig.act(&Act::Enable(false)).run_for(2.0);
         let late = rig.request(&Request::SelfTest, |response| match response {
             Response::SelfTest(test) => test.missed,
             other => panic!("{other:?}"),
@@ -144,10 +143,10 @@ fn a_thousand_pipelined_requests_are_answered() {
 #[test]
 fn no_request_starts_a_machine_whose_input_is_on() {
     let mut rig = machine();
-    rig.act(&Act::Volts(0.0));
-    rig.act(&Act::Enable(true));
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
+    rig.act(&Act::Volts(0.0))
+        .act(&Act::Enable(true))
+        .run_for(0.3)
+        .act(&Act::Volts(3.3));
     let on = rig.time();
     rig.run(on + 0.5);
     let set = Request::set("soft_start", 0.3);
@@ -162,16 +161,16 @@ fn no_request_starts_a_machine_whose_input_is_on() {
         Request::Enable(true),
     ] {
         rig.request_done(&request);
-        rig.run(rig.time() + 0.2);
+        rig.run_for(0.2);
     }
-    rig.run(rig.time() + 2.0);
+    rig.run_for(2.0);
     assert_eq!(rig.find_time(on, &Event::Bridge(true)), None);
     // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
     // input starts it.
-    rig.act(&Act::Enable(false));
-    rig.run(rig.time() + 0.6);
-    rig.act(&Act::Enable(true));
-    rig.run(rig.time() + 0.2);
+    rig.act(&Act::Enable(false))
+        .run_for(0.6)
+        .act(&Act::Enable(true))
+        .run_for(0.2);
     assert!(rig.find_time(on, &Event::Bridge(true)).is_some());
 }
 
@@ -180,15 +179,15 @@ fn no_request_starts_a_machine_whose_input_is_on() {
 fn the_link_acknowledges_no_fault() {
     let mut rig = running();
     let fault = rig.time();
-    rig.act(&Act::ThermalSwitch(false));
-    rig.run(fault + 0.2);
-    rig.act(&Act::ThermalSwitch(true));
+    rig.act(&Act::ThermalSwitch(false))
+        .run(fault + 0.2)
+        .act(&Act::ThermalSwitch(true));
     assert_eq!(rig.opening_after(fault + 0.1), Some(0.0));
     for _ in 0..3 {
         rig.request_done(&Request::Enable(false));
-        rig.run(rig.time() + 1.0);
+        rig.run_for(1.0);
         rig.request_done(&Request::Enable(true));
-        rig.run(rig.time() + 1.0);
+        rig.run_for(1.0);
     }
     assert_eq!(rig.find_time(fault + 0.1, &Event::Bridge(true)), None);
     assert_eq!(rig.find_time(fault + 0.1, &Event::Fault(false)), None);
@@ -200,17 +199,16 @@ fn the_link_acknowledges_no_fault() {
 fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
     let mut rig = running();
     for fault in 1..=3 {
-        rig.act(&Act::ThermalSwitch(false));
-        rig.run(rig.time() + 0.1);
-        rig.act(&Act::ThermalSwitch(true));
-        rig.act(&Act::Enable(false));
-        rig.run(rig.time() + 0.8);
+        rig.act(&Act::ThermalSwitch(false))
+            .run_for(0.1)
+            .act(&Act::ThermalSwitch(true))
+            .act(&Act::Enable(false))
+            .run_for(0.8);
         if fault < 3 {
             rig.request_done(&Request::set("soft_start", 0.3));
         }
         let from = rig.time();
-        rig.act(&Act::Enable(true));
-        rig.run(from + 0.4);
+        rig.act(&Act::Enable(true)).run(from + 0.4);
         let closes = rig.find_time(from, &Event::Bridge(true));
         assert_eq!(closes.is_some(), fault < 3, "fault {fault}: {closes:?}");
     }
@@ -264,8 +262,7 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
 fn three_resets_end_at_rest_with_fault_and_link() {
     let mut rig = running();
     let from = rig.time();
-    rig.act(&Act::Converts(false));
-    rig.run(from + 3.0);
+    rig.act(&Act::Converts(false)).run(from + 3.0);
     let resets = rig.resets().len();
     assert_eq!(resets, 4, "power-on and three: {:?}", rig.resets());
     let rest = rig.resets()[3].0;
@@ -276,18 +273,16 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     // The link answers.
     let repeated = Fault::RepeatedResets.number();
     assert_eq!(rig.stored_fault(0), Some(repeated));
-    rig.run(rig.time() + 12.0);
+    rig.run_for(12.0);
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
     // After repair and acknowledgement the board starts as after power-on.
-    rig.act(&Act::Converts(true));
-    rig.act(&Act::Enable(false));
+    rig.act(&Act::Converts(true)).act(&Act::Enable(false));
     let off = rig.time();
     rig.run(off + 0.4);
     assert_eq!(rig.resets().len(), resets, "half a second acknowledges");
     rig.run(off + 1.0);
     assert_eq!(rig.resets().len(), resets + 1);
-    rig.act(&Act::Enable(true));
-    rig.run(off + 2.0);
+    rig.act(&Act::Enable(true)).run(off + 2.0);
     assert!(rig.find_time(off, &Event::Bridge(true)).is_some());
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
 }
@@ -314,6 +309,5 @@ fn the_strap_makes_the_link_read_only() {
         assert!(refused(&mut rig, &request), "{request:?}");
     }
     rig.request_done(&Request::Enable(false));
-    rig.act(&Act::Wire(2, 1, Wire::Open));
-    rig.request_done(&set);
+    rig.act(&Act::Wire(2, 1, Wire::Open)).request_done(&set);
 }

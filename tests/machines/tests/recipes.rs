@@ -26,10 +26,7 @@ fn board() -> Rig {
         rig.request_done(&Request::SetRecipe { number, recipe });
     }
     rig.request_done(&Request::SaveRecipes);
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.4);
+    rig.power_cycle(0.3, 0.4);
     rig
 }
 
@@ -59,7 +56,7 @@ fn run(rig: &mut Rig, seconds: f64, expected: f64) -> f64 {
     let (end, mut away) = (rig.time() + seconds, rig.time());
     while rig.time() < end {
         rig.request_done(&Request::Alive);
-        rig.run(rig.time() + 0.02);
+        rig.run_for(0.02);
         if (rig.amplitude() / expected - 1.0).abs() > 0.02 {
             away = rig.time();
         }
@@ -132,9 +129,8 @@ fn inputs_that_are_wired_at_power_on_select_before_the_start() {
     let mut rig = board();
     rig.act(&Act::Volts(0.0));
     select(&mut rig, 2);
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.3);
+    rig.run_for(0.3);
+    rig.act(&Act::Volts(3.3)).run_for(0.3);
     assert_eq!(in_use(&mut rig), 2);
     let since = rig.time();
     rig.act(&Act::Enable(true));

@@ -89,10 +89,10 @@ fn rig_with_key(kind: Kind) -> Rig {
 fn await_image(rig: &mut Rig) {
     let (sent_count, end) = (rig.sent().len(), rig.time() + 60.0);
     while rig.sent().len() == sent_count {
-        rig.run(rig.time() + 0.01);
+        rig.run_for(0.01);
         assert!(rig.time() < end, "nothing starts");
     }
-    rig.run(rig.time() + 0.25);
+    rig.run_for(0.25);
 }
 
 /// Whether the other program runs, with the old settings and without a fault.
@@ -109,8 +109,7 @@ fn runs_other(rig: &mut Rig) -> bool {
 
 /// Switches the supply off and on, and waits for an image.
 fn power_cycle(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.01);
+    rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.chip.board.cut_at = None;
     rig.act(&Act::Volts(3.3));
     await_image(rig);

@@ -61,11 +61,9 @@ fn waits(rig: &mut Rig) -> bool {
 
 /// Switches the supply off and on, and lets the board start or wait.
 fn restart(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.01);
+    rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.5);
+    rig.act(&Act::Volts(3.3)).run_for(0.5);
 }
 
 /// A board whose program has restarted into the loader.
@@ -74,7 +72,7 @@ fn in_loader() -> Rig {
     let made = LOADER.get_or_init(|| {
         let mut rig = rig_with_key(KIND);
         assert_eq!(rig.update(&begin(BOARD, 4096)), Ok(()));
-        rig.run(rig.time() + 1.0);
+        rig.run_for(1.0);
         assert!(waits(&mut rig));
         rig
     });
@@ -149,8 +147,7 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     assert_eq!(rig.chip.operations(), operations);
     assert!(!runs_other(&mut rig) && drives(&mut rig));
     let from = rig.time();
-    rig.act(&Act::Enable(true));
-    rig.run(from + 2.0);
+    rig.act(&Act::Enable(true)).run(from + 2.0);
     let refused = rig.update(&begin(BOARD, 4096));
     assert_eq!(refused, Err(UpdateRefusal::Running));
     rig.request_done(&Request::Alive);
@@ -166,7 +163,7 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
     assert_eq!(send(&mut rig, &other[..4096]), Ok(()));
     let end = rig.update(&UpdateRequest::End(&[]));
     assert_eq!(end, Err(UpdateRefusal::Order(4096)));
-    rig.run(rig.time() + 12.0);
+    rig.run_for(12.0);
     assert!(waits(&mut rig), "after silence");
     restart(&mut rig);
     assert!(waits(&mut rig), "after power-on");
@@ -187,8 +184,7 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
 fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let mut rig = rig_with_key(KIND);
     let image = program(&rig);
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.3);
+    rig.act(&Act::Volts(0.0)).run_for(0.3);
     let program = KIND.facts().program;
     rig.chip.flash_mut()[program..][..image.len()].fill(0xff);
     let (from, operations) = (rig.time(), rig.chip.operations());
@@ -202,7 +198,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
         Ok(()),
         "it is the loader"
     );
-    rig.run(rig.time() + 12.0);
+    rig.run_for(12.0);
     assert!(waits(&mut rig));
     assert_eq!(rig.chip.operations(), operations);
     assert_eq!(rig.find_time(from, &Event::Bridge(true)), None);
@@ -238,7 +234,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         let frame = rig.update_frame(request);
         rig.act(&Act::Link(frame));
         while rig.chip.board.supplied {
-            rig.run(rig.time() + 1e-3);
+            rig.run_for(1e-3);
             assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
         }
         restart(&mut rig);
@@ -266,6 +262,6 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     println!("{cuts} power cuts");
     // The reset pin acts as a power cut.
     rig.chip.reset(Cause::Pin);
-    rig.run(rig.time() + 0.5);
+    rig.run_for(0.5);
     assert!(waits(&mut rig));
 }

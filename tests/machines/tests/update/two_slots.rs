@@ -106,13 +106,12 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     let truncated = rig.update(&UpdateRequest::End(&end));
     assert_eq!(truncated, Err(UpdateRefusal::Order(1024)));
     // The desk is silent for ten seconds.
-    rig.run(rig.time() + 11.0);
+    rig.run_for(11.0);
     assert!(drives(&mut rig));
     power_cycle(&mut rig);
     assert!(!runs_other(&mut rig));
     let from = rig.time();
-    rig.act(&Act::Enable(true));
-    rig.run(from + 2.0);
+    rig.act(&Act::Enable(true)).run(from + 2.0);
     let driven = rig.amplitude();
     assert!((driven - 0.2).abs() < 0.01, "{driven}");
     let operations = rig.chip.operations();
@@ -155,7 +154,7 @@ fn cut(rig: &Rig, cuts: &[u64], mut start: impl FnMut(&mut Rig)) -> [u32; 2] {
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
         start(&mut rig);
         while rig.chip.board.supplied {
-            rig.run(rig.time() + 0.01);
+            rig.run_for(0.01);
             assert!(rig.time() < began + 30.0, "{cut}: it was cut");
         }
         power_cycle(&mut rig);
