@@ -47,7 +47,6 @@ const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
 /// Cargo features of the boards, with the names of their memory maps.
 const BOARDS: [&str; 2] = ["stm32f405rg", "stm32g474re"];
 
-/// First address of the flash.
 const FLASH: u64 = 0x0800_0000;
 
 fn main() {

@@ -24,10 +24,8 @@ pub struct Sampler<S, D> {
     sense: S,
     drive: D,
     exchange: &'static Exchange,
-    /// Record of the tasks that have checked in, on which the watchdog depends.
     roll: &'static Roll,
     enable: Debounce,
-    /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
     on: bool,
     cycles_since_command: u8,
@@ -144,7 +142,6 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         self.exchange.set_late(true);
     }
 
-    /// Switches the drive off until the control has also commanded it off.
     #[cold]
     fn switch_off_until_commanded_off(&mut self) {
         self.on = false;

@@ -20,9 +20,7 @@ pub struct Exchange {
     command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     change_bits: AtomicU8,
-    /// Whether the last cycle has no command yet.
     command_due: AtomicBool,
-    /// Whether the last cycle's control or planning is not finished yet.
     cycle_unfinished: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,

@@ -347,7 +347,6 @@ async fn answer<'a>(
     }
 }
 
-/// Whether a request needs full access.
 fn changes(request: &Request<'_>) -> bool {
     matches!(
         request,

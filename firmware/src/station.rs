@@ -294,7 +294,6 @@ impl Station {
         Ok(())
     }
 
-    /// Hands a new signal path to the sample interrupt.
     #[inline(never)]
     fn renew_signal(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
         let signal = Signal::build(settings).map_err(out_of_range)?;
@@ -302,7 +301,6 @@ impl Station {
         Ok(())
     }
 
-    /// Refuses settings for which no signal path can be built.
     #[inline(never)]
     fn check_signal(settings: &Settings) -> Result<(), Refusal<'static>> {
         Signal::build(settings).map(drop).map_err(out_of_range)

@@ -37,7 +37,6 @@ impl Cells {
 #[derive(Clone)]
 struct Part(Rc<RefCell<Cells>>, u32, u32);
 
-/// Error: the power failed.
 const CUT: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl ErrorType for Part {

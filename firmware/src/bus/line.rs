@@ -10,11 +10,8 @@ use core::task::Poll;
 use embassy_sync::waitqueue::AtomicWaker;
 use kband_bus::rtu::MAX_FRAME_BYTES;
 
-/// Owner of the frame: the receiving interrupt.
 const RECEIVING: u8 = 0;
-/// Owner of the frame: the task.
 const ANSWERING: u8 = 1;
-/// Owner of the frame: the sending interrupt.
 const SENDING: u8 = 2;
 
 /// A frame and its owner.

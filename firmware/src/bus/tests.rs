@@ -19,7 +19,6 @@ use crate::testing::with;
 const UNIT: u8 = 17;
 const SAVE: u16 = 9;
 
-/// Settings with this authority of the bus.
 fn settings(bus: f32) -> Settings {
     Settings {
         bus,
@@ -43,7 +42,6 @@ fn started(bus: f32, start: StartCause) -> Board {
     with(Board::started(loaded, start), |it| it.enable = true)
 }
 
-/// Requests of Modbus over the link, which the server of the bus answers.
 impl Board {
     /// Answer to a PDU, without the unit; empty without an answer.
     fn modbus(&mut self, pdu: &[u8]) -> Vec<u8> {
@@ -65,7 +63,6 @@ impl Board {
         u16::from_be_bytes([answer[2], answer[3]])
     }
 
-    /// Writes the control word and runs a drive cycle.
     fn control(&mut self, word: u16) -> State {
         assert_eq!(self.write(0, word)[0], 6);
         self.cycle();

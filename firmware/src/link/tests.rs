@@ -122,7 +122,6 @@ impl Board {
         }
     }
 
-    /// Requires a refusal of a number of this parameter.
     fn out_of_range(&mut self, request: &Request<'_>, named: &str) {
         match self.ask(request) {
             Response::Refused(Refusal::OutOfRange {

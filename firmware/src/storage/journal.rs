@@ -104,7 +104,6 @@ impl Slot {
     }
 }
 
-/// Position of a slot: its bank and its index in the bank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Place {
     bank: usize,
@@ -311,7 +310,6 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(bytes)
     }
 
-    /// Whether the slots of a bank have the older size.
     async fn is_old<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<bool, StoreFailed> {
         let mut tag = [0; TAG.len()];
         let offset = self.offset(Place { bank, index: 0 }, false) + MARK.len() as u32;
@@ -529,7 +527,6 @@ mod tests {
         Journal::new(nor, 0..2 * PAGE as u32, 1, SLOT).unwrap()
     }
 
-    /// A journal of the last faults.
     fn open_faults(nor: &Nor<2048>) -> Journal<40> {
         Journal::new(nor, 0..4096, 32, 40).unwrap()
     }

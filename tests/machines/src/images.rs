@@ -106,7 +106,6 @@ pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     ranges
 }
 
-/// Addresses of the symbols whose full name satisfies `is_selected`.
 fn symbols(image: &Path, is_selected: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
@@ -118,7 +117,6 @@ fn symbols(image: &Path, is_selected: impl Fn(&str) -> bool) -> Vec<std::ops::Ra
         .collect()
 }
 
-/// Arguments that choose a toolchain with `target`.
 fn toolchain(target: &str) -> Option<String> {
     if compiles_for(&[], target) {
         return None;

@@ -80,7 +80,6 @@ pub struct Rig {
     /// The emulated chip.
     pub chip: Chip,
     acts: VecDeque<(u64, Act)>,
-    /// Sequence number of the desk's last request.
     sequence: u8,
     /// Whether a forbidden access is only recorded, without a panic.
     pub tolerant: bool,

@@ -17,7 +17,6 @@ const LENGTH: usize = 2 * PAGE as usize + 204;
 #[derive(Clone)]
 struct Cells {
     bytes: Vec<u8>,
-    /// Words with two wrong bits.
     torn: Vec<usize>,
     power: usize,
     used: usize,

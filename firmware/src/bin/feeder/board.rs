@@ -59,7 +59,6 @@ const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")
 /// Priority of interrupts that a sample may delay: the middle of the range.
 const LOW_PRIORITY: u8 = 0x80;
 
-/// Service of the desk's requests with this chip's memory.
 type LinkService = Service<<Board as Chip>::Flash, &'static mut Waiting>;
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
@@ -118,7 +117,6 @@ fn SysTick() {
     EXCHANGE.bus.poll(count_millisecond());
 }
 
-/// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
     uart::interrupt(&EXCHANGE.bus, microseconds(Board::CORE_CLOCK));

@@ -23,7 +23,6 @@ const CYCLES: u32 = 20;
 static EXCHANGE: Exchange = Exchange::empty();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
-/// Reading of the bench, computed before the count begins.
 static READING: AtomicU16 = AtomicU16::new(0);
 
 struct Reading;
@@ -56,7 +55,6 @@ fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
 
-/// Starts the counter that [`lap`] reads.
 fn begin(timer: &mut SYST) {
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(FULL);
@@ -172,7 +170,6 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     }
 }
 
-/// A signal path with upper tones or with a current sensor.
 fn changed(
     station: &Station,
     [second_tone, third_tone]: [f32; 2],
@@ -194,7 +191,6 @@ fn changed(
     Some(path)
 }
 
-/// Counts the sample interrupt with a signal path.
 #[inline(never)]
 fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     let mut cycles = 0;

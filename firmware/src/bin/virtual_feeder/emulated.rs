@@ -55,7 +55,6 @@ const SAMPLE_TICKS: u16 = 25_000 - 1;
 const SAMPLES_A_MILLISECOND: u32 = 20;
 /// Number of interrupts until the emulated watchdog ends the run: half a second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
-/// Semihosting operation that returns the command line.
 const GET_CMDLINE: usize = 0x15;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
@@ -92,7 +91,6 @@ const IMAGE: Image = Image {
     slot: None,
 };
 
-/// The bench in the role of converter, power stage and inputs.
 struct Bed;
 
 impl Bed {
@@ -189,7 +187,6 @@ fn sample() {
     }
 }
 
-/// Counts milliseconds for the time driver.
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
@@ -201,7 +198,6 @@ fn SysTick() {
     }
 }
 
-/// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
     let now = microseconds(CORE_CLOCK as u32) / BUS_SLOWNESS;
@@ -287,7 +283,6 @@ fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     Ok(())
 }
 
-/// Counts instructions, and ends the run.
 #[inline(never)]
 fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &Station) -> ! {
     if let Some((bench, _)) = BENCH.lock(RefCell::take) {

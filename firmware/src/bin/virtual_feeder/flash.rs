@@ -7,7 +7,6 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, 
 const PAGE: usize = 4096;
 const FAILED: usize = usize::MAX;
 
-/// Error: the file could not be read or written completely.
 const FILE_FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 /// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
@@ -54,7 +53,6 @@ impl FlashFile {
         [0..half, half..whole]
     }
 
-    /// The file, positioned at this offset.
     fn seek(&mut self, offset: u32) -> Result<usize, NorFlashErrorKind> {
         let handle = self.handle.ok_or(FILE_FAILED)?;
         // SAFETY: SYS_SEEK takes an open file and an offset in it.

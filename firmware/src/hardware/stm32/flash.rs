@@ -38,7 +38,6 @@ pub fn image_is_valid() -> bool {
 const FLASH_BUSY: u32 = 1 << 16;
 /// Start bit of the flash controller's control register, the same on all STM32F4 and STM32G4.
 const FLASH_START: u32 = 1 << 16;
-/// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
 const WINDOW_RUNS: u32 = 0x80;
 /// Its count, which falls by one a step.

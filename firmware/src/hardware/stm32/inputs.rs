@@ -13,7 +13,6 @@ use crate::inputs::enable::Contact;
 
 /// Pin number of the enable input on port B; also its EXTI line.
 const ENABLE: usize = 0;
-/// Code of port B in EXTICR.
 const PORT_B: u8 = 1;
 /// Number of the first pin on port C that selects a recipe: PC6 counts 1, PC7 2, PC8 4.
 const FIRST_RECIPE_PIN: usize = 6;

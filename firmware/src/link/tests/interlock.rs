@@ -67,7 +67,6 @@ fn request(noise: &mut Noise) -> Request<'static> {
     }
 }
 
-/// A board with its enable input on.
 fn board_with_the_input_on(noise: &mut Noise) -> Board {
     let condition = [Condition::Whole, Condition::Never, Condition::Lost];
     let loaded = LOADED(condition[(below(noise, 5) as usize).min(2)]);

@@ -27,7 +27,6 @@ fn delete(number: u8) -> Request<'static> {
     }
 }
 
-/// A board with two recipes, 1 and 6.
 fn board() -> Board {
     let mut board = Board::new();
     board.done(&set(1, recipe("caps", Target::K(0.4), 0.3)));

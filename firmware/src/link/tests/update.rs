@@ -27,7 +27,6 @@ struct Flash {
     on_trial: bool,
     restarts: u32,
     full: bool,
-    /// Key left for the loader.
     requested: Option<[u8; 32]>,
     /// Name of the function that fails.
     fails: &'static str,
@@ -112,7 +111,6 @@ fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
     }
 }
 
-/// Sends a request and requires this answer.
 fn answered(board: &mut Board, request: &UpdateRequest<'_>, answer: UpdateAnswer<'_>) {
     board.cycle();
     let mut buffer = [0; MAX_FRAME_BYTES];

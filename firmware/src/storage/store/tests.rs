@@ -167,7 +167,6 @@ fn changed(factor: f32) -> Settings {
     settings
 }
 
-/// Content of a memory with these settings.
 fn valid(settings: Settings, target: Target, pin: Option<Pin>) -> LoadedSettings {
     LoadedSettings {
         settings,
@@ -178,7 +177,6 @@ fn valid(settings: Settings, target: Target, pin: Option<Pin>) -> LoadedSettings
     }
 }
 
-/// A fresh memory with these settings saved.
 fn saved<const PAGE: usize>(settings: &Settings, target: Target) -> Memory<PAGE> {
     let mut store = records(Nor::new());
     block_on(store.save(settings, target, None)).unwrap();
@@ -408,7 +406,6 @@ fn thirty_thousand_saves_wear_no_page_out() {
     wear::<F4_PAGE>(1_100);
 }
 
-/// Result of loading a record with this content.
 fn loaded(content: &[u8; CONTENT]) -> LoadedSettings {
     let mut store = records(Nor::<G4_PAGE>::new());
     block_on(store.settings.append(&mut store.flash, content)).unwrap();
@@ -672,7 +669,6 @@ fn a_flipped_bit_of_a_conversion_brings_no_older_record_back() {
     assert_eq!(flips(&store), 8 * (SLOT - 8));
 }
 
-/// Recipes that differ for each number.
 fn some_recipes(number: u8) -> Recipes {
     let mut recipes = Recipes::default();
     for place in 1..=Recipe::COUNT {

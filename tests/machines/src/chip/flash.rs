@@ -126,7 +126,6 @@ pub struct Flash {
     pub programmed_cached: bool,
     /// A sector that was erased while the data cache held parts of it: reads may return old data.
     stale: Option<Range<usize>>,
-    /// Offset and previous content of the last operation.
     under_way: Option<(usize, Vec<u8>)>,
     /// Duration of the last erasure, ticks.
     duration: u64,

@@ -97,7 +97,6 @@ impl Serial {
         bits * TICKS / rate
     }
 
-    /// Bits of a character: start, data and parity, stop.
     fn bits(&self) -> u64 {
         let data = 8 + u64::from(self.control[0] & NINE_BITS != 0);
         1 + data + 1 + u64::from(self.control[1] & TWO_STOPS != 0)
@@ -156,7 +155,6 @@ impl Serial {
         }
     }
 
-    /// Sends a byte if the transmitter is on.
     fn send(&mut self, byte: u8, now: u64) {
         if !self.is_on(TRANSMITTER) {
             return;

@@ -28,7 +28,6 @@ const FETCHES_AHEAD: u16 = 0x1001;
 /// Status register of the flash controller (RM0090, 3.9).
 const STATUS: *const u32 = 0x4002_3c0c as *const u32;
 const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
-/// Control bit: erase a sector.
 const ERASE_SECTOR: u32 = 1 << 1;
 /// Parallelism of 32 bits, which takes half the time of 8 bits (DS8626, flash memory programming).
 /// It needs a supply of 2.7 V, which the supply monitor ensures.

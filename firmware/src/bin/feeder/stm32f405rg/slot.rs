@@ -11,7 +11,6 @@ use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
 use super::Board;
 use super::flash::erase_sector;
 
-/// First address of the flash.
 const START: u32 = 0x0800_0000;
 
 /// The slot; `restart` restarts the board.

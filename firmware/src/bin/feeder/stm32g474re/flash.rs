@@ -20,9 +20,7 @@ const SIZE: u32 = 2 * 1024;
 /// Status register of the flash controller (RM0440, 3.7).
 const STATUS: *const u32 = 0x4002_2010 as *const u32;
 const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
-/// Control bit: erase a page.
 const ERASE_PAGE: u32 = 1 << 1;
-/// Control bit: the page is in the second bank.
 const SECOND_BANK: u32 = 1 << 11;
 /// Error bits of the status register, cleared by writing 1. A set bit prevents an erasure.
 const ERRORS: u32 = 0xc3fa;

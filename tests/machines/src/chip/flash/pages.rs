@@ -5,7 +5,6 @@ use super::{BUSY, DATA_CACHE, Flash, LOCKED, PROGRAM, START_ERASING, TICKS};
 
 /// Size of a page, bytes, with the flash in two banks.
 pub const SIZE: usize = 2 * 1024;
-/// Number of pages of a bank.
 const BANK: usize = 128;
 /// Size of a word that is programmed at once, bytes.
 const WORD: usize = 8;
