@@ -5,6 +5,8 @@
 //! amplifier: Meade 1983). After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command it switches
 //! off. The control receives the demodulated cycle and commands the amplitude of the next.
 
+use core::cell::Cell;
+
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
 use kband_control::{PLAN_SLICES, Signal};
@@ -70,12 +72,12 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         let change_bits = self.exchange.take_change_bits();
         if change_bits & SIGNAL != 0
-            && let Some(signal) = self.exchange.take_signal_path()
+            && let Some(signal) = self.exchange.signal.lock(Cell::take)
         {
             self.signal = signal;
         }
         if change_bits & COMMAND != 0 {
-            let command = self.exchange.newest_command();
+            let command = self.exchange.command.lock(Cell::get);
             self.cycles_since_command = 0;
             self.signal.command(command);
             let off = command.immediate && command.amplitude <= 0.0;
@@ -190,7 +192,8 @@ pub async fn control(
             continue;
         };
         exchange.command(report.command);
-        station.record_control_cycles(panel.now().wrapping_sub(began));
+        let cycles = panel.now().wrapping_sub(began);
+        station.longest.set(station.longest.get().max(cycles));
         monitor.report(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
@@ -212,6 +215,7 @@ mod tests {
     use super::*;
     use crate::storage::last_words::LastWords;
     use crate::storage::store::{Condition, LoadedSettings};
+    use crate::testing::with;
     use core::pin::pin;
     use core::task::Poll;
     use embassy_futures::poll_once;
@@ -252,14 +256,12 @@ mod tests {
     impl Drive for Shared {
         fn set(&mut self, output: f32) {
             let mut desk = self.0.borrow_mut();
-            desk.output = output;
-            desk.off = false;
+            (desk.output, desk.off) = (output, false);
         }
 
         fn off(&mut self) {
             let mut desk = self.0.borrow_mut();
-            desk.output = 0.0;
-            desk.off = true;
+            (desk.output, desk.off) = (0.0, true);
         }
     }
 
@@ -280,7 +282,6 @@ mod tests {
     }
 
     fn scene() -> Scene {
-        let mut scene = Scene::default();
         let changes = [
             (0.615, Change::Target(Target::K(0.5))),
             (1.015, Change::Gain(0.8)),
@@ -289,8 +290,7 @@ mod tests {
             (3.015, Change::SensorLost(true)),
         ];
         let changes = changes.map(|(at, change)| Disturbance { at, change });
-        scene.disturbances = changes.into_iter().collect();
-        scene
+        with(Scene::default(), |it| it.disturbances.extend(changes))
     }
 
     fn desk(scene: &Scene) -> Shared {

@@ -17,8 +17,10 @@ use crate::inputs::enable::EnableCycle;
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
-    command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
-    signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
+    /// The newest command; new if [`Self::take_change_bits`] has the bit [`COMMAND`].
+    pub(crate) command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
+    /// The new signal path, if [`Self::take_change_bits`] has the bit [`SIGNAL`].
+    pub(crate) signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     change_bits: AtomicU8,
     command_due: AtomicBool,
     cycle_unfinished: AtomicBool,
@@ -93,18 +95,6 @@ impl Exchange {
             self.cycle_unfinished.store(false, Ordering::Release);
         }
         self.cycle.wait().await
-    }
-
-    /// The newest command; new if [`Self::change_bits`] has the bit [`COMMAND`].
-    #[inline]
-    pub(crate) fn newest_command(&self) -> Command {
-        self.command.lock(Cell::get)
-    }
-
-    /// Takes the new signal path; present if [`Self::change_bits`] has the bit [`SIGNAL`].
-    #[inline]
-    pub(crate) fn take_signal_path(&self) -> Option<Signal> {
-        self.signal.lock(Cell::take)
     }
 
     /// Whether a cycle waits for its control.

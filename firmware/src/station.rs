@@ -153,7 +153,7 @@ pub struct Station {
     /// Number of samples since the start.
     samples: Cell<u64>,
     /// A fault that the store does not hold yet.
-    unsaved_fault: Cell<Option<FaultRecord>>,
+    pub(crate) unsaved_fault: Cell<Option<FaultRecord>>,
     exchange: &'static Exchange,
     /// Message of the firmware before its last reset.
     pub(crate) last_words: LastWords,
@@ -348,11 +348,6 @@ impl Station {
         self.controller.borrow().is_ready() && !self.recipe_is_refused.get()
     }
 
-    /// Records the duration of one cycle's control, in core cycles.
-    pub fn record_control_cycles(&self, cycles: u32) {
-        self.longest.set(self.longest.get().max(cycles));
-    }
-
     /// Report of the last drive cycle.
     pub fn report(&self) -> Report {
         self.report.get()
@@ -419,11 +414,8 @@ impl Station {
 
     /// Records whether the requested save succeeded.
     pub fn end_save(&self, saved: bool) {
-        self.bus.save.set(if saved {
-            SaveProgress::Done
-        } else {
-            SaveProgress::Failed
-        });
+        let ended = [SaveProgress::Failed, SaveProgress::Done];
+        self.bus.save.set(ended[usize::from(saved)]);
     }
 
     /// Number of events since the start.
@@ -584,11 +576,6 @@ impl Station {
     /// Time since the start, s.
     pub fn seconds(&self) -> u32 {
         (self.samples.get() / u64::from(SAMPLE_RATE)) as u32
-    }
-
-    /// Takes the fault that is not stored yet, while the drive is at rest.
-    pub fn fresh_fault(&self) -> Option<FaultRecord> {
-        self.at_rest().then(|| self.unsaved_fault.take()).flatten()
     }
 
     /// The first record of the event log whose number is at least `number`.

@@ -4,9 +4,9 @@ use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
-use embassy_stm32::{Peri, interrupt, pac};
+use embassy_stm32::{Peri, Peripherals, interrupt, pac};
 use kband_control::wire::SetUp;
-use kband_firmware::hardware::chip::{Chip, Memory, Started, supply_crossed, watch_supply};
+use kband_firmware::hardware::chip::{Chip, Memory, supply_crossed, watch_supply};
 use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::hardware::stm32::start_window_watchdog;
 use kband_firmware::start::ResetFlags;
@@ -56,7 +56,7 @@ impl Chip for Board {
     /// Range 1 boost; without it the core may run at 150 MHz at most (RM0440, 6.1.5).
     /// `stm32-metapac` 21.0.0 places R1MODE at bit 0 of PWR_CR5, but it is bit 8. So the chip
     /// starts on its 16 MHz oscillator and gets the fast clock after the bit is clear.
-    fn start() -> Started {
+    fn start() -> (Peripherals, bool) {
         use embassy_stm32::rcc::*;
         let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
         pac::PWR.cr5().modify(|w| w.0 &= !NORMAL_RANGE_1);
@@ -73,10 +73,7 @@ impl Chip for Board {
         config.sys = Sysclk::PLL1_R;
         config.mux.adc12sel = mux::Adcsel::SYS;
         reinit(config, &mut peripherals.RCC);
-        Started {
-            peripherals,
-            clocks_ok: true,
-        }
+        (peripherals, true)
     }
 
     /// The internal oscillator starts and stops with the chip. Three failures open the bridge by
@@ -143,13 +140,13 @@ impl Chip for Board {
         )
     }
 
-    fn slot(restart: fn()) -> Option<Slot> {
-        Some(Slot {
+    fn slot(restart: fn()) -> Slot {
+        Slot {
             board: BOARD,
             size: SLOT.end - SLOT.start,
             restart,
             writer: Writer::Loader(|key| _ = exchange_note(Note::request(*key))),
-        })
+        }
     }
 
     fn signs() -> ResetFlags {

@@ -234,11 +234,7 @@ async fn supervise() {
 fn finish(passed: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
-    debug::exit(if passed {
-        debug::EXIT_SUCCESS
-    } else {
-        debug::EXIT_FAILURE
-    });
+    debug::exit([debug::EXIT_FAILURE, debug::EXIT_SUCCESS][usize::from(passed)]);
     loop {
         cortex_m::asm::wfi();
     }
@@ -250,12 +246,8 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
     // SAFETY: SYS_GET_CMDLINE takes the address and length of a buffer that outlives the call, and
     // returns the length written in the second word.
     let failed = unsafe { syscall1(GET_CMDLINE, request.as_mut_ptr() as usize) } != 0;
-    let length = if failed {
-        0
-    } else {
-        request[1].min(buffer.len())
-    };
-    let line = core::str::from_utf8(&buffer[..length]).unwrap_or_default();
+    let length = if failed { 0 } else { request[1] };
+    let line = core::str::from_utf8(&buffer[..length.min(buffer.len())]).unwrap_or_default();
     line.split_once(' ').map_or("", |(_, rest)| rest.trim())
 }
 
@@ -316,7 +308,7 @@ fn begin(spawner: Spawner) {
         heprintln!("no trial {}", word);
         finish(false);
     };
-    let scene = trial.scene();
+    let scene = (trial.scene)();
     let Ok(mut memory) = open_memory(file) else {
         heprintln!("no flash in {}", file);
         finish(false);

@@ -29,7 +29,7 @@ pub fn slot(restart: fn()) -> Slot {
             on_trial: || state().is_swap_due(),
             mark: || Board::supply_settled() && state().mark(),
             confirm: || Board::supply_settled() && state().confirm(),
-            has_room: || state().have_room().unwrap_or(false),
+            has_room: || state().have_room(),
         }),
     }
 }
