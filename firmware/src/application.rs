@@ -31,8 +31,7 @@ pub struct Sampler<S, D> {
     enable_was_high: bool,
     on: bool,
     cycles_since_command: u8,
-    /// Whether the interrupt switched the drive off. It stays off until the control has also
-    /// commanded it off.
+    /// Whether the interrupt keeps the drive off until the control has also commanded it off.
     is_forced_off: bool,
     /// Whether the previous sample ended a cycle that is not handed over yet.
     ended: bool,
@@ -85,8 +84,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.is_forced_off = false;
                 self.exchange.set_late(false);
             }
-            // Only a debounced press of the enable input starts the drive, even when the control
-            // commands it on.
+            // Only a debounced press of the input starts the drive, whatever the control commands.
             self.is_forced_off |= !off && contact.is_some() && !self.enable.is_on();
             self.on = !off && !self.is_forced_off;
             if !self.on {
@@ -103,8 +101,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.switch_off_late();
             }
         }
-        // The sample that ends a cycle has the longest run time, so the next sample hands the cycle
-        // over.
+        // The sample that ends a cycle takes longest, so the next one hands the cycle over.
         if self.ended {
             self.ended = false;
             let enable = contact.is_some().then(|| EnableCycle {
@@ -127,8 +124,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// Debounces one sample of the enable input. If the input is withdrawn, the drive switches off
-    /// in this sample.
+    /// Debounces the enable input; a withdrawal switches the drive off in this sample.
     #[inline]
     fn follow_enable(&mut self, contact: Contact) {
         self.enable_was_high |= contact != Contact::Open;
@@ -325,8 +321,7 @@ mod tests {
         }
     }
 
-    /// Runs the application over a scene for some cycles. `late` samples pass before each cycle's
-    /// control may run.
+    /// Runs the application over a scene; each control comes `late` samples after its cycle.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
@@ -420,9 +415,8 @@ mod tests {
         assert_eq!(cycle(Some(0.2)), (true, false));
     }
 
-    /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
-    /// time in ms. Returns whether the drive was off at every sample, and the enable input that the
-    /// control receives.
+    /// Runs a sampler with one command a cycle; contact states have times in ms. Returns whether
+    /// the drive was off at every sample, and the enable input for the control.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
         let mut last = None;
@@ -493,8 +487,7 @@ mod tests {
 
     #[test]
     fn a_control_that_comes_too_late_ends_in_its_fault() {
-        // Each control runs 5.5 cycles late, beyond [`MAX_COMMAND_AGE_CYCLES`]. The report after
-        // the delay carries the fault.
+        // 5.5 cycles are beyond [`MAX_COMMAND_AGE_CYCLES`]. The next report carries the fault.
         let (reports, off, _) = run(&scene(), 12, 2200);
         let late = |report: &Report| report.fault == Some(Fault::ControlLate);
         assert!(reports.iter().any(late), "{reports:?}");

@@ -380,8 +380,7 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Whether the memory may be written now: at rest, with a good supply, and within the write rate
-/// that the flash endures.
+/// Whether the memory may be written now: at rest, with a good supply, at a rate it endures.
 fn take_save(
     station: &Station,
     store: &Records<impl NorFlash, impl BorrowMut<Waiting>>,

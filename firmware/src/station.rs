@@ -56,9 +56,9 @@ pub(crate) fn out_of_range(refused: OutOfRange) -> Refusal<'static> {
 }
 
 /// Ring buffer of the last events, each with its number.
-struct Log {
+pub(crate) struct Log {
     records: [Option<Record>; LOG_RECORDS],
-    next: u32,
+    pub next: u32,
 }
 
 impl Log {
@@ -90,11 +90,11 @@ pub(crate) struct BusState {
     /// The server, shared by bus line and link: one control word, one set of counters.
     pub server: RefCell<Server>,
     /// The last written run bit; `None` before the first.
-    run: Cell<Option<bool>>,
+    pub run: Cell<Option<bool>>,
     /// Whether the run bit was 0 since the last cycle.
-    run_was_off: Cell<bool>,
+    pub run_was_off: Cell<bool>,
     /// Whether the acknowledge bit has risen since the last cycle.
-    acknowledge: Cell<bool>,
+    pub acknowledge: Cell<bool>,
     /// Whether a request arrived since the last cycle.
     pub request_received: Cell<bool>,
     /// Progress of the last save that the fieldbus requested.
@@ -123,7 +123,7 @@ pub struct Station {
     /// Mean acceleration over the last cycle, m/s^2.
     pub(crate) mean: Cell<f32>,
     current: Cell<f32>,
-    log: RefCell<Log>,
+    pub(crate) log: RefCell<Log>,
     /// Whether a valid frame of the link arrived since the last cycle.
     pub(crate) frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
@@ -139,8 +139,7 @@ pub struct Station {
     selected: Cell<u8>,
     /// Whether the recipe at the inputs was refused, so that another target is in use.
     recipe_is_refused: Cell<bool>,
-    /// Time of the last request for the simulated plant, s since the start; `None` without a
-    /// simulation.
+    /// Time of the last request for a simulated plant, s since the start; `None` without one.
     simulated: Cell<Option<u32>>,
     /// The board's own interlock and target while the desk simulates a plant.
     board_interlock_and_target: RefCell<Option<(Interlock, Target)>>,
@@ -215,7 +214,7 @@ impl Station {
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.samples
-            .set(self.samples.get() + u64::from(cycle.samples));
+            .update(|samples| samples + u64::from(cycle.samples));
         self.inputs.set(inputs);
         if let Some(last_received) = self.simulated.get() {
             if self.seconds().wrapping_sub(last_received) <= SIMULATION_TIMEOUT_S {
@@ -396,17 +395,6 @@ impl Station {
         self.settings.get().bus_controls()
     }
 
-    /// Sets the run bit of the fieldbus, and records whether its acknowledge bit has risen.
-    pub fn take_bus_command(&self, run: bool, acknowledge: bool) {
-        self.bus.run.set(Some(run));
-        if !run {
-            self.bus.run_was_off.set(true);
-        }
-        if acknowledge {
-            self.bus.acknowledge.set(true);
-        }
-    }
-
     /// Requests a save for the fieldbus; returns false while an earlier save is pending.
     pub fn request_save(&self) -> bool {
         self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
@@ -416,11 +404,6 @@ impl Station {
     pub fn end_save(&self, saved: bool) {
         let ended = [SaveProgress::Failed, SaveProgress::Done];
         self.bus.save.set(ended[usize::from(saved)]);
-    }
-
-    /// Number of events since the start.
-    pub fn events(&self) -> u32 {
-        self.log.borrow().next
     }
 
     /// Sets a new target.

@@ -180,8 +180,3 @@ fn main() -> ! {
         feed_watchdog();
     }
 }
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    SCB::sys_reset()
-}

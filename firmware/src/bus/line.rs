@@ -58,8 +58,7 @@ impl BusLine {
         self.owner.store(RECEIVING, Ordering::Release);
     }
 
-    /// Takes a received byte, `None` for a damaged one; for the port's interrupt. `now` in us,
-    /// wrapping.
+    /// Takes a byte, `None` for a damaged one; for the port's interrupt. `now` in us, wrapping.
     pub fn receive(&self, byte: Option<u8>, now: u32) {
         match self.owner.load(Ordering::Acquire) {
             RECEIVING => {}

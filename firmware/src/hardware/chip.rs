@@ -92,8 +92,7 @@ pub trait Chip {
     /// Configuration in the option bytes.
     fn set_up() -> SetUp;
 
-    /// Sets up the converter and its sampling time for accelerometer and current. Both conversions
-    /// take well below 50 us.
+    /// Sets up the converter with the sampling time of its channels; both take well below 50 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime);
 
     /// Opens the settings and the faults in four pages of the flash, which no image reaches.

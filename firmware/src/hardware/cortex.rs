@@ -257,8 +257,7 @@ pub fn stack_low() -> bool {
 /// State of one interrupt handler, stored before the interrupt is unmasked.
 pub struct Owned<T>(UnsafeCell<Option<T>>);
 
-// SAFETY: `put` is called before the interrupt is unmasked, and `get` only by its handler, as both
-// require of their callers.
+// SAFETY: `put` and `get` require that only the handler uses it once it is unmasked.
 unsafe impl<T: Send> Sync for Owned<T> {}
 
 impl<T> Owned<T> {

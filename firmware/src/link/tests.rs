@@ -553,8 +553,7 @@ fn a_silent_simulation_ends() {
 #[test]
 fn no_fault_is_kept_while_the_drive_runs() {
     let mut board = Board::started(LOADED(Condition::Whole), StartCause::Reset);
-    // Enabled, withdrawn for half a second, enabled again: the fault is acknowledged before the
-    // link stores it.
+    // A press of half a second acknowledges the fault before the link stores it.
     for cycle in 0..40 {
         board.enable = !(2..35).contains(&cycle);
         board.cycle();

@@ -96,11 +96,8 @@ impl Slot {
             return Self::Whole(u32::from_le_bytes(*number));
         }
         // The majority of the bits decides, so that one flipped bit does not.
-        if u64::from_le_bytes(*seal).count_zeros() > u64::BITS / 2 {
-            Self::Damaged
-        } else {
-            Self::Cut
-        }
+        let sealed = u64::from_le_bytes(*seal).count_zeros() > u64::BITS / 2;
+        if sealed { Self::Damaged } else { Self::Cut }
     }
 }
 
@@ -211,8 +208,7 @@ pub enum Newest {
     Damaged,
 }
 
-/// A journal of records of `SLOT` - [`OVERHEAD`] bytes; the newest `min_records` survive an
-/// erasure.
+/// A journal of records of `SLOT` - [`OVERHEAD`] bytes; it keeps the newest `min_records`.
 pub struct Journal<const SLOT: usize> {
     start: u32,
     bank: u32,
@@ -246,15 +242,11 @@ impl<const SLOT: usize> Journal<SLOT> {
             ..Self::reading(range.start, bank, old_slot)
         };
         let accepted = 1..journal.slots(false).saturating_sub(1);
-        if fits && accepted.contains(&min_records) {
-            Ok(journal)
-        } else {
-            Err(StoreFailed::Memory)
-        }
+        let fits = fits && accepted.contains(&min_records);
+        fits.then_some(journal).ok_or(StoreFailed::Memory)
     }
 
-    /// A read-only journal: two pages of `bank` bytes from `start` on, with slots of `old_slot`
-    /// bytes.
+    /// A read-only journal: two pages of `bank` bytes from `start`, with slots of `old_slot` bytes.
     pub(crate) fn reading(start: u32, bank: u32, old_slot: usize) -> Self {
         Self {
             start,
@@ -489,12 +481,12 @@ impl<const SLOT: usize> Journal<SLOT> {
         let tag = from + MARK.len() as u32;
         let written = marked && (!self.converts() || flash.write(tag, &TAG).await.is_ok());
         let mut buffer = [0; SLOT];
-        if written && Slot::read(self.read(flash, place, false, &mut buffer).await?) == Slot::Mark {
-            survey.clear(bank, self.slots(false));
-            Ok(())
-        } else {
-            Err(StoreFailed::Memory)
+        if !written || Slot::read(self.read(flash, place, false, &mut buffer).await?) != Slot::Mark
+        {
+            return Err(StoreFailed::Memory);
         }
+        survey.clear(bank, self.slots(false));
+        Ok(())
     }
 }
 
@@ -549,8 +541,7 @@ mod tests {
         }
     }
 
-    /// A journal of an older image without marks: records in the first slots, and the other bank
-    /// erased.
+    /// A journal of an older image without marks: records from the first slot on.
     fn unmarked<const PAGE: usize>(records: u32) -> Nor<PAGE> {
         let mut nor = Nor::<PAGE>::new();
         let source = filled::<PAGE>(1);
@@ -684,8 +675,7 @@ mod tests {
 
     #[test]
     fn a_blank_bank_without_mark_is_erased_before_use() {
-        // A full bank with its mark, and one without. The other bank reads as blank after an
-        // interrupted erasure.
+        // A full bank with or without its mark; the other reads as blank after a cut erasure.
         for mut nor in [filled::<2048>(7), unmarked::<2048>(8)] {
             nor.bytes[2048..4096].fill(0xff);
             nor.weak[1] = true;

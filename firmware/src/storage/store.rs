@@ -195,11 +195,9 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     pub async fn recipes(&mut self) -> Recipes {
         let mut content = [0; CONTENT];
         let newest = self.newest(&mut content).await;
-        if newest == Newest::Whole && record::has_recipes(&content) {
-            Recipes::of(&content[record::SIZE..])
-        } else {
-            Recipes::default()
-        }
+        let found = newest == Newest::Whole && record::has_recipes(&content);
+        let recipes = found.then(|| Recipes::of(&content[record::SIZE..]));
+        recipes.unwrap_or_default()
     }
 
     /// Saves the recipes, with the last saved settings, target and PIN.

@@ -67,8 +67,7 @@ fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     values.collect()
 }
 
-/// A flood of requests, some for the fastest telemetry, must neither hang the link nor delay the
-/// control.
+/// A flood of requests must neither hang the link nor delay the control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
     let boards = [5.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
@@ -146,8 +145,7 @@ fn no_request_starts_a_machine_whose_input_is_on() {
     }
     rig.run_for(2.0);
     assert_eq!(rig.find_time(on, &Event::Bridge(true)), None);
-    // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
-    // input starts it.
+    // Half a second without the input acknowledges the fault; an edge then starts it.
     rig.act(&Act::Enable(false)).run_for(0.6);
     rig.act(&Act::Enable(true)).run_for(0.2);
     assert!(rig.find_time(on, &Event::Bridge(true)).is_some());

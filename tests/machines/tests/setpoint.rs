@@ -8,8 +8,7 @@ use kband_machines::hazards::{Hazard, play};
 use kband_machines::on_both;
 use kband_machines::rig::Act;
 
-/// After the desk's last frame the amplitude is the smallest of safe amplitude, setpoint and
-/// reference.
+/// The amplitude becomes the smallest of safe amplitude, setpoint and reference.
 fn a_lost_link_never_raises_the_amplitude(kind: Kind) {
     const LAST_FRAME_TIME: f64 = 2.3;
     for (frequency, target, safe) in [

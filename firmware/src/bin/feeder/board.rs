@@ -151,8 +151,7 @@ async fn supervise(mut watchdog: IndependentWatchdog) {
 }
 
 /// Stays at rest, without samples, after repeated resets or with a damaged image. A clock paces the
-/// controller, so that link, lamps and acknowledgement work. An acknowledged fault restarts the
-/// board.
+/// controller for link, lamps and acknowledgement. An acknowledged fault restarts the board.
 #[embassy_executor::task]
 async fn stay_at_rest(
     station: &'static Station,
@@ -183,9 +182,8 @@ fn restart() {
     SCB::sys_reset();
 }
 
-/// Builds the station in its static memory. Controller, station and signal path are large. A
-/// separate call builds each: their stack use does not add up, and the future of `main` stays
-/// small.
+/// Builds the station in its static memory. A separate call builds each large part: their stack use
+/// does not add up, and the future of `main` stays small.
 #[inline(never)]
 fn place(
     loaded: &LoadedSettings,

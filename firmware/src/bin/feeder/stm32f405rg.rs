@@ -113,8 +113,7 @@ impl Chip for Board {
         }
     }
 
-    /// Sets up the converter with a sampling time of 28 cycles at 21 MHz, 1.3 us, enough for 27
-    /// kOhm.
+    /// A sampling time of 28 cycles at 21 MHz, 1.3 us, is enough for 27 kOhm.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
         (Adc::new(converter), SampleTime::CYCLES28)
     }

@@ -36,8 +36,7 @@ fn exchange_note(note: Note) -> Note {
     }
 }
 
-/// Interrupt at each crossing of the monitor's level. The break of TIM1 opens the bridge in
-/// hardware.
+/// Interrupt at each crossing of the monitor's level, at which TIM1's break opens the bridge.
 #[interrupt]
 fn PVD_PVM() {
     supply_crossed();
@@ -76,9 +75,8 @@ impl Chip for Board {
         (peripherals, true)
     }
 
-    /// The internal oscillator starts and stops with the chip. Three failures open the bridge by
-    /// the break of TIM1, without the program. They are a supply below 2.9 V, a core lock-up and a
-    /// flash error.
+    /// The internal oscillator stops with the chip. A supply below 2.9 V, a core lock-up and a
+    /// flash error open the bridge by the break of TIM1, without the program.
     fn watch(_clocks_ok: bool) {
         pac::PWR.cr2().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
@@ -107,8 +105,7 @@ impl Chip for Board {
     fn set_up() -> SetUp {
         let options = pac::FLASH.optr().read();
         SetUp {
-            // Typical thresholds for a falling supply (DS12288, table 21); level 0 is the power-on
-            // reset.
+            // Typical thresholds of a falling supply (DS12288, table 21); level 0 is power-on.
             brown_out: match options.bor_lev() {
                 1 => 2000,
                 2 => 2200,
@@ -159,8 +156,7 @@ impl Chip for Board {
         ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
-            // This chip has one flag for power-on and brown-out. A preserved mark in RAM
-            // distinguishes them.
+            // One flag for power-on and brown-out: the preserved mark in RAM tells them apart.
             sag: false,
             remembered,
         }

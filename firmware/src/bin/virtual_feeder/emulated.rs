@@ -30,7 +30,7 @@ use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings, Records, StoreFailed};
+use kband_firmware::storage::store::{Condition, LoadedSettings, Records};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::trial::{TraceRow, Trial};
 use kband_firmware::watch::{Roll, Watched};
@@ -48,8 +48,7 @@ const CORE_CLOCK: u64 = 168_000_000;
 const BUS_CLOCK: u32 = 42_000_000;
 /// Factor by which silence on the emulated line is longer: a busy desk delays bytes by some ms.
 const BUS_SLOWNESS: u32 = 16;
-/// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
-/// samples.
+/// Reload of the sample timer: 25 us at QEMU's 1 GHz, which does not affect the samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
 /// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
@@ -149,13 +148,6 @@ impl Monitor for Trace {
 
 /// Memory of the settings: a file of the desk. Without one each start is the first.
 type Memory = Records<FlashFile, Waiting>;
-
-/// Opens the file of this name; no memory for an empty name.
-fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
-    let file = FlashFile::open(name).map_err(|_| StoreFailed::Memory)?;
-    let [settings, faults] = file.ranges();
-    Records::new(file, settings, faults, Waiting::EMPTY, || true)
-}
 
 /// Takes one sample. In the emulator it has no deadline: the next sample waits.
 #[interrupt]
@@ -309,7 +301,11 @@ fn begin(spawner: Spawner) {
         finish(false);
     };
     let scene = (trial.scene)();
-    let Ok(mut memory) = open_memory(file) else {
+    let memory = FlashFile::open(file).ok().and_then(|flash| {
+        let [settings, faults] = flash.ranges();
+        Records::new(flash, settings, faults, Waiting::EMPTY, || true).ok()
+    });
+    let Some(mut memory) = memory else {
         heprintln!("no flash in {}", file);
         finish(false);
     };
@@ -322,18 +318,12 @@ fn begin(spawner: Spawner) {
     } else {
         block_on(memory.load())
     };
-    let built = place(&loaded).and_then(|placed| {
-        place_bench(&scene)?;
-        Ok(placed)
+    let built = place(&loaded).and_then(|placed| place_bench(&scene).map(|()| placed));
+    let (station, signal) = built.unwrap_or_else(|refusal| {
+        // The rejected value is left out: printing a float costs 15 KiB of flash.
+        heprintln!("{}: {} is accepted", refusal.parameter, refusal.accepted);
+        finish(false)
     });
-    let (station, signal) = match built {
-        Ok(placed) => placed,
-        Err(refusal) => {
-            // The rejected value is left out: printing a float costs 15 KiB of flash.
-            heprintln!("{}: {} is accepted", refusal.parameter, refusal.accepted);
-            finish(false);
-        }
-    };
     if word == "count" {
         count_with_bench(&mut core, signal, station);
     }

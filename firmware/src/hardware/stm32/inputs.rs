@@ -17,18 +17,6 @@ const PORT_B: u8 = 1;
 /// Number of the first pin on port C that selects a recipe: PC6 counts 1, PC7 2, PC8 4.
 const FIRST_RECIPE_PIN: usize = 6;
 
-/// Latches each edge of the enable input in EXTI for the sample. The line sets its pending bit; its
-/// interrupt stays disabled in the NVIC.
-fn latch_edges() {
-    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
-    pac::SYSCFG
-        .exticr(ENABLE / 4)
-        .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
-    for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
-        edges.modify(|lines| lines.set_line(ENABLE, true));
-    }
-}
-
 /// The enable input since the last call.
 #[inline]
 pub(super) fn enable_contact() -> Contact {
@@ -64,7 +52,13 @@ impl Terminals {
         recipe: fn() -> u8,
     ) -> Self {
         let enable = Input::new(enable, Pull::Down);
-        latch_edges();
+        pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
+        let lines = pac::SYSCFG.exticr(ENABLE / 4);
+        lines.modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
+        // EXTI latches each edge for the sample; its interrupt stays disabled in the NVIC.
+        for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
+            edges.modify(|lines| lines.set_line(ENABLE, true));
+        }
         Self {
             supply_low,
             clock_failed,

@@ -72,8 +72,7 @@ fn board_with_the_input_on(noise: &mut Noise) -> Board {
     let starts = [StartCause::PowerOn, StartCause::Reset];
     let start = starts[below(noise, 2) as usize];
     let mut board = Board::started(loaded, start);
-    // Some boards run first, after an edge of the input, until the controller detects a track that
-    // does not move.
+    // Some boards run first, until the controller detects a track that does not move.
     if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
         for cycle in 0..90 {
             board.enable = cycle > 30;

@@ -151,8 +151,7 @@ fn changed(factor: f32) -> Settings {
     let mut settings = Settings::default();
     for key in Settings::KEYS {
         let value = settings.get(key.name).unwrap();
-        // Some are at the end of their range or whole numbers, and the two bounds must keep their
-        // order.
+        // Some are whole or at the end of their range; the two bounds must keep their order.
         if !key.name.starts_with("bus") || key.name == "bus_timeout" {
             let _ = settings.set(key.name, value * factor);
         }
@@ -328,8 +327,7 @@ fn a_cut_after_any_word_leaves_old_or_new() {
         let words = 0..=2 * (G4_PAGE / 4) + SLOT_WORDS;
         cut_everywhere(&base::<G4_PAGE>(saves), records, save, words, &SECOND);
     }
-    // The sector is full: the next record starts the other one, and the full one is erased after
-    // it.
+    // A full sector: the next record starts the other one, and this one is erased after it.
     for saves in [1, 15, 16, 17] {
         let erasure = (SLOT_WORDS..F4_PAGE / 4).step_by(97);
         let words = (0..=SLOT_WORDS).chain(erasure).chain([2 * F4_PAGE]);
@@ -347,8 +345,7 @@ fn a_flipped_bit_keeps_the_settings_or_is_reported() {
     }
 }
 
-/// Flips every bit of the settings' pages. The settings stay, or are reported as lost. Returns the
-/// number of losses.
+/// Flips every bit of the settings' pages; they stay or are lost. Returns the number of losses.
 fn flips(store: &Memory<G4_PAGE>) -> usize {
     let original = loaded_from(&store.flash);
     let mut lost = 0;

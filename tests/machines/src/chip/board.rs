@@ -492,8 +492,7 @@ impl Board {
         }
     }
 
-    /// Tick until which nothing changes for a core that reads only the flash status and the window
-    /// watchdog's count.
+    /// Tick until which nothing changes for a core that reads only flash status and window count.
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
         self.next.min(self.flash.busy).min(counts)

@@ -232,8 +232,7 @@ impl Chip {
         self.reset(Cause::Power);
     }
 
-    /// Restores the supply from below the brown-out level, or from below the RAM's retention
-    /// voltage.
+    /// Restores the supply from below the brown-out level or the RAM's retention voltage.
     pub fn supply_returns(&mut self) {
         if std::mem::take(&mut self.power_lost) {
             self.power_on();
@@ -691,8 +690,7 @@ mod tests {
         for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
             chip.board.store(code, 2, half.into()).unwrap();
         }
-        // Window watchdog: its clock, its slowest count and its start. Flash: its keys and sector
-        // 11.
+        // Window watchdog: clock, slowest count, start. Flash: keys, sector 11.
         for (address, value) in [
             (0x4002_3840, 1 << 11),
             (0x4000_2c04, 0x1ff),

@@ -21,8 +21,7 @@ const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
 /// Number of operations before the old image's mark is erased: the key's page and its five words.
 const KEY: u64 = 6;
-/// Number of requests with power cuts in a usual run, and share of their operations at which power
-/// is cut.
+/// Requests with power cuts in a usual run, and share of their operations that is cut.
 const DEFAULT_REQUESTS: usize = 20;
 const DEFAULT_SHARE: f32 = 0.02;
 

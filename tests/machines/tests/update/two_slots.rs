@@ -125,8 +125,7 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     assert_eq!(rig.find_time(from + 0.5, &Event::Bridge(false)), None);
 }
 
-/// Numbers of the operations with a power cut: those of `all`, and `drawn` random ones in `rest`
-/// further operations.
+/// Operations with a power cut: those of `all`, and `drawn` random ones of `rest` further ones.
 fn cuts(draw: &mut Draw, all: Range<u64>, rest: u64, drawn: u32) -> Vec<u64> {
     let times = std::env::var("KBAND_CUTS").map_or(1, |times| times.parse().expect("a number"));
     let drawn = (0..drawn * times).map(|_| all.end + (draw.unit() as f64 * rest as f64) as u64);

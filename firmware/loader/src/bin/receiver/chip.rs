@@ -248,8 +248,3 @@ fn main() -> ! {
         }
     }
 }
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    SCB::sys_reset()
-}

@@ -60,8 +60,7 @@ impl ReadNorFlash for Pages {
         dsb();
         IS_READING.store(false, Ordering::Relaxed);
         if READ_FAILED.load(Ordering::Relaxed) {
-            // The flash error has also triggered the break. The bridge is open at rest, and this is
-            // not an over-current.
+            // The flash error has also triggered the break, which is not an over-current.
             forget_break();
             if let Some(first) = bytes.first_mut().filter(|first| **first == 0xff) {
                 *first = 0;

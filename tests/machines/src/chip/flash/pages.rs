@@ -92,7 +92,7 @@ impl Flash {
         if word != 0 && !erased {
             return self.status |= PROGRAMMED_TWICE;
         }
-        self.programmed_weak |= self.weak[at / SIZE];
+        self.programmed_weak |= self.weak.contains(&(at / SIZE));
         self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
         self.bytes[at..at + WORD].copy_from_slice(&word.to_le_bytes());
