@@ -31,8 +31,7 @@ SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSE
 _image_start = ORIGIN(FLASH);
 ";
 
-/// The program's end, behind the vector table: the loader of a chip with one slot checks the
-/// program.
+/// The program's end, behind the vector table, for the check by the loader of a chip with one slot.
 const BOUNDED: &str = "\
 SECTIONS { .end : { LONG(_image_end) LONG(0) } > FLASH } INSERT AFTER .vector_table;
 ";
@@ -47,7 +46,6 @@ const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
 /// Cargo features of the boards, with the names of their memory maps.
 const BOARDS: [&str; 2] = ["stm32f405rg", "stm32g474re"];
 
-/// First address of the flash.
 const FLASH: u64 = 0x0800_0000;
 
 fn main() {
@@ -158,8 +156,7 @@ const SOURCES: [&str; 6] = [
     "shared",
 ];
 
-/// Commit of the image, with "-dirty" if its sources differ from it; "unknown" outside a
-/// repository.
+/// Commit of the image, "-dirty" if its sources differ from it; "unknown" outside a repository.
 fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).output().ok()?;

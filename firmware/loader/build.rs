@@ -2,8 +2,7 @@
 
 use std::{env, fs, path::PathBuf};
 
-/// Memory for `memory.x`: the flash before the state of an update or before the key, and RAM that
-/// the program uses for its stack.
+/// Memory for `memory.x`: flash before an update's state or the key, RAM of the program's stack.
 const MEMORY: &str = "MEMORY
 {
   FLASH : ORIGIN = 0x08000000, LENGTH = DEFINED(one_slot) ? 22K : 4K

@@ -11,7 +11,6 @@ const PIN_WAIT_S: u32 = 60;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkLock {
     pin: Option<Pin>,
-    /// Whether the PIN was given since the start.
     open: bool,
     wrong_pins: u8,
     /// Time since the start of the last wrong PIN, s.

@@ -5,6 +5,8 @@
 //! amplifier: Meade 1983). After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command it switches
 //! off. The control receives the demodulated cycle and commands the amplitude of the next.
 
+use core::cell::Cell;
+
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
 use kband_control::{PLAN_SLICES, Signal};
@@ -24,15 +26,12 @@ pub struct Sampler<S, D> {
     sense: S,
     drive: D,
     exchange: &'static Exchange,
-    /// Record of the tasks that have checked in, on which the watchdog depends.
     roll: &'static Roll,
     enable: Debounce,
-    /// Whether the enable input was high at any sample of this cycle.
     enable_was_high: bool,
     on: bool,
     cycles_since_command: u8,
-    /// Whether the interrupt switched the drive off. It stays off until the control has also
-    /// commanded it off.
+    /// Whether the interrupt keeps the drive off until the control has also commanded it off.
     is_forced_off: bool,
     /// Whether the previous sample ended a cycle that is not handed over yet.
     ended: bool,
@@ -72,12 +71,12 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
         let change_bits = self.exchange.take_change_bits();
         if change_bits & SIGNAL != 0
-            && let Some(signal) = self.exchange.take_signal_path()
+            && let Some(signal) = self.exchange.signal.lock(Cell::take)
         {
             self.signal = signal;
         }
         if change_bits & COMMAND != 0 {
-            let command = self.exchange.newest_command();
+            let command = self.exchange.command.lock(Cell::get);
             self.cycles_since_command = 0;
             self.signal.command(command);
             let off = command.immediate && command.amplitude <= 0.0;
@@ -85,8 +84,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.is_forced_off = false;
                 self.exchange.set_late(false);
             }
-            // Only a debounced press of the enable input starts the drive, even when the control
-            // commands it on.
+            // Only a debounced press of the input starts the drive, whatever the control commands.
             self.is_forced_off |= !off && contact.is_some() && !self.enable.is_on();
             self.on = !off && !self.is_forced_off;
             if !self.on {
@@ -103,8 +101,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                 self.switch_off_late();
             }
         }
-        // The sample that ends a cycle has the longest run time, so the next sample hands the cycle
-        // over.
+        // The sample that ends a cycle takes longest, so the next one hands the cycle over.
         if self.ended {
             self.ended = false;
             let enable = contact.is_some().then(|| EnableCycle {
@@ -127,8 +124,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         }
     }
 
-    /// Debounces one sample of the enable input. If the input is withdrawn, the drive switches off
-    /// in this sample.
+    /// Debounces the enable input; a withdrawal switches the drive off in this sample.
     #[inline]
     fn follow_enable(&mut self, contact: Contact) {
         self.enable_was_high |= contact != Contact::Open;
@@ -144,7 +140,6 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         self.exchange.set_late(true);
     }
 
-    /// Switches the drive off until the control has also commanded it off.
     #[cold]
     fn switch_off_until_commanded_off(&mut self) {
         self.on = false;
@@ -193,7 +188,8 @@ pub async fn control(
             continue;
         };
         exchange.command(report.command);
-        station.record_control_cycles(panel.now().wrapping_sub(began));
+        let cycles = panel.now().wrapping_sub(began);
+        station.longest.set(station.longest.get().max(cycles));
         monitor.report(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
@@ -215,6 +211,7 @@ mod tests {
     use super::*;
     use crate::storage::last_words::LastWords;
     use crate::storage::store::{Condition, LoadedSettings};
+    use crate::testing::with;
     use core::pin::pin;
     use core::task::Poll;
     use embassy_futures::poll_once;
@@ -255,14 +252,12 @@ mod tests {
     impl Drive for Shared {
         fn set(&mut self, output: f32) {
             let mut desk = self.0.borrow_mut();
-            desk.output = output;
-            desk.off = false;
+            (desk.output, desk.off) = (output, false);
         }
 
         fn off(&mut self) {
             let mut desk = self.0.borrow_mut();
-            desk.output = 0.0;
-            desk.off = true;
+            (desk.output, desk.off) = (0.0, true);
         }
     }
 
@@ -283,7 +278,6 @@ mod tests {
     }
 
     fn scene() -> Scene {
-        let mut scene = Scene::default();
         let changes = [
             (0.615, Change::Target(Target::K(0.5))),
             (1.015, Change::Gain(0.8)),
@@ -292,8 +286,7 @@ mod tests {
             (3.015, Change::SensorLost(true)),
         ];
         let changes = changes.map(|(at, change)| Disturbance { at, change });
-        scene.disturbances = changes.into_iter().collect();
-        scene
+        with(Scene::default(), |it| it.disturbances.extend(changes))
     }
 
     fn desk(scene: &Scene) -> Shared {
@@ -328,8 +321,7 @@ mod tests {
         }
     }
 
-    /// Runs the application over a scene for some cycles. `late` samples pass before each cycle's
-    /// control may run.
+    /// Runs the application over a scene; each control comes `late` samples after its cycle.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
         static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
@@ -423,9 +415,8 @@ mod tests {
         assert_eq!(cycle(Some(0.2)), (true, false));
     }
 
-    /// Runs a sampler with one constant command a cycle. Each contact state lasts for the given
-    /// time in ms. Returns whether the drive was off at every sample, and the enable input that the
-    /// control receives.
+    /// Runs a sampler with one command a cycle; contact states have times in ms. Returns whether
+    /// the drive was off at every sample, and the enable input for the control.
     fn commanded(amplitude: f32, contacts: &[(Contact, u32)]) -> (bool, EnableCycle) {
         let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
         let mut last = None;
@@ -496,8 +487,7 @@ mod tests {
 
     #[test]
     fn a_control_that_comes_too_late_ends_in_its_fault() {
-        // Each control runs 5.5 cycles late, beyond [`MAX_COMMAND_AGE_CYCLES`]. The report after
-        // the delay carries the fault.
+        // 5.5 cycles are beyond [`MAX_COMMAND_AGE_CYCLES`]. The next report carries the fault.
         let (reports, off, _) = run(&scene(), 12, 2200);
         let late = |report: &Report| report.fault == Some(Fault::ControlLate);
         assert!(reports.iter().any(late), "{reports:?}");

@@ -17,12 +17,12 @@ use crate::inputs::enable::EnableCycle;
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
-    command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
-    signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
+    /// The newest command; new if [`Self::take_change_bits`] has the bit [`COMMAND`].
+    pub(crate) command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
+    /// The new signal path, if [`Self::take_change_bits`] has the bit [`SIGNAL`].
+    pub(crate) signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
     change_bits: AtomicU8,
-    /// Whether the last cycle has no command yet.
     command_due: AtomicBool,
-    /// Whether the last cycle's control or planning is not finished yet.
     cycle_unfinished: AtomicBool,
     late: AtomicBool,
     missed: AtomicU32,
@@ -95,18 +95,6 @@ impl Exchange {
             self.cycle_unfinished.store(false, Ordering::Release);
         }
         self.cycle.wait().await
-    }
-
-    /// The newest command; new if [`Self::change_bits`] has the bit [`COMMAND`].
-    #[inline]
-    pub(crate) fn newest_command(&self) -> Command {
-        self.command.lock(Cell::get)
-    }
-
-    /// Takes the new signal path; present if [`Self::change_bits`] has the bit [`SIGNAL`].
-    #[inline]
-    pub(crate) fn take_signal_path(&self) -> Option<Signal> {
-        self.signal.lock(Cell::take)
     }
 
     /// Whether a cycle waits for its control.

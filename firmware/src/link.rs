@@ -72,7 +72,8 @@ pub struct Service<F, W> {
     image: Image,
     store: Records<F, W>,
     receiver: Receiver,
-    counters: Counters,
+    /// Counters since the start.
+    pub counters: Counters,
     allowance: u8,
     saves: Saves,
     lock: LinkLock,
@@ -110,11 +111,6 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
             simulation: None,
             buffer: [0; MAX_FRAME_BYTES],
         }
-    }
-
-    /// Counters since the start.
-    pub fn counters(&self) -> Counters {
-        self.counters
     }
 
     /// Processes one received byte; returns the answer when a request is complete.
@@ -212,10 +208,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
 
     /// Stores new and waiting faults while the drive is at rest.
     pub async fn keep_fault(&mut self, station: &Station) {
-        if let Some(fault) = station.fresh_fault() {
-            self.store.take_fault(&fault);
-        }
         if station.at_rest() {
+            if let Some(fault) = station.unsaved_fault.take() {
+                self.store.take_fault(&fault);
+            }
             self.store.keep_faults().await;
         }
     }
@@ -278,11 +274,8 @@ async fn answer<'a>(
     counters: &Counters,
 ) -> Response<'a> {
     match *request {
-        Request::Setting(number) => setting(station, usize::from(number)),
-        Request::Get(key) => match setting_position(key) {
-            Some(number) => setting(station, number),
-            None => Response::Refused(Refusal::Unknown),
-        },
+        Request::Setting(number) => setting(station, Some(usize::from(number))),
+        Request::Get(key) => setting(station, setting_position(key)),
         Request::Set { key, value } => {
             if setting_position(key).is_none() {
                 return Response::Refused(Refusal::Unknown);
@@ -312,10 +305,10 @@ async fn answer<'a>(
         Request::SetRecipe { number, recipe } => done(station.set_recipe(number, recipe.as_ref())),
         Request::UseRecipe(number) => done(station.use_recipe(number)),
         Request::Event(number) => Response::Event(station.event(number)),
+        Request::SelfTest | Request::Fault(_) if !station.at_rest() => {
+            Response::Refused(Refusal::Running)
+        }
         Request::SelfTest => {
-            if !station.at_rest() {
-                return Response::Refused(Refusal::Running);
-            }
             let loaded = store.load().await;
             let in_use = station.uses(&loaded);
             Response::SelfTest(SelfTest {
@@ -338,16 +331,10 @@ async fn answer<'a>(
         Request::LastWords => Response::LastWords(station.last_words.read()),
         Request::Identification => Response::Identification(station.identification()),
         Request::Held => Response::Held(station.target()),
-        Request::Fault(back) => {
-            if !station.at_rest() {
-                return Response::Refused(Refusal::Running);
-            }
-            Response::Fault(store.fault(back.into()).await)
-        }
+        Request::Fault(back) => Response::Fault(store.fault(back.into()).await),
     }
 }
 
-/// Whether a request needs full access.
 fn changes(request: &Request<'_>) -> bool {
     matches!(
         request,
@@ -393,8 +380,7 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Whether the memory may be written now: at rest, with a good supply, and within the write rate
-/// that the flash endures.
+/// Whether the memory may be written now: at rest, with a good supply, at a rate it endures.
 fn take_save(
     station: &Station,
     store: &Records<impl NorFlash, impl BorrowMut<Waiting>>,
@@ -450,11 +436,12 @@ fn begin_simulation(
     start: StartCause,
     station: &Station,
 ) -> Response<'static> {
+    let (code, outputs) = (0, 0);
     done(station.simulate(target, start).map(|signal| {
         *simulation = Some(Simulation {
             signal,
-            code: 0,
-            outputs: 0,
+            code,
+            outputs,
         });
     }))
 }
@@ -509,8 +496,9 @@ fn setting_position(key: &str) -> Option<usize> {
     Settings::KEYS.iter().position(|entry| entry.name == key)
 }
 
-fn setting(station: &Station, number: usize) -> Response<'static> {
-    let Some(entry) = Settings::KEYS.get(number) else {
+fn setting(station: &Station, number: Option<usize>) -> Response<'static> {
+    let entry = number.and_then(|number| Some((number, Settings::KEYS.get(number)?)));
+    let Some((number, entry)) = entry else {
         return Response::Refused(Refusal::Unknown);
     };
     Response::Setting(Setting {

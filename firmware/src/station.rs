@@ -56,9 +56,9 @@ pub(crate) fn out_of_range(refused: OutOfRange) -> Refusal<'static> {
 }
 
 /// Ring buffer of the last events, each with its number.
-struct Log {
+pub(crate) struct Log {
     records: [Option<Record>; LOG_RECORDS],
-    next: u32,
+    pub next: u32,
 }
 
 impl Log {
@@ -90,11 +90,11 @@ pub(crate) struct BusState {
     /// The server, shared by bus line and link: one control word, one set of counters.
     pub server: RefCell<Server>,
     /// The last written run bit; `None` before the first.
-    run: Cell<Option<bool>>,
+    pub run: Cell<Option<bool>>,
     /// Whether the run bit was 0 since the last cycle.
-    run_was_off: Cell<bool>,
+    pub run_was_off: Cell<bool>,
     /// Whether the acknowledge bit has risen since the last cycle.
-    acknowledge: Cell<bool>,
+    pub acknowledge: Cell<bool>,
     /// Whether a request arrived since the last cycle.
     pub request_received: Cell<bool>,
     /// Progress of the last save that the fieldbus requested.
@@ -123,7 +123,7 @@ pub struct Station {
     /// Mean acceleration over the last cycle, m/s^2.
     pub(crate) mean: Cell<f32>,
     current: Cell<f32>,
-    log: RefCell<Log>,
+    pub(crate) log: RefCell<Log>,
     /// Whether a valid frame of the link arrived since the last cycle.
     pub(crate) frame_received: Cell<bool>,
     /// Whether the desk withholds the drive's enable.
@@ -139,8 +139,7 @@ pub struct Station {
     selected: Cell<u8>,
     /// Whether the recipe at the inputs was refused, so that another target is in use.
     recipe_is_refused: Cell<bool>,
-    /// Time of the last request for the simulated plant, s since the start; `None` without a
-    /// simulation.
+    /// Time of the last request for a simulated plant, s since the start; `None` without one.
     simulated: Cell<Option<u32>>,
     /// The board's own interlock and target while the desk simulates a plant.
     board_interlock_and_target: RefCell<Option<(Interlock, Target)>>,
@@ -153,7 +152,7 @@ pub struct Station {
     /// Number of samples since the start.
     samples: Cell<u64>,
     /// A fault that the store does not hold yet.
-    unsaved_fault: Cell<Option<FaultRecord>>,
+    pub(crate) unsaved_fault: Cell<Option<FaultRecord>>,
     exchange: &'static Exchange,
     /// Message of the firmware before its last reset.
     pub(crate) last_words: LastWords,
@@ -215,7 +214,7 @@ impl Station {
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
         self.samples
-            .set(self.samples.get() + u64::from(cycle.samples));
+            .update(|samples| samples + u64::from(cycle.samples));
         self.inputs.set(inputs);
         if let Some(last_received) = self.simulated.get() {
             if self.seconds().wrapping_sub(last_received) <= SIMULATION_TIMEOUT_S {
@@ -294,7 +293,6 @@ impl Station {
         Ok(())
     }
 
-    /// Hands a new signal path to the sample interrupt.
     #[inline(never)]
     fn renew_signal(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
         let signal = Signal::build(settings).map_err(out_of_range)?;
@@ -302,7 +300,6 @@ impl Station {
         Ok(())
     }
 
-    /// Refuses settings for which no signal path can be built.
     #[inline(never)]
     fn check_signal(settings: &Settings) -> Result<(), Refusal<'static>> {
         Signal::build(settings).map(drop).map_err(out_of_range)
@@ -348,11 +345,6 @@ impl Station {
     /// Whether the target is met.
     pub fn ready(&self) -> bool {
         self.controller.borrow().is_ready() && !self.recipe_is_refused.get()
-    }
-
-    /// Records the duration of one cycle's control, in core cycles.
-    pub fn record_control_cycles(&self, cycles: u32) {
-        self.longest.set(self.longest.get().max(cycles));
     }
 
     /// Report of the last drive cycle.
@@ -403,17 +395,6 @@ impl Station {
         self.settings.get().bus_controls()
     }
 
-    /// Sets the run bit of the fieldbus, and records whether its acknowledge bit has risen.
-    pub fn take_bus_command(&self, run: bool, acknowledge: bool) {
-        self.bus.run.set(Some(run));
-        if !run {
-            self.bus.run_was_off.set(true);
-        }
-        if acknowledge {
-            self.bus.acknowledge.set(true);
-        }
-    }
-
     /// Requests a save for the fieldbus; returns false while an earlier save is pending.
     pub fn request_save(&self) -> bool {
         self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
@@ -421,16 +402,8 @@ impl Station {
 
     /// Records whether the requested save succeeded.
     pub fn end_save(&self, saved: bool) {
-        self.bus.save.set(if saved {
-            SaveProgress::Done
-        } else {
-            SaveProgress::Failed
-        });
-    }
-
-    /// Number of events since the start.
-    pub fn events(&self) -> u32 {
-        self.log.borrow().next
+        let ended = [SaveProgress::Failed, SaveProgress::Done];
+        self.bus.save.set(ended[usize::from(saved)]);
     }
 
     /// Sets a new target.
@@ -586,11 +559,6 @@ impl Station {
     /// Time since the start, s.
     pub fn seconds(&self) -> u32 {
         (self.samples.get() / u64::from(SAMPLE_RATE)) as u32
-    }
-
-    /// Takes the fault that is not stored yet, while the drive is at rest.
-    pub fn fresh_fault(&self) -> Option<FaultRecord> {
-        self.at_rest().then(|| self.unsaved_fault.take()).flatten()
     }
 
     /// The first record of the event log whose number is at least `number`.

@@ -12,7 +12,8 @@ pub struct Trial {
     pub name: &'static str,
     /// Number of drive cycles.
     pub cycles: u32,
-    scene: fn() -> Scene,
+    /// Builds the scene.
+    pub scene: fn() -> Scene,
 }
 
 impl Trial {
@@ -41,11 +42,6 @@ impl Trial {
     /// The trial of this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|trial| trial.name == name)
-    }
-
-    /// The trial's scene.
-    pub fn scene(&self) -> Scene {
-        (self.scene)()
     }
 }
 
@@ -109,11 +105,9 @@ fn linked() -> Scene {
 /// The default scene from power-on for the real link: its own link is silent.
 fn running() -> Scene {
     let mut scene = geared(powered());
-    let disconnected = Disturbance {
-        at: 0.0,
-        change: Change::Link(false),
-    };
-    scene.disturbances.insert(0, disconnected).ok();
+    let (at, change) = (0.0, Change::Link(false));
+    let first = Disturbance { at, change };
+    scene.disturbances.insert(0, first).ok();
     scene
 }
 

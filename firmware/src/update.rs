@@ -146,33 +146,25 @@ impl Update {
         station: &Station,
         store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> UpdateAnswer<'static> {
-        match *request {
-            UpdateRequest::State => {
-                return UpdateAnswer::State {
-                    board: self.slot.map_or("", |slot| slot.board),
-                    size: self.slot.map_or(0, |slot| slot.size),
-                    has_key: store.key().await.is_some(),
-                    on_trial: self.on_trial,
-                };
+        let answered = match *request {
+            UpdateRequest::State => Ok(UpdateAnswer::State {
+                board: self.slot.map_or("", |slot| slot.board),
+                size: self.slot.map_or(0, |slot| slot.size),
+                has_key: store.key().await.is_some(),
+                on_trial: self.on_trial,
+            }),
+            UpdateRequest::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
+                Ok(()) => Ok(UpdateAnswer::Done),
+                Err(Refusal::Wait(seconds)) => Err(UpdateRefusal::Wait(seconds)),
+                Err(_) => Err(UpdateRefusal::WrongPin),
+            },
+            _ if lock.access(strapped) != Access::Full => Err(UpdateRefusal::ReadOnly),
+            _ => {
+                let has_pin = lock.pin().is_some();
+                self.change(request, has_pin, station, store).await
             }
-            UpdateRequest::Unlock(pin) => {
-                return match lock.unlock(pin, station.seconds()) {
-                    Ok(()) => UpdateAnswer::Done,
-                    Err(Refusal::Wait(seconds)) => {
-                        UpdateAnswer::Refused(UpdateRefusal::Wait(seconds))
-                    }
-                    Err(_) => UpdateAnswer::Refused(UpdateRefusal::WrongPin),
-                };
-            }
-            _ => {}
-        }
-        let changed = if lock.access(strapped) == Access::Full {
-            let has_pin = lock.pin().is_some();
-            self.change(request, has_pin, station, store).await
-        } else {
-            Err(UpdateRefusal::ReadOnly)
         };
-        changed.unwrap_or_else(UpdateAnswer::Refused)
+        answered.unwrap_or_else(UpdateAnswer::Refused)
     }
 
     async fn change(

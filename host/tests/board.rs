@@ -52,7 +52,7 @@ fn an_image_is_checked_without_a_probe() {
     let folder = folder();
     let args = "flash --dry-run --format json";
     let (package, bin, machine) = ("kband-firmware", "feeder", Machine::CortexM4F);
-    let nucleo = images::build_with(package, bin, machine, "stm32g474re");
+    let nucleo = images::build_with(package, bin, machine, Some("stm32g474re"));
     let plan = run(&folder, args, &[nucleo.to_str().unwrap()]).done();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["chip"], "STM32G474RE");

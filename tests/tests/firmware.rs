@@ -53,7 +53,7 @@ fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
 
 fn trace_is_the_desks(name: &'static str) {
     let trial = Trial::named(name).unwrap();
-    let mut desk = ClosedLoop::build(&trial.scene()).unwrap();
+    let mut desk = ClosedLoop::build(&(trial.scene)()).unwrap();
     let text = virtual_feeder(name, Clock::Steady, 180).passed();
     let numbered = |line: &&str| line.starts_with(|first: char| first.is_ascii_digit());
     let trace: Vec<&str> = text.lines().filter(numbered).collect();

@@ -65,10 +65,8 @@ fn await_supply() {
     }
 }
 
-/// A part of the flash, by its addresses.
 struct Part(Range<u32>);
 
-/// Error of the flash.
 const FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl ErrorType for Part {
@@ -124,7 +122,6 @@ impl NorFlash for Part {
     }
 }
 
-/// Switches FAULT, supply monitor and watchdog on.
 fn begin() {
     start_watchdog();
     change(&[(AHB1_CLOCKS, 0, PORT_B), (APB1_CLOCKS, 0, POWER)]);
@@ -182,9 +179,4 @@ fn main() -> ! {
     loop {
         feed_watchdog();
     }
-}
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    SCB::sys_reset()
 }

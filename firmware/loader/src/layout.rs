@@ -24,8 +24,7 @@ pub mod stm32g474 {
     pub const KEY: u32 = 0x0800_5800;
     /// Addresses of the program's slot.
     pub const SLOT: Range<u32> = 0x0800_6000..0x0807_e000;
-    /// Offset in the slot of a word with the program's end, behind the vector table. The program's
-    /// CRC-32 is there.
+    /// Offset in the slot of a word with the address of the program's CRC-32, behind the vectors.
     pub const END: u32 = 0x1d8;
     /// Size of a page, bytes.
     pub const PAGE: u32 = 2 * 1024;

@@ -47,8 +47,9 @@ impl<F: NorFlash> StatePages<F> {
     }
 
     /// Whether enough pages remain for an update.
-    pub fn have_room(&mut self) -> Result<bool, NorFlashErrorKind> {
-        Ok(self.current()? + PAGES_OF_AN_UPDATE < self.pages)
+    pub fn have_room(&mut self) -> bool {
+        let page = self.current();
+        page.is_ok_and(|page| page + PAGES_OF_AN_UPDATE < self.pages)
     }
 
     /// Marks the slot of an update: the next start swaps the slots. Returns whether it is marked.
@@ -92,16 +93,6 @@ impl<F: NorFlash> StatePages<F> {
         }
         Ok(open)
     }
-
-    fn write_at(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        let page = self.current()?;
-        if page == self.pages {
-            // All pages were used.
-            return Err(NorFlashErrorKind::Other);
-        }
-        let written = self.flash.write(self.start + page * PAGE + offset, bytes);
-        written.map_err(|error| error.kind())
-    }
 }
 
 impl<F: NorFlash> ErrorType for StatePages<F> {
@@ -131,11 +122,17 @@ impl<F: NorFlash> NorFlash for StatePages<F> {
     const ERASE_SIZE: usize = END as usize;
 
     fn erase(&mut self, _from: u32, _to: u32) -> Result<(), NorFlashErrorKind> {
-        self.write_at(END, &[0; WORD as usize])
+        self.write(END, &[0; WORD as usize])
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        self.write_at(offset, bytes)
+        let page = self.current()?;
+        if page == self.pages {
+            // All pages were used.
+            return Err(NorFlashErrorKind::Other);
+        }
+        let written = self.flash.write(self.start + page * PAGE + offset, bytes);
+        written.map_err(|error| error.kind())
     }
 }
 

@@ -57,7 +57,6 @@ pub fn start_watchdog() {
     feed_watchdog();
 }
 
-/// Feeds the watchdog.
 #[inline]
 pub fn feed_watchdog() {
     write(WATCHDOG[0], WATCHDOG_FEED);
@@ -65,11 +64,8 @@ pub fn feed_watchdog() {
 
 /// Registers of a flash's controller: keys, status and control; and its error flags.
 pub struct FlashController {
-    /// Address of the key register.
     pub key: u32,
-    /// Address of the status register.
     pub status: u32,
-    /// Address of the control register.
     pub control: u32,
     /// Error flags of the status register; writing 1 clears them.
     pub errors: u32,
@@ -99,6 +95,11 @@ impl FlashController {
         let control = ERASE | control;
         self.operate(control, || write(self.control, control | START))
     }
+}
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::peripheral::SCB::sys_reset()
 }
 
 /// Starts the program whose vector table is at this address.

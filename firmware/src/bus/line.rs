@@ -10,11 +10,8 @@ use core::task::Poll;
 use embassy_sync::waitqueue::AtomicWaker;
 use kband_bus::rtu::MAX_FRAME_BYTES;
 
-/// Owner of the frame: the receiving interrupt.
 const RECEIVING: u8 = 0;
-/// Owner of the frame: the task.
 const ANSWERING: u8 = 1;
-/// Owner of the frame: the sending interrupt.
 const SENDING: u8 = 2;
 
 /// A frame and its owner.
@@ -61,8 +58,7 @@ impl BusLine {
         self.owner.store(RECEIVING, Ordering::Release);
     }
 
-    /// Takes a received byte, `None` for a damaged one; for the port's interrupt. `now` in us,
-    /// wrapping.
+    /// Takes a byte, `None` for a damaged one; for the port's interrupt. `now` in us, wrapping.
     pub fn receive(&self, byte: Option<u8>, now: u32) {
         match self.owner.load(Ordering::Acquire) {
             RECEIVING => {}

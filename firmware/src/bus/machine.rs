@@ -27,7 +27,7 @@ impl Machine for Registers<'_> {
             },
             target: station.target(),
             save: station.bus.save.get(),
-            events: station.events(),
+            events: station.log.borrow().next,
             missed: station.missed(),
             writable: station.bus.writable.get(),
             image: self.image,
@@ -44,7 +44,10 @@ impl Machine for Registers<'_> {
     }
 
     fn command(&mut self, run: bool, acknowledge: bool) {
-        self.station.take_bus_command(run, acknowledge);
+        let bus = &self.station.bus;
+        bus.run.set(Some(run));
+        bus.run_was_off.update(|was_off| was_off || !run);
+        bus.acknowledge.update(|before| before || acknowledge);
     }
 
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {

@@ -105,8 +105,7 @@ pub async fn bus(
     }
 }
 
-/// Answers a request received over the link, for any unit, in the session of the bus; empty without
-/// an answer.
+/// Answers a request over the link, for any unit, in the bus's session; empty without an answer.
 pub fn answer_over_link(
     station: &Station,
     image: &'static str,

@@ -19,7 +19,6 @@ use crate::testing::with;
 const UNIT: u8 = 17;
 const SAVE: u16 = 9;
 
-/// Settings with this authority of the bus.
 fn settings(bus: f32) -> Settings {
     Settings {
         bus,
@@ -43,7 +42,6 @@ fn started(bus: f32, start: StartCause) -> Board {
     with(Board::started(loaded, start), |it| it.enable = true)
 }
 
-/// Requests of Modbus over the link, which the server of the bus answers.
 impl Board {
     /// Answer to a PDU, without the unit; empty without an answer.
     fn modbus(&mut self, pdu: &[u8]) -> Vec<u8> {
@@ -65,7 +63,6 @@ impl Board {
         u16::from_be_bytes([answer[2], answer[3]])
     }
 
-    /// Writes the control word and runs a drive cycle.
     fn control(&mut self, word: u16) -> State {
         assert_eq!(self.write(0, word)[0], 6);
         self.cycle();
@@ -99,8 +96,7 @@ fn only_authority_2_acknowledges_and_run_needs_an_edge() {
     let failed = |authority: f32| {
         let mut board = with_authority(authority);
         board.control(0);
-        let failed = (0..200).any(|_| board.control(1) == State::Fault);
-        assert!(failed);
+        assert!((0..200).any(|_| board.control(1) == State::Fault));
         assert_eq!(board.word(6), Fault::NoResponse.number().into());
         assert_eq!(board.control(0), State::Fault);
         board
@@ -142,11 +138,8 @@ fn a_cause_that_lasts_is_not_acknowledged() {
     cycle(&board, true);
     board.write(0, 0x80);
     assert_eq!(cycle(&board, true).state, State::Fault);
-    assert_eq!(
-        cycle(&board, false).state,
-        State::Fault,
-        "one edge, one attempt"
-    );
+    let state = cycle(&board, false).state;
+    assert_eq!(state, State::Fault, "one edge, one attempt");
     board.control(0);
     assert_eq!(board.control(0x80), State::Off);
 }
@@ -344,14 +337,12 @@ fn a_request_over_the_link_is_one_of_the_bus() {
     // The bus is silent; other frames of the link do not count.
     let silent = (1..100).find(|_| {
         board.done(&Request::Alive);
-        let limits = board.station.report().limits;
-        limits.contains(Limits::LINK_LOST)
+        board.station.report().limits.contains(Limits::LINK_LOST)
     });
     assert!(matches!(silent, Some(19..=22)), "{silent:?}");
     board.modbus(&[3, 0, 5, 0, 1]);
     board.cycle();
-    let limits = board.station.report().limits;
-    assert!(!limits.contains(Limits::LINK_LOST));
+    assert!(!board.station.report().limits.contains(Limits::LINK_LOST));
 }
 
 #[test]
@@ -370,10 +361,8 @@ fn a_locked_link_reads_the_registers_only() {
 #[test]
 fn register_8_selects_a_recipe_where_the_bus_is_in_control() {
     let settings = with(Settings::default(), |it| it.restitution_high = 0.3);
-    let recipe = (
-        RecipeName::parse("caps").unwrap(),
-        Recipe::of(Target::K(0.5), &settings),
-    );
+    let name = RecipeName::parse("caps").unwrap();
+    let recipe = (name, Recipe::of(Target::K(0.5), &settings));
     let mut board = with_authority(1.0);
     board.cycle();
     board.station.set_recipe(2, Some(&recipe)).unwrap();

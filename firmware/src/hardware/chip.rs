@@ -48,14 +48,6 @@ fn now() -> u32 {
 /// Memory of settings and faults; faults wait in RAM that a reset leaves unchanged.
 pub type Memory<F> = Records<F, &'static mut Waiting>;
 
-/// A chip whose clocks run.
-pub struct Started {
-    /// Its peripherals.
-    pub peripherals: Peripherals,
-    /// Whether the clocks are the configured ones; otherwise the drive stays off.
-    pub clocks_ok: bool,
-}
-
 /// The chip of a board.
 pub trait Chip {
     /// Clock of core and TIM1 in Hz.
@@ -69,8 +61,9 @@ pub trait Chip {
     type Flash: NorFlash;
 
     /// Starts the clocks, with [`Chip::CORE_CLOCK`] for the core, and APB1 for 115200 baud within 2
-    /// %. The independent watchdog already runs; each wait here has a limit.
-    fn start() -> Started;
+    /// %. The independent watchdog already runs; each wait here has a limit. Returns the
+    /// peripherals, and whether the clocks are the configured ones; otherwise the drive stays off.
+    fn start() -> (Peripherals, bool);
 
     /// Monitors oscillator and supply: a failure opens the bridge. Switches the flash prefetch on.
     fn watch(clocks_ok: bool);
@@ -99,17 +92,14 @@ pub trait Chip {
     /// Configuration in the option bytes.
     fn set_up() -> SetUp;
 
-    /// Sets up the converter and its sampling time for accelerometer and current. Both conversions
-    /// take well below 50 us.
+    /// Sets up the converter with the sampling time of its channels; both take well below 50 us.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime);
 
     /// Opens the settings and the faults in four pages of the flash, which no image reaches.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Memory<Self::Flash>, StoreFailed>;
 
     /// The slot for an update; `restart` restarts the board.
-    fn slot(_restart: fn()) -> Option<Slot> {
-        None
-    }
+    fn slot(restart: fn()) -> Slot;
 
     /// Flags of the last reset; the call clears them.
     fn signs() -> ResetFlags;

@@ -24,7 +24,6 @@ unsafe extern "Rust" {
 /// Version of the image and the commit it was built from.
 pub const IDENTITY: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("KBAND_BUILD"));
 
-/// RAM that neither the start-up code nor a reset changes.
 #[repr(transparent)]
 struct Retained<T>(UnsafeCell<T>);
 
@@ -165,7 +164,6 @@ extern "C" fn hard_fault_report(stack: u32) -> ! {
     kband_halt()
 }
 
-/// Exception or interrupt without a handler.
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
     unexpected(number)
@@ -185,7 +183,6 @@ const GUARDED: u32 = 64 * 1024;
 const REGION_ON: u32 = 1;
 /// Size field of the region's attributes: 2^(size + 1) bytes.
 const REGION_SIZE: u32 = (GUARDED.trailing_zeros() - 1) << 1;
-/// Attribute bit that forbids execution.
 const NEVER_EXECUTED: u32 = 1 << 28;
 /// Enables the protection and, outside its regions, the default memory map (B3.5.5).
 const PROTECTION_ON: u32 = 1 | 1 << 2;
@@ -260,8 +257,7 @@ pub fn stack_low() -> bool {
 /// State of one interrupt handler, stored before the interrupt is unmasked.
 pub struct Owned<T>(UnsafeCell<Option<T>>);
 
-// SAFETY: `put` is called before the interrupt is unmasked, and `get` only by its handler, as both
-// require of their callers.
+// SAFETY: `put` and `get` require that only the handler uses it once it is unmasked.
 unsafe impl<T: Send> Sync for Owned<T> {}
 
 impl<T> Owned<T> {

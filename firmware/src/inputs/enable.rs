@@ -54,8 +54,7 @@ pub(crate) struct Debounce {
     steady: u16,
     /// Number of samples since the input was last settled or switched the drive off.
     unsettled: u16,
-    /// Sample counter while the drive is on, from [`GAP_WINDOW`], and its values at the last gaps;
-    /// the oldest is at `oldest`.
+    /// Sample counter while the drive is on, from [`GAP_WINDOW`], and its values at the last gaps.
     now: u32,
     gaps: [u32; MAX_GAPS],
     oldest: u8,
@@ -147,8 +146,7 @@ impl Debounce {
 mod tests {
     use super::*;
 
-    /// Sample `n` of an input that is high for the share `duty` of each period, from `phase` in
-    /// turns.
+    /// Sample `n` of an input that is high for `duty` of each period, from `phase` in turns.
     fn chatter(frequency: f64, duty: f64, phase: f64, n: u32) -> Contact {
         let half = |n: u32| {
             let turns = phase + frequency * f64::from(n) / f64::from(SAMPLE_RATE);

@@ -8,7 +8,6 @@ pub const SETTLING_TIME: u32 = 100;
 /// Reports of the supply monitor.
 #[derive(Debug, Default)]
 pub struct Supply {
-    /// Whether the supply has fallen since the last call of [`Supply::take_is_low`].
     fell: AtomicBool,
     /// Time since the start when the supply was last low, ms. A start counts as low.
     low_at: AtomicU32,

@@ -10,7 +10,9 @@ use embassy_futures::{block_on, poll_once};
 use kband_control::wire::{
     Outgoing, Status, Stored, read_answer, write_identity_request, write_request,
 };
-use kband_control::{Cycle, Event, Inputs, Recipe, RecipeName, StartCause, State, Target};
+use kband_control::{
+    Cycle, Event, Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target,
+};
 
 use super::*;
 use crate::exchange::Exchange;
@@ -122,7 +124,6 @@ impl Board {
         }
     }
 
-    /// Requires a refusal of a number of this parameter.
     fn out_of_range(&mut self, request: &Request<'_>, named: &str) {
         match self.ask(request) {
             Response::Refused(Refusal::OutOfRange {
@@ -258,10 +259,8 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
         let running = Response::Refused(Refusal::Running);
         assert_eq!(board.ask_now(&request), running, "{request:?}");
     }
-    match board.ask(&Request::Event(0)) {
-        Response::Event(Some(record)) => assert_eq!(record.number, 0),
-        other => panic!("{other:?}"),
-    }
+    let event = board.ask(&Request::Event(0));
+    assert!(matches!(event, Response::Event(Some(record)) if record.number == 0));
     let none = board.ask(&Request::Event(1_000_000));
     assert_eq!(none, Response::Event(None));
     let words = board.ask(&Request::LastWords);
@@ -293,8 +292,10 @@ struct Counts {
     rows: Cell<u32>,
 }
 
-fn increment(count: &Cell<u32>) {
-    count.set(count.get() + 1);
+/// A service that sends telemetry in each cycle.
+fn telemetering() -> Service<Nor<G4_PAGE>, Waiting> {
+    let service = Service::new(IMAGE, memory(&LoadedSettings::default()), None);
+    with(service, |it| it.telemetry_interval = 1)
 }
 
 impl Line for FakeLine<'_> {
@@ -312,19 +313,16 @@ impl Line for FakeLine<'_> {
 
     fn send(&mut self, frame: &[u8]) -> bool {
         if self.accepts {
+            let Counts { answered, rows, .. } = self.counts;
             // The identity frame is short.
-            let is_answer = frame.len() < 50;
-            increment(if is_answer {
-                &self.counts.answered
-            } else {
-                &self.counts.rows
-            });
+            let count = if frame.len() < 50 { answered } else { rows };
+            count.update(|count| count + 1);
         }
         self.accepts
     }
 
     async fn millisecond(&mut self) {
-        increment(&self.counts.waited);
+        self.counts.waited.update(|count| count + 1);
         yield_now().await;
     }
 }
@@ -341,8 +339,7 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
         accepts: false,
         counts: &counts,
     };
-    let mut service = Service::new(IMAGE, memory(&LoadedSettings::default()), None);
-    service.telemetry_interval = 1;
+    let mut service = telemetering();
     let mut task = pin!(link(&mut service, line, &board.station));
     for _ in 0..300 {
         assert!(poll_once(task.as_mut()).is_pending());
@@ -386,10 +383,8 @@ fn telemetry_rate_is_as_requested() {
     board.done(&Request::Telemetry(1));
     let frame = board.cycle().unwrap();
     let cycle = board.station.report().cycle;
-    match open(&frame) {
-        (0, Response::Telemetry(telemetry)) => assert_eq!(telemetry.cycle, cycle),
-        other => panic!("{other:?}"),
-    }
+    let sent = open(&frame);
+    assert!(matches!(sent, (0, Response::Telemetry(telemetry)) if telemetry.cycle == cycle));
     board.done(&Request::Telemetry(0));
     assert!(board.cycle().is_none());
 }
@@ -401,10 +396,7 @@ fn a_silent_link_brings_the_safe_amplitude_after_its_time() {
     board.done(&Request::set("link_timeout", 0.1));
     board.enable = true;
     board.done(&Request::Alive);
-    let lost = |board: &Board| {
-        let limits = board.station.report().limits;
-        limits.contains(kband_control::Limits::LINK_LOST)
-    };
+    let lost = |board: &Board| board.station.report().limits.contains(Limits::LINK_LOST);
     // 0.1 s at 50 Hz, and the cycle of the request.
     let cycles = (1..=20).find(|_| {
         board.cycle();
@@ -424,7 +416,7 @@ fn a_flood_is_counted_and_costs_no_more_than_its_share() {
     let frame = write_identity_request(&mut buffer, 1).unwrap().to_vec();
     let answers: usize = (0..100).map(|_| board.send(&frame).len()).sum();
     assert_eq!(answers, usize::from(MAX_REQUESTS_PER_CYCLE));
-    let counters = board.service.counters();
+    let counters = board.service.counters;
     assert_eq!(counters.flooded, 100 - u32::from(MAX_REQUESTS_PER_CYCLE));
     board.cycle();
     assert_eq!(board.send(&frame).len(), 1);
@@ -443,8 +435,7 @@ fn endless_input_blocks_neither_telemetry_nor_tasks() {
             accepts: true,
             counts: &counts,
         };
-        let mut service = Service::new(IMAGE, memory(&LoadedSettings::default()), None);
-        service.telemetry_interval = 1;
+        let mut service = telemetering();
         let mut task = pin!(link(&mut service, line, &board.station));
         for n in 0..10 {
             board.station.cycle(&Cycle::default(), Inputs::default());
@@ -479,14 +470,10 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.enable = false;
     board.cycle();
     board.done(&Request::Enable(true));
-    assert_eq!(
-        SIMULATE,
-        Request::Simulate {
-            target: scene.target,
-            start: StartCause::Ordinary,
-        }
-    );
-    board.done(&SIMULATE);
+    board.done(&Request::Simulate {
+        target: scene.target,
+        start: StartCause::Ordinary,
+    });
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let mut bench = Bench::build(&scene).unwrap();
     let mut signal = Signal::build(&scene.settings).unwrap();
@@ -566,8 +553,7 @@ fn a_silent_simulation_ends() {
 #[test]
 fn no_fault_is_kept_while_the_drive_runs() {
     let mut board = Board::started(LOADED(Condition::Whole), StartCause::Reset);
-    // Enabled, withdrawn for half a second, enabled again: the fault is acknowledged before the
-    // link stores it.
+    // A press of half a second acknowledges the fault before the link stores it.
     for cycle in 0..40 {
         board.enable = !(2..35).contains(&cycle);
         board.cycle();
@@ -599,7 +585,7 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
             }
             board.station.report().fault
         };
-        let invalid = Some(kband_control::Fault::SettingsInvalid);
+        let invalid = Some(Fault::SettingsInvalid);
         assert_eq!(fault(&mut board), invalid);
         assert_eq!(board.self_test().settings, record);
         board.done(&Request::set("gain", 2.0));
@@ -631,7 +617,7 @@ fn defaults_drive_nothing_until_settings_are_saved() {
     board.done(&Request::Save);
     assert_eq!(state(&mut board), (State::Starting, None));
     board.done(&Request::Defaults);
-    let invalid = Some(kband_control::Fault::SettingsInvalid);
+    let invalid = Some(Fault::SettingsInvalid);
     assert_eq!(state(&mut board), (State::Fault, invalid));
     board.done(&Request::Save);
     assert_eq!(state(&mut board), (State::Starting, None));
@@ -651,14 +637,13 @@ fn a_fault_is_kept_beyond_a_loss_of_power() {
     let mut board = Board::new();
     board.enable = true;
     // A track that never moves.
-    let until = (0..500).find(|_| {
+    assert!((0..500).any(|_| {
         board.cycle();
         board.station.report().fault.is_some()
-    });
-    assert!(until.is_some());
+    }));
     board.keep_fault();
     board.keep_fault();
-    let number = (board.station.report().fault).map(kband_control::Fault::number);
+    let number = board.station.report().fault.map(Fault::number);
     match board.ask(&Request::Fault(0)) {
         Response::Fault(Some(record)) => {
             assert_eq!(Some(record.fault), number);

@@ -140,20 +140,11 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
-    /// The settings of the newest record, whose content is copied to `content`.
-    async fn load_newest(
-        &mut self,
-        content: &mut [u8; CONTENT],
-    ) -> Result<LoadedSettings, StoreFailed> {
-        match self.newest(content).await {
-            Newest::Whole => decode_settings(content).map_err(|_| StoreFailed::NoSettings),
-            _ => Err(StoreFailed::NoSettings),
-        }
-    }
-
     /// Stores a record with this content, unless the newest record has it already.
     async fn save_content(&mut self, content: &[u8; CONTENT]) -> Result<(), StoreFailed> {
-        if self.is_stored(content).await {
+        let mut stored = [0; CONTENT];
+        let newest = self.settings.last(&mut self.flash, &mut stored).await;
+        if newest == Newest::Whole && stored == *content {
             return Ok(());
         }
         if !self.supply_is_good() {
@@ -161,13 +152,6 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
         let result = self.settings.append(&mut self.flash, content).await;
         result.map_err(|cause| self.failed(cause))
-    }
-
-    /// Whether the newest record is valid and has this content.
-    async fn is_stored(&mut self, content: &[u8; CONTENT]) -> bool {
-        let mut stored = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut stored).await;
-        newest == Newest::Whole && stored == *content
     }
 
     /// Error to report: a low supply, if it has dropped meanwhile.
@@ -211,21 +195,14 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     pub async fn recipes(&mut self) -> Recipes {
         let mut content = [0; CONTENT];
         let newest = self.newest(&mut content).await;
-        if newest == Newest::Whole && record::has_recipes(&content) {
-            Recipes::of(&content[record::SIZE..])
-        } else {
-            Recipes::default()
-        }
+        let found = newest == Newest::Whole && record::has_recipes(&content);
+        let recipes = found.then(|| Recipes::of(&content[record::SIZE..]));
+        recipes.unwrap_or_default()
     }
 
     /// Saves the recipes, with the last saved settings, target and PIN.
     pub async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
-        let mut content = [0; CONTENT];
-        let found = self.load_newest(&mut content).await?;
-        let key = record::key(&content);
-        encode_settings(&mut content, &found.settings, found.target, found.pin, key);
-        content[record::SIZE..].copy_from_slice(recipes.bytes());
-        self.save_content(&content).await
+        self.save_parts(Some(recipes), None).await
     }
 
     /// Loads the public key of updates, if one was saved.
@@ -237,10 +214,25 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
 
     /// Saves the public key of updates, with everything else that was saved last.
     pub async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
+        self.save_parts(None, Some(*key)).await
+    }
+
+    /// Saves recipes or key, with everything else that was saved last.
+    async fn save_parts(
+        &mut self,
+        recipes: Option<&Recipes>,
+        key: Option<[u8; 32]>,
+    ) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let found = self.load_newest(&mut content).await?;
-        let key = Some(*key);
+        let found = match self.newest(&mut content).await {
+            Newest::Whole => decode_settings(&content).map_err(|_| StoreFailed::NoSettings)?,
+            _ => return Err(StoreFailed::NoSettings),
+        };
+        let key = key.or_else(|| record::key(&content));
         encode_settings(&mut content, &found.settings, found.target, found.pin, key);
+        if let Some(recipes) = recipes {
+            content[record::SIZE..].copy_from_slice(recipes.bytes());
+        }
         self.save_content(&content).await
     }
 

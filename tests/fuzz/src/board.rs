@@ -138,10 +138,10 @@ impl Board {
         let _ = self.take(&[0]);
         let (station, service) = (&self.station, &self.service);
         let (settings, target) = (station.settings(), station.target());
-        let (counted, at_rest) = (service.counters().frames(), station.at_rest());
+        let (counted, at_rest) = (service.counters.frames(), station.at_rest());
         let answer = self.take(&frame);
         let (station, service) = (&self.station, &self.service);
-        assert_eq!(service.counters().frames(), counted + 1);
+        assert_eq!(service.counters.frames(), counted + 1);
         let in_use = station.settings().check();
         in_use.expect("settings in use are accepted");
         let saves = matches!(
@@ -200,9 +200,9 @@ pub fn service(input: &[u8]) -> bool {
         match what % 8 {
             0 => {
                 let piece = input.piece().unwrap_or(&[]);
-                let counted = board.service.counters().requests;
+                let counted = board.service.counters.requests;
                 let _ = board.take(piece);
-                if board.service.counters().requests != counted {
+                if board.service.counters.requests != counted {
                     board.saved = None;
                 }
             }

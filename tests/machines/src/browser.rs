@@ -103,7 +103,8 @@ impl Browser {
 
     /// The text that an element shows.
     pub fn text(&self, selector: &str) -> String {
-        let text = self.get(&format!("/element/{}/text", self.element(selector)));
+        let path = format!("{}/element/{}/text", self.session, self.element(selector));
+        let text = self.exchange("GET", &path, "");
         text.as_str().expect("a text").into()
     }
 
@@ -157,27 +158,25 @@ impl Browser {
     }
 
     fn post(&self, path: &str, body: &Json) -> Json {
-        let body = body.to_string();
-        self.exchange(&format!(
-            "POST {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
-            body.len()
-        ))
+        self.exchange("POST", path, &body.to_string())
     }
 
-    fn get(&self, path: &str) -> Json {
-        self.exchange(&format!(
-            "GET {}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
-            self.session
-        ))
+    fn send(&self, method: &str, path: &str, body: &str) -> std::io::Result<TcpStream> {
+        let mut stream = TcpStream::connect(("127.0.0.1", self.port))?;
+        stream.set_read_timeout(Some(WAIT_TIMEOUT))?;
+        let length = body.len();
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n\
+            Content-Length: {length}\r\nConnection: close\r\n\r\n{body}",
+        );
+        stream.write_all(request.as_bytes())?;
+        Ok(stream)
     }
 
     /// Value of a response; panics with the message of a driver error.
-    fn exchange(&self, request: &str) -> Json {
-        let mut stream = TcpStream::connect(("127.0.0.1", self.port)).expect("the driver listens");
-        let sent = stream.set_read_timeout(Some(WAIT_TIMEOUT));
-        sent.and_then(|()| stream.write_all(request.as_bytes()))
-            .expect("the driver reads");
-        let mut reader = BufReader::new(stream);
+    fn exchange(&self, method: &str, path: &str, body: &str) -> Json {
+        let sent = self.send(method, path, body);
+        let mut reader = BufReader::new(sent.expect("the driver reads"));
         let mut length = 0;
         loop {
             let mut line = String::new();
@@ -204,13 +203,7 @@ impl Browser {
 impl Drop for Browser {
     fn drop(&mut self) {
         // The driver closes the browser; without a driver the browser has ended, too.
-        if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
-            let request = format!(
-                "DELETE {} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n",
-                self.session
-            );
-            let _ = stream.set_read_timeout(Some(WAIT_TIMEOUT));
-            let _ = stream.write_all(request.as_bytes());
+        if let Ok(mut stream) = self.send("DELETE", &self.session, "") {
             let _ = stream.read(&mut [0; 64]);
         }
         let _ = self.driver.kill();

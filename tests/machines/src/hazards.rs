@@ -91,7 +91,6 @@ impl Hazard {
         self
     }
 
-    /// A board with this chip, its machine's settings set and saved.
     fn commission(&self, kind: Kind) -> Rig {
         let mut rig = Rig::with(chip_of(kind, &feeder_on(kind)), &self.scene);
         rig.chip.power_on();
@@ -126,13 +125,11 @@ impl Hazard {
         cached_rig(self.machine(kind), || self.commission(kind))
     }
 
-    /// Name of its machine and target.
     fn machine(&self, kind: Kind) -> String {
         let Self { scene, target, .. } = self;
         format!("{kind:?} {scene:?} {target:?}")
     }
 
-    /// Runs the board up to the first failure.
     fn run_to_failure(&self, rig: &mut Rig) {
         rig.keep_link_alive(COMMISSIONED_TIME, self.from);
         rig.at(ENABLE_TIME, Act::Enable(true)).run(self.from);

@@ -24,21 +24,17 @@ static BUILT: Mutex<BTreeMap<String, PathBuf>> = Mutex::new(BTreeMap::new());
 
 /// Builds the binary `bin` of `package` for a machine, if it is not up to date.
 pub fn build(package: &str, bin: &str, machine: Machine) -> PathBuf {
-    built(package, bin, machine, None)
+    build_with(package, bin, machine, None)
 }
 
 /// Builds the image of the board with this chip.
 pub fn feeder_on(kind: Kind) -> PathBuf {
     let features = kind.facts().feature;
-    built("kband-firmware", "feeder", Machine::CortexM4F, features)
+    build_with("kband-firmware", "feeder", Machine::CortexM4F, features)
 }
 
-/// Builds the binary `bin` of `package` with these features instead of the default ones.
-pub fn build_with(package: &str, bin: &str, machine: Machine, features: &str) -> PathBuf {
-    built(package, bin, machine, Some(features))
-}
-
-fn built(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
+/// Builds the binary `bin` of `package`, with these features instead of the default ones.
+pub fn build_with(package: &str, bin: &str, machine: Machine, features: Option<&str>) -> PathBuf {
     let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
     let image = built.entry(format!("{package} {bin} {machine:?} {features:?}"));
     let image = image.or_insert_with(|| cache_image(package, bin, machine, features));
@@ -73,8 +69,7 @@ pub fn symbol(image: &Path, name: &str) -> u32 {
 /// Content of an image's flash: segments in order of their addresses.
 pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     let bytes = std::fs::read(image).expect("the image is read");
-    let header =
-        FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file of 32 bits");
+    let header = FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file");
     let endian = header.endian().expect("an order of bytes");
     let headers = header.program_headers(endian, &*bytes).expect("segments");
     let mut segments: Vec<_> = headers
@@ -96,8 +91,7 @@ pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
     range.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
 }
 
-/// Addresses of the statics or functions of this name, without modules; a generic function has
-/// several.
+/// Addresses of the statics or functions of this name; a generic function has several.
 pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     // A mangled name contains the length of each part before the part.
     let part = format!("{}{name}", name.len());
@@ -106,19 +100,16 @@ pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
     ranges
 }
 
-/// Addresses of the symbols whose full name satisfies `is_selected`.
 fn symbols(image: &Path, is_selected: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
-    let selected = file
-        .symbols()
-        .filter(|symbol| symbol.name().is_ok_and(&is_selected));
-    selected
-        .map(|symbol| symbol.address() as u32..(symbol.address() + symbol.size()) as u32)
+    let selected = (file.symbols()).filter(|symbol| symbol.name().is_ok_and(&is_selected));
+    let ranges = selected.map(|symbol| symbol.address()..symbol.address() + symbol.size());
+    ranges
+        .map(|range| range.start as u32..range.end as u32)
         .collect()
 }
 
-/// Arguments that choose a toolchain with `target`.
 fn toolchain(target: &str) -> Option<String> {
     if compiles_for(&[], target) {
         return None;
@@ -147,10 +138,8 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
             cargo.env_remove(flags);
         }
     });
-    let (built, stderr) = (
-        output.status.success(),
-        String::from_utf8_lossy(&output.stderr),
-    );
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    let built = output.status.success();
     assert!(built, "image {bin} does not build for {target}:\n{stderr}");
     folder.join(target).join("firmware").join(bin)
 }
@@ -161,9 +150,7 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
         rustc.args(["--target", target]);
     });
     let library = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    let mut files = Path::new(&library)
-        .read_dir()
-        .into_iter()
+    let mut files = (Path::new(&library).read_dir().into_iter())
         .flatten()
         .flatten();
     output.status.success()

@@ -15,7 +15,6 @@ use crate::chip::Chip;
 
 /// Identity of an STM32F4's debug port.
 const PORT: u32 = 0x2ba0_1477;
-/// Identity of its memory access port.
 const MEMORY_PORT: u32 = 0x2477_0011;
 /// Power requests, granted at once.
 const POWER: u32 = 0x5000_0000;
@@ -185,7 +184,6 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
     }
 }
 
-/// Consecutive hexadecimal numbers.
 struct Digits<'a>(&'a str);
 
 impl Digits<'_> {
@@ -213,11 +211,9 @@ const WORD: u32 = 33;
 struct Wire {
     /// The last eight bits received, the newest on top.
     received: u8,
-    /// Number of successive ones.
     ones: u32,
     /// Number of bits left of a word being written.
     written: u32,
-    /// Bits to be sent.
     answer: u64,
 }
 
@@ -255,7 +251,6 @@ impl Wire {
     }
 }
 
-/// The debug port, and the access port to the memory behind it.
 #[derive(Default)]
 struct Port {
     control: u32,

@@ -80,8 +80,6 @@ pub struct Rig {
     /// The emulated chip.
     pub chip: Chip,
     acts: VecDeque<(u64, Act)>,
-    /// Number of sent bytes that the desk has read; sequence number of its last request.
-    read: usize,
     sequence: u8,
     /// Whether a forbidden access is only recorded, without a panic.
     pub tolerant: bool,
@@ -102,16 +100,15 @@ impl Rig {
         let mut rig = Self {
             chip,
             acts: VecDeque::new(),
-            read: 0,
             sequence: 0,
             tolerant: false,
         };
         rig.chip.power_off();
         rig.chip.board.now = 0;
         rig.chip.board.world = World::new(scene).expect("a scene that is accepted");
-        rig.act(&Act::ThermalSwitch(true));
-        rig.act(&Act::OverCurrent(false));
-        rig.act(&Act::Enable(false));
+        rig.act(&Act::ThermalSwitch(true))
+            .act(&Act::OverCurrent(false))
+            .act(&Act::Enable(false));
         rig
     }
 
@@ -158,9 +155,8 @@ impl Rig {
 
     /// Switches the supply off for a time in s, and on again for another.
     pub fn power_cycle(&mut self, off: f64, on: f64) -> &mut Self {
-        self.act(&Act::Volts(0.0));
-        self.run_for(off).act(&Act::Volts(3.3));
-        self.run_for(on)
+        self.act(&Act::Volts(0.0)).run_for(off);
+        self.act(&Act::Volts(3.3)).run_for(on)
     }
 
     /// Lets the desk send a frame every 0.3 s from one time on up to another, s.
@@ -173,17 +169,14 @@ impl Rig {
     }
 
     /// Executes an action now.
-    pub fn act(&mut self, act: &Act) {
+    pub fn act(&mut self, act: &Act) -> &mut Self {
         let board = &mut self.chip.board;
         let high = |on: bool| if on { Wire::High } else { Wire::Low };
         match act {
             Act::Enable(on) => board.set_wire(1, 0, high(*on)),
             Act::ThermalSwitch(true) => board.set_wire(1, 1, Wire::Low),
             Act::ThermalSwitch(false) => board.set_wire(1, 1, Wire::Open),
-            Act::OverCurrent(on) => {
-                board.set_wire(1, 12, high(*on));
-                board.break_input(false);
-            }
+            Act::OverCurrent(on) => return self.act(&Act::Wire(1, 12, high(*on))),
             Act::Wire(port, pin, wire) => {
                 board.set_wire(*port, *pin, *wire);
                 board.break_input(false);
@@ -217,6 +210,7 @@ impl Rig {
             Act::SensorOffset(volts) => board.world.sensor_offset = *volts,
         }
         self.chip.board.refresh();
+        self
     }
 
     /// Time in s from `seconds` until the bridge opens; 0 if it is already open.
@@ -288,8 +282,7 @@ impl Rig {
     /// Sends a request and runs for 10 ms without reading the answer.
     pub fn send(&mut self, request: &Request<'_>) -> &mut Self {
         let frame = self.frame(request);
-        self.act(&Act::Link(frame));
-        self.run_for(0.01)
+        self.act(&Act::Link(frame)).run_for(0.01)
     }
 
     /// Sends a request and passes the board's answer to `look`.
@@ -350,7 +343,7 @@ impl Rig {
         let frame = frame.to_vec();
         self.act(&Act::Link(frame.clone()));
         let mut receiver = Receiver::new();
-        self.read = self.chip.board.serials[1].sent.len();
+        let mut seen = self.chip.board.serials[1].sent.len();
         let end = self.time() + ANSWER_TIMEOUT;
         let mut knock = self.time() + REPEAT_INTERVAL;
         while self.time() < end {
@@ -359,8 +352,8 @@ impl Rig {
                 knock += REPEAT_INTERVAL;
             }
             self.run_for(1e-3);
-            let sent: Vec<u8> = self.sent().split_off(self.read);
-            self.read += sent.len();
+            let sent = self.sent().split_off(seen);
+            seen += sent.len();
             for byte in sent {
                 if let Some(Ok(inside)) = receiver.push(byte)
                     && let Ok(outgoing) = read_answer(inside)

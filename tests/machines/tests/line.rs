@@ -62,21 +62,12 @@ fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     let values = (1..=times).map(|n| {
         // Between two steps of the track.
         let step = (20_000.0 * (began + 0.1 * f64::from(n))).floor();
-        rig.run((step + 0.5) / 20_000.0);
-        rig.amplitude()
+        rig.run((step + 0.5) / 20_000.0).amplitude()
     });
     values.collect()
 }
 
-fn counters(rig: &mut Rig) -> kband_control::wire::Counters {
-    rig.request(&Request::Counters, |response| match response {
-        Response::Counters(counters) => counters,
-        other => panic!("{other:?}"),
-    })
-}
-
-/// A flood of requests, some for the fastest telemetry, must neither hang the link nor delay the
-/// control.
+/// A flood of requests must neither hang the link nor delay the control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
     let boards = [5.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
@@ -110,14 +101,11 @@ fn a_thousand_pipelined_requests_are_answered() {
             if let Some(Ok(inside)) = receiver.push(byte)
                 && let Ok(Outgoing::Response { sequence, .. }) = read_answer(inside)
             {
-                *if sequence == 0 {
-                    &mut rows
-                } else {
-                    &mut answers
-                } += 1;
+                rows += u32::from(sequence == 0);
+                answers += u32::from(sequence != 0);
             }
         }
-        let counters = counters(&mut rig);
+        let counters = rig.counters();
         println!("{frequency} Hz: {answers} answers, {rows} rows, {counters:?}");
         // The board answers 32 requests in a drive cycle and counts the others. The port's ring
         // buffer loses some requests that arrive faster than answers leave.
@@ -128,28 +116,20 @@ fn a_thousand_pipelined_requests_are_answered() {
         // With so many answers the line has no room for telemetry.
         let dropped = counters.rows_dropped > 0;
         assert_eq!(dropped, frequency > 30.0, "{frequency} Hz");
-        rig.act(&Act::Enable(false));
-        rig.run(rig.time() + 2.0);
-        let late = rig.request(&Request::SelfTest, |response| match response {
-            Response::SelfTest(test) => test.missed,
-            other => panic!("{other:?}"),
-        });
+        rig.act(&Act::Enable(false)).run_for(2.0);
+        let late = rig.self_test().missed;
         // Each of two saves at rest takes 5 ms: during commissioning, and after the run.
         let saving = 2 * (0.006 * frequency) as u32;
         assert!(late <= saving, "{frequency} Hz: {late} cycles came late");
     }
 }
 
-/// With the input on since power-on no request may close the bridge.
 #[test]
 fn no_request_starts_a_machine_whose_input_is_on() {
     let mut rig = machine();
-    rig.act(&Act::Volts(0.0));
-    rig.act(&Act::Enable(true));
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
-    let on = rig.time();
-    rig.run(on + 0.5);
+    rig.act(&Act::Volts(0.0)).act(&Act::Enable(true));
+    let on = rig.run_for(0.3).time();
+    rig.act(&Act::Volts(3.3)).run_for(0.5);
     let set = Request::set("soft_start", 0.3);
     for request in [
         set,
@@ -161,56 +141,44 @@ fn no_request_starts_a_machine_whose_input_is_on() {
         Request::Save,
         Request::Enable(true),
     ] {
-        rig.request_done(&request);
-        rig.run(rig.time() + 0.2);
+        rig.request_done(&request).run_for(0.2);
     }
-    rig.run(rig.time() + 2.0);
+    rig.run_for(2.0);
     assert_eq!(rig.find_time(on, &Event::Bridge(true)), None);
-    // Half a second without the input acknowledges the fault after `Defaults`. Then an edge of the
-    // input starts it.
-    rig.act(&Act::Enable(false));
-    rig.run(rig.time() + 0.6);
-    rig.act(&Act::Enable(true));
-    rig.run(rig.time() + 0.2);
+    // Half a second without the input acknowledges the fault; an edge then starts it.
+    rig.act(&Act::Enable(false)).run_for(0.6);
+    rig.act(&Act::Enable(true)).run_for(0.2);
     assert!(rig.find_time(on, &Event::Bridge(true)).is_some());
 }
 
-/// Withdrawing and restoring the link's enable must not acknowledge a fault.
 #[test]
 fn the_link_acknowledges_no_fault() {
     let mut rig = running();
     let fault = rig.time();
-    rig.act(&Act::ThermalSwitch(false));
-    rig.run(fault + 0.2);
+    rig.act(&Act::ThermalSwitch(false)).run_for(0.2);
     rig.act(&Act::ThermalSwitch(true));
     assert_eq!(rig.opening_after(fault + 0.1), Some(0.0));
     for _ in 0..3 {
-        rig.request_done(&Request::Enable(false));
-        rig.run(rig.time() + 1.0);
-        rig.request_done(&Request::Enable(true));
-        rig.run(rig.time() + 1.0);
+        rig.request_done(&Request::Enable(false)).run_for(1.0);
+        rig.request_done(&Request::Enable(true)).run_for(1.0);
     }
     assert_eq!(rig.find_time(fault + 0.1, &Event::Bridge(true)), None);
     assert_eq!(rig.find_time(fault + 0.1, &Event::Fault(false)), None);
     assert_eq!(rig.stored_fault(0), Some(Fault::OverTemperature.number()));
 }
 
-/// A `Set` between two faults must not clear their times.
 #[test]
 fn the_third_fault_in_a_minute_locks_out_in_spite_of_settings() {
     let mut rig = running();
     for fault in 1..=3 {
-        rig.act(&Act::ThermalSwitch(false));
-        rig.run(rig.time() + 0.1);
+        rig.act(&Act::ThermalSwitch(false)).run_for(0.1);
         rig.act(&Act::ThermalSwitch(true));
-        rig.act(&Act::Enable(false));
-        rig.run(rig.time() + 0.8);
+        rig.act(&Act::Enable(false)).run_for(0.8);
         if fault < 3 {
             rig.request_done(&Request::set("soft_start", 0.3));
         }
         let from = rig.time();
-        rig.act(&Act::Enable(true));
-        rig.run(from + 0.4);
+        rig.act(&Act::Enable(true)).run(from + 0.4);
         let closes = rig.find_time(from, &Event::Bridge(true));
         assert_eq!(closes.is_some(), fault < 3, "fault {fault}: {closes:?}");
     }
@@ -223,49 +191,39 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
     hazard.scene.settings.link_timeout = 0.8;
     let mut rig = hazard.commissioned(Kind::default());
     rig.at(1.1, Act::Enable(true));
-    let alive = |rig: &mut Rig, from: f64, to: f64| {
-        let mut time = from;
-        while time < to {
+    let alive = |rig: &mut Rig, from: f64, frames: u32| {
+        for n in 0..frames {
             let frame = rig.frame(&Request::Setting(4));
-            rig.at(time, Act::Link(frame));
-            time += 0.1;
+            rig.at(from + 0.1 * f64::from(n), Act::Link(frame));
         }
     };
-    alive(&mut rig, 1.0, 6.0);
+    alive(&mut rig, 1.0, 50);
     rig.run(3.0);
     rig.chip.board.serials[1].stuck = true;
     rig.run(6.0);
     assert!((rig.amplitude() - 0.2).abs() < 0.005, "{}", rig.amplitude());
     assert_eq!(rig.resets().len(), 1);
     rig.chip.board.serials[1].stuck = false;
-    alive(&mut rig, 6.0, 6.5);
+    alive(&mut rig, 6.0, 5);
     rig.run(6.6);
-    assert!(counters(&mut rig).answers_dropped > 5);
+    assert!(rig.counters().answers_dropped > 5);
     // The port's interrupt is masked: it neither receives nor sends.
     let interrupt = 38;
-    rig.act(&Act::Store(
-        0xe000_e180 + 4 * (interrupt / 32),
-        1 << (interrupt % 32),
-    ));
-    let from = rig.time();
-    rig.run(from + 5.0);
+    let register = 0xe000_e180 + 4 * (interrupt / 32);
+    rig.act(&Act::Store(register, 1 << (interrupt % 32)));
+    rig.run_for(5.0);
     assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
     let safe = f64::from(hazard.scene.settings.safe_amplitude);
-    assert!(
-        (rig.amplitude() / safe - 1.0).abs() < 0.05,
-        "{}",
-        rig.amplitude()
-    );
+    let share = rig.amplitude() / safe;
+    assert!((share - 1.0).abs() < 0.05, "{share}");
     assert_eq!(rig.find_time(3.0, &Event::Bridge(false)), None);
 }
 
-/// Three successive resets must end at rest, not in a loop of resets.
 #[test]
 fn three_resets_end_at_rest_with_fault_and_link() {
     let mut rig = running();
     let from = rig.time();
-    rig.act(&Act::Converts(false));
-    rig.run(from + 3.0);
+    rig.act(&Act::Converts(false)).run(from + 3.0);
     let resets = rig.resets().len();
     assert_eq!(resets, 4, "power-on and three: {:?}", rig.resets());
     let rest = rig.resets()[3].0;
@@ -276,18 +234,16 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     // The link answers.
     let repeated = Fault::RepeatedResets.number();
     assert_eq!(rig.stored_fault(0), Some(repeated));
-    rig.run(rig.time() + 12.0);
+    rig.run_for(12.0);
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
     // After repair and acknowledgement the board starts as after power-on.
-    rig.act(&Act::Converts(true));
-    rig.act(&Act::Enable(false));
+    rig.act(&Act::Converts(true)).act(&Act::Enable(false));
     let off = rig.time();
     rig.run(off + 0.4);
     assert_eq!(rig.resets().len(), resets, "half a second acknowledges");
     rig.run(off + 1.0);
     assert_eq!(rig.resets().len(), resets + 1);
-    rig.act(&Act::Enable(true));
-    rig.run(off + 2.0);
+    rig.act(&Act::Enable(true)).run(off + 2.0);
     assert!(rig.find_time(off, &Event::Bridge(true)).is_some());
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
 }
@@ -299,11 +255,6 @@ fn the_strap_makes_the_link_read_only() {
     let set = Request::set("soft_start", 0.3);
     rig.request_done(&set);
     rig.act(&Act::Wire(2, 1, Wire::Low));
-    let refused = |rig: &mut Rig, request: &Request<'_>| {
-        rig.request(request, |response| {
-            matches!(response, Response::Refused(Refusal::ReadOnly(_)))
-        })
-    };
     for request in [
         set,
         Request::Defaults,
@@ -311,9 +262,11 @@ fn the_strap_makes_the_link_read_only() {
         Request::Target(Target::Amplitude(0.9)),
         Request::Lock(None),
     ] {
-        assert!(refused(&mut rig, &request), "{request:?}");
+        rig.request(&request, |response| {
+            let refused = matches!(response, Response::Refused(Refusal::ReadOnly(_)));
+            assert!(refused, "{request:?}: {response:?}");
+        });
     }
     rig.request_done(&Request::Enable(false));
-    rig.act(&Act::Wire(2, 1, Wire::Open));
-    rig.request_done(&set);
+    rig.act(&Act::Wire(2, 1, Wire::Open)).request_done(&set);
 }

@@ -1,6 +1,6 @@
 //! Three inputs of the flashed image select recipes while the drive runs.
 
-use kband_control::wire::{Request, Response};
+use kband_control::wire::Request;
 use kband_control::{Recipe, RecipeName, Settings, Target};
 use kband_machines::chip::gpio::Wire;
 use kband_machines::chip::kind::Kind;
@@ -11,10 +11,9 @@ use kband_machines::rig::{Act, Rig};
 /// Amplitudes of the saved target and of the recipes 1 to 3, mm.
 const AMPLITUDES: [f32; 4] = [0.2, 0.1, 0.3, 0.15];
 
-/// A board with the recipes in its flash, after a restart.
 fn board() -> Rig {
-    let mut rig =
-        Hazard::new("recipes", 50.0, Target::Amplitude(0.2)).commissioned(Kind::Stm32f405);
+    let hazard = Hazard::new("recipes", 50.0, Target::Amplitude(0.2));
+    let mut rig = hazard.commissioned(Kind::Stm32f405);
     let settings = Settings {
         soft_start: 0.3,
         restitution_high: 0.25,
@@ -25,32 +24,21 @@ fn board() -> Rig {
         let recipe = RecipeName::parse("parts").map(|name| (name, recipe));
         rig.request_done(&Request::SetRecipe { number, recipe });
     }
-    rig.request_done(&Request::SaveRecipes);
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.4);
+    rig.request_done(&Request::SaveRecipes)
+        .power_cycle(0.3, 0.4);
     rig
 }
 
 /// Wires the inputs for this recipe: PC6 has the weight 1, PC7 2, PC8 4.
 fn select(rig: &mut Rig, number: usize) {
     for bit in 0..3 {
-        let level = if number >> bit & 1 == 1 {
-            Wire::Low
-        } else {
-            Wire::Open
-        };
+        let level = [Wire::Open, Wire::Low][number >> bit & 1];
         rig.act(&Act::Wire(2, 6 + bit, level));
     }
 }
 
-/// Number of the recipe in use.
 fn in_use(rig: &mut Rig) -> usize {
-    rig.request(&Request::Status, |response| match response {
-        Response::Status(status) => status.recipe.into(),
-        other => panic!("{other:?}"),
-    })
+    rig.status().recipe.into()
 }
 
 /// Runs the drive for some time, s, with the desk on the link. Returns the last time at which the
@@ -58,8 +46,7 @@ fn in_use(rig: &mut Rig) -> usize {
 fn run(rig: &mut Rig, seconds: f64, expected: f64) -> f64 {
     let (end, mut away) = (rig.time() + seconds, rig.time());
     while rig.time() < end {
-        rig.request_done(&Request::Alive);
-        rig.run(rig.time() + 0.02);
+        rig.request_done(&Request::Alive).run_for(0.02);
         if (rig.amplitude() / expected - 1.0).abs() > 0.02 {
             away = rig.time();
         }
@@ -104,10 +91,8 @@ fn bouncing_inputs_and_missing_recipes_change_nothing() {
     for n in 0..20 {
         select(&mut rig, n % 4);
         let start = rig.time();
-        assert!(
-            run(&mut rig, 0.04, 0.2) <= start,
-            "{n}: the amplitude is kept"
-        );
+        let away = run(&mut rig, 0.04, 0.2);
+        assert!(away <= start, "{n}: the amplitude is kept");
     }
     assert_eq!(in_use(&mut rig), 0);
     assert_eq!(rig.find_time(since, &Event::Ready(false)), None);
@@ -132,9 +117,8 @@ fn inputs_that_are_wired_at_power_on_select_before_the_start() {
     let mut rig = board();
     rig.act(&Act::Volts(0.0));
     select(&mut rig, 2);
-    rig.run(rig.time() + 0.3);
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.3);
+    rig.run_for(0.3);
+    rig.act(&Act::Volts(3.3)).run_for(0.3);
     assert_eq!(in_use(&mut rig), 2);
     let since = rig.time();
     rig.act(&Act::Enable(true));

@@ -36,7 +36,6 @@ const ROWS: [Row; 13] = [
     ("fades", 50.0, 200.0, 0.9, 12, 1.8, 1.25),
 ];
 
-/// Changes of an event from a time in s on.
 fn changes(event: &str, from: f64, noise: f32) -> Vec<(f64, Act)> {
     let now = |change| plant(from, change);
     let every = |pace: f64, n: i32| from + pace * f64::from(n);

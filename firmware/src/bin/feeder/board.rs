@@ -18,16 +18,15 @@ use kband_firmware::board::{Monitor, Panel};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::exchange::Exchange;
-use kband_firmware::hardware::chip::{Chip, Started};
+use kband_firmware::hardware::chip::Chip;
 use kband_firmware::hardware::cortex::{
     IDENTITY, Owned, count_millisecond, guard_stack, microseconds, stack_free, stack_use,
     take_last_words,
 };
 use kband_firmware::hardware::log;
 use kband_firmware::hardware::stm32::{
-    Buffers, Converter, HalfBridge, IndependentWatchdog, LINE_RATE, Lamps, Serial, Terminals,
-    count_sample, drive_off, image_is_valid, recipe_inputs, strapped, watch_recipe_inputs,
-    watch_strap,
+    Converter, HalfBridge, IndependentWatchdog, LINE_RATE, Lamps, Serial, Terminals, count_sample,
+    drive_off, image_is_valid, pull_inputs_up, recipe_inputs, strapped,
 };
 use kband_firmware::inputs::selector::Selector;
 use kband_firmware::link::{Image, Service, link};
@@ -59,13 +58,13 @@ const LOADER_BYTES: &[u8; include_bytes!(concat!(env!("OUT_DIR"), "/loader.bin")
 /// Priority of interrupts that a sample may delay: the middle of the range.
 const LOW_PRIORITY: u8 = 0x80;
 
-/// Service of the desk's requests with this chip's memory.
 type LinkService = Service<<Board as Chip>::Flash, &'static mut Waiting>;
 
 static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static STATION: StaticCell<Station> = StaticCell::new();
 static SERVICE: StaticCell<LinkService> = StaticCell::new();
-static BUFFERS: ConstStaticCell<Buffers> = ConstStaticCell::new(Buffers::EMPTY);
+/// Send and receive buffer of the link's port.
+static BUFFERS: ConstStaticCell<[[u8; 512]; 2]> = ConstStaticCell::new([[0; 512]; 2]);
 
 bind_interrupts!(struct Interrupts {
     USART2 => BufferedInterruptHandler<USART2>;
@@ -118,7 +117,6 @@ fn SysTick() {
     EXCHANGE.bus.poll(count_millisecond());
 }
 
-/// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
     uart::interrupt(&EXCHANGE.bus, microseconds(Board::CORE_CLOCK));
@@ -153,8 +151,7 @@ async fn supervise(mut watchdog: IndependentWatchdog) {
 }
 
 /// Stays at rest, without samples, after repeated resets or with a damaged image. A clock paces the
-/// controller, so that link, lamps and acknowledgement work. An acknowledged fault restarts the
-/// board.
+/// controller for link, lamps and acknowledgement. An acknowledged fault restarts the board.
 #[embassy_executor::task]
 async fn stay_at_rest(
     station: &'static Station,
@@ -185,9 +182,8 @@ fn restart() {
     SCB::sys_reset();
 }
 
-/// Builds the station in its static memory. Controller, station and signal path are large. A
-/// separate call builds each: their stack use does not add up, and the future of `main` stays
-/// small.
+/// Builds the station in its static memory. A separate call builds each large part: their stack use
+/// does not add up, and the future of `main` stays small.
 #[inline(never)]
 fn place(
     loaded: &LoadedSettings,
@@ -230,7 +226,7 @@ async fn main(spawner: Spawner) {
     let mut watchdog = IndependentWatchdog::start();
     let slot = Board::slot(restart);
     // An update restarted the board, which is not a fault.
-    if slot.is_some_and(|slot| slot.on_trial()) {
+    if slot.on_trial() {
         start = StartCause::PowerOn;
     }
     let Some(mut core) = cortex_m::Peripherals::take() else {
@@ -239,10 +235,7 @@ async fn main(spawner: Spawner) {
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     guard_stack(&core.MPU);
-    let Started {
-        peripherals: p,
-        clocks_ok,
-    } = Board::start();
+    let (p, clocks_ok) = Board::start();
     watchdog.feed();
     let last_words = take_last_words();
     log::start(cause, &last_words);
@@ -270,7 +263,7 @@ async fn main(spawner: Spawner) {
     let terminals = Terminals::new(p.PB0, p.PB1, Board::supply_low, !clocks_ok, || {
         SELECTOR.selected()
     });
-    watch_recipe_inputs(p.PC6, p.PC7, p.PC8);
+    pull_inputs_up(p.PC1, p.PC6, p.PC7, p.PC8);
     let (adc, sample_time) = Board::converter(p.ADC1);
     let converter = Converter::new(adc, p.PA1, p.PC0, sample_time);
     let Ok(mut memory) = Board::memory(p.FLASH) else {
@@ -328,9 +321,8 @@ async fn main(spawner: Spawner) {
         },
         line_rate: LINE_RATE,
         strapped,
-        slot,
+        slot: Some(slot),
     };
-    watch_strap(p.PC1);
     let lamps = Lamps::new(p.PC2, p.PB11);
     let service = SERVICE.init(Service::new(image, memory, loaded.pin));
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));

@@ -5,9 +5,9 @@ use embassy_stm32::flash::Flash;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::{Peri, interrupt, pac};
+use embassy_stm32::{Peri, Peripherals, interrupt, pac};
 use kband_control::wire::SetUp;
-use kband_firmware::hardware::chip::{Chip, Memory, Started, supply_crossed, watch_supply};
+use kband_firmware::hardware::chip::{Chip, Memory, supply_crossed, watch_supply};
 use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::hardware::stm32::{drive_off, start_window_watchdog};
 use kband_firmware::start::ResetFlags;
@@ -47,7 +47,7 @@ impl Chip for Board {
 
     /// Selects the crystal if it oscillates at its frequency, else the internal oscillator. With
     /// another crystal the core would run far above its highest frequency.
-    fn start() -> Started {
+    fn start() -> (Peripherals, bool) {
         use embassy_stm32::rcc::*;
         let clocks_ok = crystal::swings(CRYSTAL);
         let mut config = embassy_stm32::Config::default();
@@ -72,10 +72,7 @@ impl Chip for Board {
         config.rcc.apb1_pre = APBPrescaler::DIV4;
         config.rcc.apb2_pre = APBPrescaler::DIV2;
         config.rcc.sys = Sysclk::PLL1_P;
-        Started {
-            peripherals: embassy_stm32::init(config),
-            clocks_ok,
-        }
+        (embassy_stm32::init(config), clocks_ok)
     }
 
     /// A stopped crystal opens the bridge by the break of TIM1, which needs no clock. Its interrupt
@@ -116,8 +113,7 @@ impl Chip for Board {
         }
     }
 
-    /// Sets up the converter with a sampling time of 28 cycles at 21 MHz, 1.3 us, enough for 27
-    /// kOhm.
+    /// A sampling time of 28 cycles at 21 MHz, 1.3 us, is enough for 27 kOhm.
     fn converter(converter: Peri<'static, ADC1>) -> (Adc<'static, ADC1>, SampleTime) {
         (Adc::new(converter), SampleTime::CYCLES28)
     }
@@ -135,8 +131,8 @@ impl Chip for Board {
         Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
     }
 
-    fn slot(restart: fn()) -> Option<Slot> {
-        Some(slot::slot(restart))
+    fn slot(restart: fn()) -> Slot {
+        slot::slot(restart)
     }
 
     fn signs() -> ResetFlags {

@@ -4,9 +4,9 @@ use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
-use embassy_stm32::{Peri, interrupt, pac};
+use embassy_stm32::{Peri, Peripherals, interrupt, pac};
 use kband_control::wire::SetUp;
-use kband_firmware::hardware::chip::{Chip, Memory, Started, supply_crossed, watch_supply};
+use kband_firmware::hardware::chip::{Chip, Memory, supply_crossed, watch_supply};
 use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
 use kband_firmware::hardware::stm32::start_window_watchdog;
 use kband_firmware::start::ResetFlags;
@@ -36,8 +36,7 @@ fn exchange_note(note: Note) -> Note {
     }
 }
 
-/// Interrupt at each crossing of the monitor's level. The break of TIM1 opens the bridge in
-/// hardware.
+/// Interrupt at each crossing of the monitor's level, at which TIM1's break opens the bridge.
 #[interrupt]
 fn PVD_PVM() {
     supply_crossed();
@@ -56,7 +55,7 @@ impl Chip for Board {
     /// Range 1 boost; without it the core may run at 150 MHz at most (RM0440, 6.1.5).
     /// `stm32-metapac` 21.0.0 places R1MODE at bit 0 of PWR_CR5, but it is bit 8. So the chip
     /// starts on its 16 MHz oscillator and gets the fast clock after the bit is clear.
-    fn start() -> Started {
+    fn start() -> (Peripherals, bool) {
         use embassy_stm32::rcc::*;
         let mut peripherals = embassy_stm32::init(embassy_stm32::Config::default());
         pac::PWR.cr5().modify(|w| w.0 &= !NORMAL_RANGE_1);
@@ -73,15 +72,11 @@ impl Chip for Board {
         config.sys = Sysclk::PLL1_R;
         config.mux.adc12sel = mux::Adcsel::SYS;
         reinit(config, &mut peripherals.RCC);
-        Started {
-            peripherals,
-            clocks_ok: true,
-        }
+        (peripherals, true)
     }
 
-    /// The internal oscillator starts and stops with the chip. Three failures open the bridge by
-    /// the break of TIM1, without the program. They are a supply below 2.9 V, a core lock-up and a
-    /// flash error.
+    /// The internal oscillator stops with the chip. A supply below 2.9 V, a core lock-up and a
+    /// flash error open the bridge by the break of TIM1, without the program.
     fn watch(_clocks_ok: bool) {
         pac::PWR.cr2().modify(|control| {
             control.set_pls(HIGHEST_LEVEL);
@@ -110,8 +105,7 @@ impl Chip for Board {
     fn set_up() -> SetUp {
         let options = pac::FLASH.optr().read();
         SetUp {
-            // Typical thresholds for a falling supply (DS12288, table 21); level 0 is the power-on
-            // reset.
+            // Typical thresholds of a falling supply (DS12288, table 21); level 0 is power-on.
             brown_out: match options.bor_lev() {
                 1 => 2000,
                 2 => 2200,
@@ -143,13 +137,13 @@ impl Chip for Board {
         )
     }
 
-    fn slot(restart: fn()) -> Option<Slot> {
-        Some(Slot {
+    fn slot(restart: fn()) -> Slot {
+        Slot {
             board: BOARD,
             size: SLOT.end - SLOT.start,
             restart,
             writer: Writer::Loader(|key| _ = exchange_note(Note::request(*key))),
-        })
+        }
     }
 
     fn signs() -> ResetFlags {
@@ -162,8 +156,7 @@ impl Chip for Board {
         ResetFlags {
             watchdog: flags.iwdgrstf() || flags.wwdgrstf(),
             software: flags.sftrstf(),
-            // This chip has one flag for power-on and brown-out. A preserved mark in RAM
-            // distinguishes them.
+            // One flag for power-on and brown-out: the preserved mark in RAM tells them apart.
             sag: false,
             remembered,
         }

@@ -23,7 +23,6 @@ const CYCLES: u32 = 20;
 static EXCHANGE: Exchange = Exchange::empty();
 static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
-/// Reading of the bench, computed before the count begins.
 static READING: AtomicU16 = AtomicU16::new(0);
 
 struct Reading;
@@ -50,13 +49,11 @@ impl Drive for LastOutput {
     }
 }
 
-/// Instructions in hundredths for a difference of the counter. An instruction takes 1 ns, a tick
-/// 1000/168 ns.
+/// Hundredths of instructions in ticks: an instruction takes 1 ns, a tick 1000/168 ns.
 fn instructions(ticks: u32) -> u64 {
     u64::from(ticks) * 100_000 / 168
 }
 
-/// Starts the counter that [`lap`] reads.
 fn begin(timer: &mut SYST) {
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(FULL);
@@ -75,13 +72,9 @@ fn lap(work: &mut dyn FnMut()) -> u32 {
 #[inline(never)]
 fn count_gear(station: &Station) {
     let (settings, target) = (station.settings(), station.target());
+    let lot = (settings.restitution_low, settings.restitution_high);
     for (name, lot, scatter, [second_tone, third_tone]) in [
-        (
-            "the lot of the trial",
-            (settings.restitution_low, settings.restitution_high),
-            0.05,
-            [0.0; 2],
-        ),
+        ("the lot of the trial", lot, 0.05, [0.0; 2]),
         ("lively parts", (0.5, 0.7), 0.1, [0.0; 2]),
         ("lively parts on two tones", (0.5, 0.7), 0.1, [0.25, 0.0]),
         ("lively parts on three tones", (0.5, 0.7), 0.1, [0.3, 0.06]),
@@ -107,8 +100,7 @@ fn count_gear(station: &Station) {
 
 /// Counts a search, slice by slice as the control task runs it.
 fn count_plan(station: &Station) {
-    let (mut sum, mut longest, mut slices) = (0, 0, 0);
-    let mut more = true;
+    let (mut sum, mut longest, mut slices, mut more) = (0, 0, 0, true);
     while more && slices <= 100_000 {
         let ticks = lap(&mut || more = black_box(station.plan_step()));
         sum += instructions(ticks) / 100;
@@ -172,18 +164,10 @@ pub fn count(timer: &mut SYST, mut signal: Signal, station: &Station, mut bench:
     }
 }
 
-/// A signal path with upper tones or with a current sensor.
-fn changed(
-    station: &Station,
-    [second_tone, third_tone]: [f32; 2],
-    current_sensitivity: f32,
-) -> Option<Signal> {
-    let settings = Settings {
-        second_tone,
-        third_tone,
-        current_sensitivity,
-        ..station.settings()
-    };
+fn changed(station: &Station, tones: [f32; 2], current_sensitivity: f32) -> Option<Signal> {
+    let mut settings = station.settings();
+    [settings.second_tone, settings.third_tone] = tones;
+    settings.current_sensitivity = current_sensitivity;
     let mut path = Signal::build(&settings).ok()?;
     path.command(Command {
         amplitude: 0.25,
@@ -194,7 +178,6 @@ fn changed(
     Some(path)
 }
 
-/// Counts the sample interrupt with a signal path.
 #[inline(never)]
 fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     let mut cycles = 0;

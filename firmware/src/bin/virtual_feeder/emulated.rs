@@ -30,7 +30,7 @@ use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings, Records, StoreFailed};
+use kband_firmware::storage::store::{Condition, LoadedSettings, Records};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::trial::{TraceRow, Trial};
 use kband_firmware::watch::{Roll, Watched};
@@ -48,14 +48,12 @@ const CORE_CLOCK: u64 = 168_000_000;
 const BUS_CLOCK: u32 = 42_000_000;
 /// Factor by which silence on the emulated line is longer: a busy desk delays bytes by some ms.
 const BUS_SLOWNESS: u32 = 16;
-/// Reload of the sample timer: 25 us at QEMU's 1 GHz. The emulated time does not affect the
-/// samples.
+/// Reload of the sample timer: 25 us at QEMU's 1 GHz, which does not affect the samples.
 const SAMPLE_TICKS: u16 = 25_000 - 1;
 /// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
 /// Number of interrupts until the emulated watchdog ends the run: half a second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
-/// Semihosting operation that returns the command line.
 const GET_CMDLINE: usize = 0x15;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
@@ -92,7 +90,6 @@ const IMAGE: Image = Image {
     slot: None,
 };
 
-/// The bench in the role of converter, power stage and inputs.
 struct Bed;
 
 impl Bed {
@@ -152,13 +149,6 @@ impl Monitor for Trace {
 /// Memory of the settings: a file of the desk. Without one each start is the first.
 type Memory = Records<FlashFile, Waiting>;
 
-/// Opens the file of this name; no memory for an empty name.
-fn open_memory(name: &str) -> Result<Memory, StoreFailed> {
-    let file = FlashFile::open(name).map_err(|_| StoreFailed::Memory)?;
-    let [settings, faults] = file.ranges();
-    Records::new(file, settings, faults, Waiting::EMPTY, || true)
-}
-
 /// Takes one sample. In the emulator it has no deadline: the next sample waits.
 #[interrupt]
 fn TIM3() {
@@ -189,7 +179,6 @@ fn sample() {
     }
 }
 
-/// Counts milliseconds for the time driver.
 #[exception]
 fn SysTick() {
     TIME.systick_interrupt();
@@ -201,7 +190,6 @@ fn SysTick() {
     }
 }
 
-/// A byte of the fieldbus.
 #[interrupt]
 fn UART4() {
     let now = microseconds(CORE_CLOCK as u32) / BUS_SLOWNESS;
@@ -238,11 +226,7 @@ async fn supervise() {
 fn finish(passed: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
-    debug::exit(if passed {
-        debug::EXIT_SUCCESS
-    } else {
-        debug::EXIT_FAILURE
-    });
+    debug::exit([debug::EXIT_FAILURE, debug::EXIT_SUCCESS][usize::from(passed)]);
     loop {
         cortex_m::asm::wfi();
     }
@@ -254,12 +238,8 @@ fn arguments(buffer: &mut [u8; 256]) -> &str {
     // SAFETY: SYS_GET_CMDLINE takes the address and length of a buffer that outlives the call, and
     // returns the length written in the second word.
     let failed = unsafe { syscall1(GET_CMDLINE, request.as_mut_ptr() as usize) } != 0;
-    let length = if failed {
-        0
-    } else {
-        request[1].min(buffer.len())
-    };
-    let line = core::str::from_utf8(&buffer[..length]).unwrap_or_default();
+    let length = if failed { 0 } else { request[1] };
+    let line = core::str::from_utf8(&buffer[..length.min(buffer.len())]).unwrap_or_default();
     line.split_once(' ').map_or("", |(_, rest)| rest.trim())
 }
 
@@ -287,7 +267,6 @@ fn place_bench(scene: &Scene) -> Result<(), OutOfRange> {
     Ok(())
 }
 
-/// Counts instructions, and ends the run.
 #[inline(never)]
 fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &Station) -> ! {
     if let Some((bench, _)) = BENCH.lock(RefCell::take) {
@@ -321,8 +300,12 @@ fn begin(spawner: Spawner) {
         heprintln!("no trial {}", word);
         finish(false);
     };
-    let scene = trial.scene();
-    let Ok(mut memory) = open_memory(file) else {
+    let scene = (trial.scene)();
+    let memory = FlashFile::open(file).ok().and_then(|flash| {
+        let [settings, faults] = flash.ranges();
+        Records::new(flash, settings, faults, Waiting::EMPTY, || true).ok()
+    });
+    let Some(mut memory) = memory else {
         heprintln!("no flash in {}", file);
         finish(false);
     };
@@ -335,18 +318,12 @@ fn begin(spawner: Spawner) {
     } else {
         block_on(memory.load())
     };
-    let built = place(&loaded).and_then(|placed| {
-        place_bench(&scene)?;
-        Ok(placed)
+    let built = place(&loaded).and_then(|placed| place_bench(&scene).map(|()| placed));
+    let (station, signal) = built.unwrap_or_else(|refusal| {
+        // The rejected value is left out: printing a float costs 15 KiB of flash.
+        heprintln!("{}: {} is accepted", refusal.parameter, refusal.accepted);
+        finish(false)
     });
-    let (station, signal) = match built {
-        Ok(placed) => placed,
-        Err(refusal) => {
-            // The rejected value is left out: printing a float costs 15 KiB of flash.
-            heprintln!("{}: {} is accepted", refusal.parameter, refusal.accepted);
-            finish(false);
-        }
-    };
     if word == "count" {
         count_with_bench(&mut core, signal, station);
     }

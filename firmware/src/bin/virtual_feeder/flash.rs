@@ -7,7 +7,6 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, 
 const PAGE: usize = 4096;
 const FAILED: usize = usize::MAX;
 
-/// Error: the file could not be read or written completely.
 const FILE_FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 /// A file as NOR flash: writing clears bits, erasing sets the bits of a page. Ending the emulator
@@ -22,10 +21,8 @@ impl FlashFile {
     /// Opens the file as flash of the file's size; with an empty name a blank flash.
     pub fn open(name: &str) -> Result<Self, NorFlashErrorKind> {
         if name.is_empty() {
-            return Ok(Self {
-                handle: None,
-                length: 4 * PAGE,
-            });
+            let (handle, length) = (None, 4 * PAGE);
+            return Ok(Self { handle, length });
         }
         let mut path = [0; 257];
         let bytes = name.as_bytes();
@@ -34,18 +31,13 @@ impl FlashFile {
         place.ok_or(FILE_FAILED)?.copy_from_slice(bytes);
         // SAFETY: SYS_OPEN takes a name that ends with a zero, a mode and the name's length.
         let handle = unsafe { syscall!(OPEN, path.as_ptr(), nr::open::RW_BINARY, bytes.len()) };
-        if handle == FAILED {
-            return Err(FILE_FAILED);
-        }
-        // SAFETY: SYS_FLEN takes an open file.
+        // SAFETY: SYS_FLEN takes a file, and fails for one that is not open.
         let length = unsafe { syscall!(FLEN, handle) };
-        if length == FAILED {
+        if handle == FAILED || length == FAILED {
             return Err(FILE_FAILED);
         }
-        Ok(Self {
-            handle: Some(handle),
-            length,
-        })
+        let handle = Some(handle);
+        Ok(Self { handle, length })
     }
 
     /// Ranges of the pages for settings, target and recipes, and of those for the event log.
@@ -54,23 +46,17 @@ impl FlashFile {
         [0..half, half..whole]
     }
 
-    /// The file, positioned at this offset.
     fn seek(&mut self, offset: u32) -> Result<usize, NorFlashErrorKind> {
         let handle = self.handle.ok_or(FILE_FAILED)?;
         // SAFETY: SYS_SEEK takes an open file and an offset in it.
-        match unsafe { syscall!(SEEK, handle, offset) } {
-            0 => Ok(handle),
-            _ => Err(FILE_FAILED),
-        }
+        whole(unsafe { syscall!(SEEK, handle, offset) })?;
+        Ok(handle)
     }
 
     fn put(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let handle = self.seek(offset)?;
         // SAFETY: SYS_WRITE reads this many bytes and returns how many it did not write.
-        match unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) } {
-            0 => Ok(()),
-            _ => Err(FILE_FAILED),
-        }
+        whole(unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) })
     }
 
     fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
@@ -80,11 +66,13 @@ impl FlashFile {
         }
         let handle = self.seek(offset)?;
         // SAFETY: SYS_READ writes at most this many bytes and returns how many it did not.
-        match unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) } {
-            0 => Ok(()),
-            _ => Err(FILE_FAILED),
-        }
+        whole(unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) })
     }
+}
+
+/// Requires that an operation left no bytes.
+fn whole(left: usize) -> Result<(), NorFlashErrorKind> {
+    (left == 0).then_some(()).ok_or(FILE_FAILED)
 }
 
 impl ErrorType for FlashFile {

@@ -85,8 +85,7 @@ impl HalfBridge {
         // Eight clocks: 47 ns at 170 MHz. The timer of the STM32F405 has no filter.
         pwm.set_break_filter(FilterValue::FCK_INT_N8);
         pwm.set_break_enable(true);
-        // One update event per period, at the counter's lowest value. The repetition counter is
-        // written while the counter is stopped.
+        // One update a period, at the lowest count; it is written while the counter is stopped.
         let timer = pac::TIM1;
         timer.cr1().modify(|control| control.set_cen(false));
         timer.cnt().write(|count| count.set_cnt(0));

@@ -38,7 +38,6 @@ pub fn image_is_valid() -> bool {
 const FLASH_BUSY: u32 = 1 << 16;
 /// Start bit of the flash controller's control register, the same on all STM32F4 and STM32G4.
 const FLASH_START: u32 = 1 << 16;
-/// Control register of the window watchdog.
 const WINDOW: *mut u32 = 0x4000_2c00 as *mut u32;
 const WINDOW_RUNS: u32 = 0x80;
 /// Its count, which falls by one a step.
@@ -46,20 +45,32 @@ const WINDOW_COUNT: u32 = 0x7f;
 /// Count at which it is fed during an erasure: halfway to its reset.
 const HALF_WAY: u32 = 0x58;
 
-/// Erases a page of the flash with interrupts off, if the bridge is open. `page` in the control
-/// register selects it; `unlock` unlocks the controller. For up to 2 s the CPU cannot fetch from
-/// that flash: code in RAM waits and feeds the window watchdog. Returns whether it ended with a
-/// good supply.
+/// Erases the pages of `size` bytes from `from` up to `to`, each by its number with `erase`.
 ///
-/// # Safety
-/// The addresses are the registers of the flash's controller, which is not busy.
-pub unsafe fn erase_page(
-    status: *const u32,
-    control: *mut u32,
-    page: u32,
-    settled: fn() -> bool,
-    unlock: fn(),
-) -> bool {
+/// # Errors
+/// The range is not of whole pages, exceeds `capacity` bytes, or an erasure failed.
+pub fn erase_pages(
+    (from, to): (u32, u32),
+    size: u32,
+    capacity: usize,
+    erase: impl FnMut(u32) -> bool,
+) -> Result<(), Error> {
+    if !from.is_multiple_of(size) || !to.is_multiple_of(size) {
+        return Err(Error::Unaligned);
+    }
+    if from > to || to as usize > capacity {
+        return Err(Error::Size);
+    }
+    let erased = (from / size..to / size).all(erase);
+    erased.then_some(()).ok_or(Error::Prog)
+}
+
+/// Erases a page of the flash with interrupts off, if the bridge is open. `page` in the control
+/// register selects it; the error flags `errors` are cleared before. For up to 2 s the CPU cannot
+/// fetch from that flash: code in RAM waits and feeds the window watchdog. Returns whether it ended
+/// with a good supply.
+pub fn erase_page(page: u32, errors: u32, settled: fn() -> bool) -> bool {
+    let (status, control) = (pac::FLASH.sr(), pac::FLASH.cr());
     // Called by its address because it lies beyond the range of a branch.
     let erase: unsafe fn(*const u32, *mut u32, u32) -> bool = black_box(erase);
     let usual = (pac::IWDG.pr().read().pr(), pac::IWDG.rlr().read().rl());
@@ -68,14 +79,16 @@ pub unsafe fn erase_page(
             return false;
         }
         change_period(ERASURE_PERIOD);
-        unlock();
-        // SAFETY: interrupts are off, and the registers are the controller's, as the caller
-        // guarantees.
-        if unsafe { erase(status, control, page) } {
+        pac::FLASH.keyr().write_value(0x4567_0123);
+        pac::FLASH.keyr().write_value(0xcdef_89ab);
+        status.write_value(pac::flash::regs::Sr(errors));
+        // SAFETY: interrupts are off, and the registers are the controller's. It is not busy: one
+        // task works on the flash, one complete operation at a time.
+        if unsafe { erase(status.as_ptr().cast(), control.as_ptr().cast(), page) } {
             // A feed after fewer than 40 samples would reset the chip.
             restart_sample_count();
         }
-        pac::FLASH.cr().modify(|control| control.set_lock(true));
+        control.modify(|control| control.set_lock(true));
         forget_flash();
         true
     });

@@ -1,7 +1,7 @@
 //! Inputs of the terminals: enable, thermal switch, recipe selection, and the strap of the link.
 
 use cortex_m::peripheral::DWT;
-use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::gpio::{AnyPin, Input, Pull};
 use embassy_stm32::peripherals::{PB0, PB1, PC1, PC6, PC7, PC8};
 use embassy_stm32::{Peri, pac};
 use kband_control::Inputs;
@@ -13,22 +13,9 @@ use crate::inputs::enable::Contact;
 
 /// Pin number of the enable input on port B; also its EXTI line.
 const ENABLE: usize = 0;
-/// Code of port B in EXTICR.
 const PORT_B: u8 = 1;
 /// Number of the first pin on port C that selects a recipe: PC6 counts 1, PC7 2, PC8 4.
 const FIRST_RECIPE_PIN: usize = 6;
-
-/// Latches each edge of the enable input in EXTI for the sample. The line sets its pending bit; its
-/// interrupt stays disabled in the NVIC.
-fn latch_edges() {
-    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
-    pac::SYSCFG
-        .exticr(ENABLE / 4)
-        .modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
-    for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
-        edges.modify(|lines| lines.set_line(ENABLE, true));
-    }
-}
 
 /// The enable input since the last call.
 #[inline]
@@ -65,7 +52,13 @@ impl Terminals {
         recipe: fn() -> u8,
     ) -> Self {
         let enable = Input::new(enable, Pull::Down);
-        latch_edges();
+        pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
+        let lines = pac::SYSCFG.exticr(ENABLE / 4);
+        lines.modify(|pins| pins.set_exti(ENABLE % 4, PORT_B));
+        // EXTI latches each edge for the sample; its interrupt stays disabled in the NVIC.
+        for edges in [pac::EXTI.rtsr(0), pac::EXTI.ftsr(0), pac::EXTI.imr(0)] {
+            edges.modify(|lines| lines.set_line(ENABLE, true));
+        }
         Self {
             supply_low,
             clock_failed,
@@ -98,28 +91,23 @@ impl Panel for Terminals {
     }
 }
 
-/// Configures PC6, PC7 and PC8 as recipe inputs, each on while it is wired to ground.
-pub fn watch_recipe_inputs(
+/// Configures PC1 as the strap of the link, and PC6, PC7 and PC8 as recipe inputs. Each is on while
+/// it is wired to ground; the strap makes the link read-only.
+pub fn pull_inputs_up(
+    strap: Peri<'static, PC1>,
     one: Peri<'static, PC6>,
     two: Peri<'static, PC7>,
     four: Peri<'static, PC8>,
 ) {
+    let pins: [Peri<'_, AnyPin>; 4] = [strap.into(), one.into(), two.into(), four.into()];
     // `forget` keeps the pull-ups while the program runs.
-    core::mem::forget(Input::new(one, Pull::Up));
-    core::mem::forget(Input::new(two, Pull::Up));
-    core::mem::forget(Input::new(four, Pull::Up));
+    core::mem::forget(pins.map(|pin| Input::new(pin, Pull::Up)));
 }
 
 /// Number of the recipe at these inputs now; 0 while all are open.
 #[inline]
 pub fn recipe_inputs() -> u8 {
     !(pac::GPIOC.idr().read().0 >> FIRST_RECIPE_PIN) as u8 & 7
-}
-
-/// Configures PC1 as the strap of the link: wired to ground it makes the link read-only.
-pub fn watch_strap(strap: Peri<'static, PC1>) {
-    // `forget` keeps the pull-up while the program runs.
-    core::mem::forget(Input::new(strap, Pull::Up));
 }
 
 /// Whether the strap of the link is wired to ground.

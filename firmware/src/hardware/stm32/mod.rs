@@ -12,8 +12,8 @@ mod watchdogs;
 
 pub use bridge::{HalfBridge, drive_off, forget_break};
 pub use converter::Converter;
-pub use flash::{erase_page, image_is_valid, program_words};
-pub use inputs::{Terminals, recipe_inputs, strapped, watch_recipe_inputs, watch_strap};
+pub use flash::{erase_page, erase_pages, image_is_valid, program_words};
+pub use inputs::{Terminals, pull_inputs_up, recipe_inputs, strapped};
 pub use lamps::Lamps;
-pub use serial::{Buffers, LINE_RATE, Serial};
+pub use serial::{LINE_RATE, Serial};
 pub use watchdogs::{IndependentWatchdog, count_sample, start_window_watchdog};

@@ -12,20 +12,6 @@ use embedded_io_async::{Read, Write};
 
 use crate::link::Line;
 
-/// Send and receive buffer of the serial port.
-pub struct Buffers {
-    send: [u8; 512],
-    receive: [u8; 512],
-}
-
-impl Buffers {
-    /// Empty buffers.
-    pub const EMPTY: Self = Self {
-        send: [0; 512],
-        receive: [0; 512],
-    };
-}
-
 /// Rate of the link, bytes a second: 115200 baud, ten bits a byte.
 pub const LINE_RATE: u32 = 11_520;
 
@@ -33,7 +19,7 @@ pub const LINE_RATE: u32 = 11_520;
 pub struct Serial(BufferedUart<'static>);
 
 impl Serial {
-    /// Opens the port.
+    /// Opens the port; it sends and receives by these buffers.
     ///
     /// # Errors
     /// The clocks do not give its baud rate.
@@ -43,9 +29,8 @@ impl Serial {
         send: Peri<'static, PA2>,
         interrupts: impl Binding<interrupt::typelevel::USART2, BufferedInterruptHandler<USART2>>
         + 'static,
-        buffers: &'static mut Buffers,
+        [sent, received]: &'static mut [[u8; 512]; 2],
     ) -> Result<Self, ConfigError> {
-        let (sent, received) = (&mut buffers.send, &mut buffers.receive);
         let config = embassy_stm32::usart::Config::default();
         let port = BufferedUart::new(port, receive, send, sent, received, interrupts, config);
         port.map(Self)

@@ -58,7 +58,6 @@ const LAST_COUNT: u8 = 0x40;
 /// Value of the window watchdog's control register that starts and feeds it.
 pub(super) const WINDOW_FED: u32 = 0x80 | (LAST_COUNT + TIMEOUT_TICKS - 1) as u32;
 
-/// Number of samples since the last feed of the window watchdog.
 static SAMPLED: AtomicU8 = AtomicU8::new(0);
 
 /// Starts the window watchdog. A step is 4096 x `divider` periods of its peripheral clock.

@@ -27,7 +27,6 @@ struct Flash {
     on_trial: bool,
     restarts: u32,
     full: bool,
-    /// Key left for the loader.
     requested: Option<[u8; 32]>,
     /// Name of the function that fails.
     fails: &'static str,
@@ -52,8 +51,7 @@ const SECOND_SLOT: SecondSlot = SecondSlot {
     sector: SECTOR,
     erase: |offset| {
         flash(|flash| {
-            let place = offset as usize..(offset + SECTOR) as usize;
-            flash.bytes[place].fill(0xff);
+            flash.bytes[offset as usize..][..SECTOR as usize].fill(0xff);
             flash.erased.push(offset);
             flash.fails != "erase"
         })
@@ -112,17 +110,14 @@ fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
     }
 }
 
-/// Sends a request and requires this answer.
 fn answered(board: &mut Board, request: &UpdateRequest<'_>, answer: UpdateAnswer<'_>) {
     board.cycle();
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = (write_update_request(&mut buffer, 9, request).unwrap()).to_vec();
     let answers = board.send(&frame);
     assert_eq!(answers.len(), 1, "{request:?}");
-    let expected = Outgoing::Update {
-        sequence: 9,
-        answer,
-    };
+    let sequence = 9;
+    let expected = Outgoing::Update { sequence, answer };
     assert_eq!(outgoing(&answers[0]), expected, "{request:?}");
 }
 
@@ -146,12 +141,10 @@ fn board_with(slot: Slot, on_trial: bool) -> Board {
 }
 
 fn keyless(slot: Slot, on_trial: bool) -> Board {
-    flash(|flash| {
-        *flash = Flash {
-            bytes: vec![0; SIZE as usize],
-            on_trial,
-            ..Flash::default()
-        }
+    FLASH.set(Flash {
+        bytes: vec![0; SIZE as usize],
+        on_trial,
+        ..Flash::default()
     });
     let image = with(IMAGE, |it| it.slot = Some(slot));
     let board = Board::of(image, LOADED(Condition::Whole), StartCause::PowerOn);
@@ -275,9 +268,10 @@ fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
         assert!(board.station.at_rest());
     }
     assert!(starts(&mut board));
+    let image = image();
     for request in [
         BEGIN,
-        bytes(&image(), 0),
+        bytes(&image, 0),
         Key(&[1; 32]),
         Confirm,
         End(&[0; 64]),
@@ -288,7 +282,7 @@ fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
     assert_eq!(flash(|flash| flash.erased.len()), 0);
     board.enable = false;
     board.cycles(100);
-    refused(&mut board, &bytes(&image(), 0), Order(0));
+    refused(&mut board, &bytes(&image, 0), Order(0));
 }
 
 #[test]

@@ -24,7 +24,7 @@ const SLOT_WORDS: usize = SLOT / 4;
 
 /// NOR flash of four pages whose power fails after a number of words. Writing clears bits; erasing
 /// sets the bits of a page.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Nor<const PAGE: usize> {
     pub bytes: Vec<u8>,
     /// Number of words until the power fails.
@@ -46,11 +46,7 @@ impl<const PAGE: usize> Nor<PAGE> {
         Self {
             bytes: std::vec![0xff; 4 * PAGE],
             power: usize::MAX,
-            operations: 0,
-            erasures: [0; 4],
-            weak: [false; 4],
-            refuses_erasures: false,
-            stuck: None,
+            ..Self::default()
         }
     }
 
@@ -146,10 +142,8 @@ thread_local! {
 fn records<const PAGE: usize>(nor: Nor<PAGE>) -> Memory<PAGE> {
     let page = PAGE as u32;
     let (settings, faults) = (0..2 * page, 2 * page..4 * page);
-    Records::new(nor, settings, faults, Waiting::EMPTY, || {
-        SUPPLY_IS_GOOD.get()
-    })
-    .unwrap()
+    let supply_settled = || SUPPLY_IS_GOOD.get();
+    Records::new(nor, settings, faults, Waiting::EMPTY, supply_settled).unwrap()
 }
 
 /// Settings unlike the defaults, and unlike each other, in every key that `change` may halve.
@@ -157,8 +151,7 @@ fn changed(factor: f32) -> Settings {
     let mut settings = Settings::default();
     for key in Settings::KEYS {
         let value = settings.get(key.name).unwrap();
-        // Some are at the end of their range or whole numbers, and the two bounds must keep their
-        // order.
+        // Some are whole or at the end of their range; the two bounds must keep their order.
         if !key.name.starts_with("bus") || key.name == "bus_timeout" {
             let _ = settings.set(key.name, value * factor);
         }
@@ -167,18 +160,15 @@ fn changed(factor: f32) -> Settings {
     settings
 }
 
-/// Content of a memory with these settings.
 fn valid(settings: Settings, target: Target, pin: Option<Pin>) -> LoadedSettings {
     LoadedSettings {
         settings,
         target,
         pin,
-        condition: Condition::Whole,
-        added: 0,
+        ..LoadedSettings::none(Condition::Whole)
     }
 }
 
-/// A fresh memory with these settings saved.
 fn saved<const PAGE: usize>(settings: &Settings, target: Target) -> Memory<PAGE> {
     let mut store = records(Nor::new());
     block_on(store.save(settings, target, None)).unwrap();
@@ -223,9 +213,8 @@ const TARGETS: [Target; 9] = [
 #[test]
 fn settings_and_target_load_as_saved() {
     let mut store = records(Nor::<G4_PAGE>::new());
-    let found = block_on(store.load());
-    assert_eq!(found, LoadedSettings::default());
-    assert_eq!(found.condition, Condition::Never);
+    let never = LoadedSettings::none(Condition::Never);
+    assert_eq!(block_on(store.load()), never);
     for (n, target) in TARGETS.into_iter().enumerate() {
         let settings = changed(0.9 + 0.01 * n as f32);
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
@@ -284,10 +273,8 @@ fn cut_everywhere<const PAGE: usize>(
         let done = change(&mut cut, 0).is_ok();
         let nor = cut.flash.powered(usize::MAX);
         let found = content(&mut open(nor.clone()));
-        assert!(
-            found == new[0] || found == old && !done,
-            "{power}: {found:?}"
-        );
+        let holds = found == new[0] || found == old && !done;
+        assert!(holds, "{power}: {found:?}");
         olds += u32::from(found == old);
         news += u32::from(found == new[0]);
         for &second in second {
@@ -340,8 +327,7 @@ fn a_cut_after_any_word_leaves_old_or_new() {
         let words = 0..=2 * (G4_PAGE / 4) + SLOT_WORDS;
         cut_everywhere(&base::<G4_PAGE>(saves), records, save, words, &SECOND);
     }
-    // The sector is full: the next record starts the other one, and the full one is erased after
-    // it.
+    // A full sector: the next record starts the other one, and this one is erased after it.
     for saves in [1, 15, 16, 17] {
         let erasure = (SLOT_WORDS..F4_PAGE / 4).step_by(97);
         let words = (0..=SLOT_WORDS).chain(erasure).chain([2 * F4_PAGE]);
@@ -359,8 +345,7 @@ fn a_flipped_bit_keeps_the_settings_or_is_reported() {
     }
 }
 
-/// Flips every bit of the settings' pages. The settings stay, or are reported as lost. Returns the
-/// number of losses.
+/// Flips every bit of the settings' pages; they stay or are lost. Returns the number of losses.
 fn flips(store: &Memory<G4_PAGE>) -> usize {
     let original = loaded_from(&store.flash);
     let mut lost = 0;
@@ -408,7 +393,6 @@ fn thirty_thousand_saves_wear_no_page_out() {
     wear::<F4_PAGE>(1_100);
 }
 
-/// Result of loading a record with this content.
 fn loaded(content: &[u8; CONTENT]) -> LoadedSettings {
     let mut store = records(Nor::<G4_PAGE>::new());
     block_on(store.settings.append(&mut store.flash, content)).unwrap();
@@ -497,8 +481,8 @@ fn a_key_that_the_record_lacks_gets_its_default() {
         let found = loaded(&content);
         assert_eq!(found.condition, condition, "{}", key.name);
         if condition == Condition::Whole {
-            assert_eq!((found.settings, found.added), (expected, 1 << number));
-            assert_eq!((found.target, found.pin), (Target::K(0.4), pin));
+            let expected = valid(expected, Target::K(0.4), pin);
+            assert_eq!(found, with(expected, |it| it.added = 1 << number));
         }
     }
 }
@@ -532,29 +516,23 @@ fn a_record_of_a_newer_firmware_stays_as_it_is() {
     assert_eq!(block_on(store.recipes()), Recipes::default());
 }
 
-/// Offset and bytes of each line of a dump of two pages, written by an image with version 3.
-fn dump_of_version_3() -> Vec<(usize, Vec<u8>)> {
-    let line = |line: &str| {
+/// Two pages after the first `saves` by an image with version 3, from a dump with an offset and
+/// bytes in each line. From the eighth on the record repeats the sixth.
+fn version_3<const PAGE: usize>(saves: usize) -> Nor<PAGE> {
+    let size = version_3::SLOT;
+    let mut nor = Nor::<PAGE>::new();
+    for line in include_str!("version_3.hex").lines() {
         let mut words = line.split(' ');
         let at = usize::from_str_radix(words.next().unwrap(), 16).unwrap();
-        let bytes = words.map(|word| u8::from_str_radix(word, 16).unwrap());
-        (at, bytes.collect())
-    };
-    include_str!("version_3.hex").lines().map(line).collect()
-}
-
-/// The pages after the first `saves` of them; from the eighth on the record repeats the sixth.
-fn version_3<const PAGE: usize>(saves: usize) -> Nor<PAGE> {
-    let mut nor = Nor::<PAGE>::new();
-    for (at, bytes) in dump_of_version_3() {
-        if at < (1 + saves) * version_3::SLOT {
-            nor.bytes[at..at + bytes.len()].copy_from_slice(&bytes);
+        if at < (1 + saves) * size {
+            for (byte, word) in nor.bytes[at..].iter_mut().zip(words) {
+                *byte = u8::from_str_radix(word, 16).unwrap();
+            }
         }
     }
     // The first save also marked the second bank.
-    nor.bytes.copy_within(0..version_3::SLOT, PAGE);
-    for number in 6..saves.min(PAGE / version_3::SLOT - 1) {
-        let size = version_3::SLOT;
+    nor.bytes.copy_within(0..size, PAGE);
+    for number in 6..saves.min(PAGE / size - 1) {
         let mut record = nor.bytes[6 * size..7 * size].to_vec();
         record[..4].copy_from_slice(&(number as u32).to_le_bytes());
         let check = kband_control::wire::crc32(&record[..size - 12]);
@@ -626,10 +604,8 @@ fn settings_elsewhere_hold_until_a_save_at_any_cut() {
     ] {
         let base = with_older_settings(filler, &older);
         let (old, _) = content(&mut moved(base.clone()));
-        assert_eq!(
-            (old.condition, old.pin),
-            (Condition::Whole, Pin::parse("0420"))
-        );
+        assert_eq!(old.condition, Condition::Whole);
+        assert_eq!(old.pin, Pin::parse("0420"));
         // Two erasures with their marks, and the record between them.
         let words = 0..=2 * (G4_PAGE / 4 + 5) + SLOT_WORDS;
         cut_everywhere(&base, moved, save, words, &[]);
@@ -672,7 +648,6 @@ fn a_flipped_bit_of_a_conversion_brings_no_older_record_back() {
     assert_eq!(flips(&store), 8 * (SLOT - 8));
 }
 
-/// Recipes that differ for each number.
 fn some_recipes(number: u8) -> Recipes {
     let mut recipes = Recipes::default();
     for place in 1..=Recipe::COUNT {
@@ -698,16 +673,15 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
         let settings = changed(0.9 + 0.01 * f32::from(n));
         block_on(store.save(&settings, Target::Chaotic, pin)).unwrap();
-        let before = (n > 1).then(|| some_recipes(n - 1));
-        assert_eq!(block_on(store.recipes()), before.unwrap_or_default());
+        let before = (n > 1).then(|| some_recipes(n - 1)).unwrap_or_default();
+        assert_eq!(block_on(store.recipes()), before);
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
         assert_eq!(block_on(store.key()), (n > 1).then(|| key(n - 1)));
         block_on(store.save_key(&key(n))).unwrap();
         store = records(store.flash);
         assert_eq!(block_on(store.key()), Some(key(n)));
         let found = block_on(store.load());
-        assert_eq!((found.settings, found.pin), (settings, pin));
-        assert_eq!(found.condition, Condition::Whole);
+        assert_eq!(found, valid(settings, Target::Chaotic, pin));
         assert_eq!(block_on(store.recipes()), some_recipes(n));
     }
     // Older settings do not replace damaged ones when recipes are saved.
@@ -715,8 +689,10 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
     store.flash.bytes[newest.unwrap() - 100] ^= 1;
     let mut store = records(store.flash);
     assert_eq!(block_on(store.save_recipes(&some_recipes(20))), none);
-    let lost = LoadedSettings::none(Condition::Lost);
-    assert_eq!(block_on(store.load()), lost);
+    assert_eq!(
+        block_on(store.load()),
+        LoadedSettings::none(Condition::Lost)
+    );
 }
 
 #[test]
@@ -734,13 +710,8 @@ fn a_cut_save_of_recipes_leaves_old_or_new() {
         let change = |store: &mut Memory<G4_PAGE>, number| {
             block_on(store.save_recipes(&some_recipes(9 + number)))
         };
-        cut_everywhere(
-            &base,
-            records,
-            change,
-            0..=G4_PAGE / 2 + SLOT_WORDS,
-            &SECOND,
-        );
+        let words = 0..=G4_PAGE / 2 + SLOT_WORDS;
+        cut_everywhere(&base, records, change, words, &SECOND);
     }
 }
 

@@ -19,7 +19,6 @@ const NAMES: &str = "frequency incline amplitude_ratio phase_lead gravity restit
         second_lag third_tone third_gain third_lag track_mass track_length sensor_rest \
         gain_tolerance load_tolerance current_sensitivity current_gain";
 
-/// Their hashes.
 const KEYS: [u16; 40] = {
     let (mut hashes, mut key, mut names) = ([0; 40], 0, NAMES.as_bytes());
     let mut end = 0;

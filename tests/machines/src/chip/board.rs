@@ -343,7 +343,6 @@ impl Board {
         self.refresh();
     }
 
-    /// Ends the conversions that are due at tick `at`.
     fn convert(&mut self, at: u64) {
         let (reading, others) = (self.world.reading, self.world.analogue);
         let reference = (1.21 / self.power.volts * 4096.0) as u16;
@@ -407,7 +406,6 @@ impl Board {
         }
     }
 
-    /// Whether this cause is connected to the break of TIM1.
     fn is_break(&self, cause: u32) -> bool {
         self.kind == Kind::Stm32g474 && self.configuration[BREAKS] & cause != 0
     }
@@ -494,8 +492,7 @@ impl Board {
         }
     }
 
-    /// Tick until which nothing changes for a core that reads only the flash status and the window
-    /// watchdog's count.
+    /// Tick until which nothing changes for a core that reads only flash status and window count.
     pub fn is_still_until(&self) -> u64 {
         let counts = self.window.counts_at(self.now, self.lower());
         self.next.min(self.flash.busy).min(counts)
@@ -510,7 +507,6 @@ impl Board {
         }
     }
 
-    /// Makes a read of the busy flash wait.
     fn wait_for_flash(&mut self, address: u32) {
         let offset = (address & 0x000f_ffff) as usize;
         if self.flash.is_busy(offset, self.now) && self.cycle > 0 {
@@ -746,7 +742,6 @@ impl Board {
         }
     }
 
-    /// First address of the memory below the RAM.
     fn lowest(&self) -> u32 {
         MEMORY - self.memory_below_ram.len() as u32
     }
@@ -762,7 +757,6 @@ impl Board {
     }
 }
 
-/// A number from bytes of a memory.
 #[inline]
 fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
     let bytes = bytes.get(at..)?;

@@ -90,8 +90,7 @@ impl Bridge {
         }
     }
 
-    /// Advances the count to tick `now`. The fraction of a count is kept, so a register write
-    /// shifts no edge.
+    /// Advances the count to tick `now`, with its fraction, so a register write shifts no edge.
     fn catch_up(&mut self, now: u64) {
         self.count = self.place(now);
         if self.runs() {
@@ -113,8 +112,7 @@ impl Bridge {
         self.since + u64::from(steps) * self.count_ticks()
     }
 
-    /// Reverses the counter at its end; returns whether an update appears on the trigger output
-    /// (CR2.MMS = 2).
+    /// Reverses the counter at its end; returns whether it triggers (update, CR2.MMS = 2).
     pub fn turn(&mut self) -> bool {
         self.since = self.due();
         if self.is_centred() {

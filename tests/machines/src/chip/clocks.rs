@@ -28,7 +28,6 @@ const CSSC: u32 = 1 << 23;
 const LSION: u32 = 1;
 const LSIRDY: u32 = 1 << 1;
 
-/// Register differences between the chips.
 #[derive(Debug)]
 struct Layout {
     /// Offsets of PLLCFGR and CSR.
@@ -45,7 +44,6 @@ struct Layout {
     dividers: [u32; 2],
     /// Mask and value of the PLL's source in PLLCFGR: the crystal.
     from_crystal: (u32, u32),
-    /// Bit of CSR that removes the flags of the causes.
     remove: u32,
 }
 

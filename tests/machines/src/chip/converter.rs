@@ -100,8 +100,7 @@ impl Converter {
         }
     }
 
-    /// Writes a register of the STM32G474. Its regulator and its calibration take no time in the
-    /// model.
+    /// Writes a register of the STM32G474. Regulator and calibration take no time here.
     fn write_g474(&mut self, offset: u32, value: u32, now: u64, cycle: u64) {
         match offset {
             0x00 => self.registers[0] &= !value,

@@ -14,8 +14,6 @@ pub const START: u32 = 0x0800_0000;
 const SIZE: usize = 1024 * 1024;
 /// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
-/// Largest number of erasable sectors of a chip.
-const SECTORS: usize = 256;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
@@ -76,7 +74,7 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 }
 
 /// Cached lines; a new one replaces the oldest (on silicon the least recently used).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Lines {
     count: usize,
     lines: VecDeque<u32>,
@@ -102,7 +100,7 @@ impl Lines {
 }
 
 /// The flash, erased at first.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Flash {
     /// Content.
     pub bytes: Vec<u8>,
@@ -111,14 +109,14 @@ pub struct Flash {
     pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
-    /// Number of erasures of each sector.
-    pub erasures: [u32; SECTORS],
+    /// Number of erased sectors.
+    pub erasures: u32,
     /// Whether operations take the longest time of the data sheet instead of the typical one.
     pub slow: bool,
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
     /// Sectors with an incomplete last erasure. They may read as erased, but not reliably.
-    pub weak: [bool; SECTORS],
+    pub weak: BTreeSet<usize>,
     /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
     /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
@@ -126,7 +124,6 @@ pub struct Flash {
     pub programmed_cached: bool,
     /// A sector that was erased while the data cache held parts of it: reads may return old data.
     stale: Option<Range<usize>>,
-    /// Offset and previous content of the last operation.
     under_way: Option<(usize, Vec<u8>)>,
     /// Duration of the last erasure, ticks.
     duration: u64,
@@ -156,34 +153,13 @@ impl Flash {
         let mut flash = Self {
             bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
             kind,
-            worn: None,
-            operations: 0,
-            erasures: [0; SECTORS],
-            slow: false,
-            erases_in: None,
-            weak: [false; SECTORS],
-            programmed_weak: false,
-            programmed_cached: false,
-            stale: None,
-            under_way: None,
-            duration: 0,
-            keys: 0,
-            option_keys: 0,
-            access: 0,
-            control: 0,
-            status: 0,
-            option_control: 0,
             options: match kind {
                 Kind::Stm32f405 => OPTIONS & OPTION_BYTES,
                 Kind::Stm32g474 => pages::OPTIONS,
             },
-            busy: 0,
-            half: None,
-            torn: BTreeSet::new(),
-            code: 0,
             instructions: Lines::new(LINES[0]),
             data: Lines::new(LINES[1]),
-            current: [u32::MAX; 2],
+            ..Self::default()
         };
         flash.reset();
         flash
@@ -355,8 +331,7 @@ impl Flash {
                     self.option_keys = 0;
                 }
                 if value & OPTIONS_START != 0 {
-                    // Silicon loads them at the next reset; the model loads them at once, because a
-                    // reset follows.
+                    // Silicon loads them at the next reset, which follows; the model at once.
                     self.options = value & OPTION_BYTES;
                     self.busy = now + self.erasure(0);
                 }
@@ -386,7 +361,7 @@ impl Flash {
         let number = self.control as usize >> 3 & 0xf;
         if self.control & ERASE_ALL != 0 {
             self.bytes.fill(0xff);
-            self.weak = [false; SECTORS];
+            self.weak.clear();
             self.begin_erasure(0..SIZE, self.erasure(3), now);
         } else if self.control & ERASE_SECTOR != 0
             && let Some(range) = sector(number)
@@ -401,8 +376,8 @@ impl Flash {
     fn erase_sector(&mut self, number: usize, range: Range<usize>, duration: u64, now: u64) {
         self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
         self.bytes[range.clone()].fill(0xff);
-        self.erasures[number] += 1;
-        self.weak[number] = false;
+        self.erasures += 1;
+        self.weak.remove(&number);
         self.begin_erasure(range, duration, now);
     }
 
@@ -419,7 +394,7 @@ impl Flash {
             && before.len() > LONGEST_WORD
             && let Some(number) = self.sector_at(*at)
         {
-            self.weak[number] = true;
+            self.weak.insert(number);
         }
     }
 
@@ -460,7 +435,7 @@ impl Flash {
             return self.status |= WRONG_SIZE;
         }
         let sector = self.sector_at(offset);
-        self.programmed_weak |= sector.is_some_and(|number| self.weak[number]);
+        self.programmed_weak |= sector.is_some_and(|number| self.weak.contains(&number));
         let at = START + offset as u32;
         let worn = self.worn.filter(|(address, _)| *address == at);
         let value = value | worn.map_or(0, |(_, bits)| bits);

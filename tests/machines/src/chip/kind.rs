@@ -153,8 +153,7 @@ pub enum Block {
 /// Size of a block, bytes.
 const SIZE: u32 = 0x400;
 
-/// Blocks, number of consecutive ones, and their first addresses on the STM32F405 and on the
-/// STM32G474.
+/// Blocks, number of consecutive ones, first addresses on the STM32F405 and the STM32G474.
 const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
     (Block::Window, 1, [0x4000_2c00, 0x4000_2c00]),
     (Block::Watchdog, 1, [0x4000_3000, 0x4000_3000]),

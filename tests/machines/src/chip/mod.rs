@@ -116,7 +116,6 @@ pub struct Chip {
     was_reset: bool,
     /// Whether the supply fell below the RAM's retention voltage.
     power_lost: bool,
-    /// Run times of the handlers by exception number.
     handlers: [Handler; EXCEPTIONS],
     /// State of the core at its last read of the busy flash's status.
     snapshot: Option<Box<Snapshot>>,
@@ -233,8 +232,7 @@ impl Chip {
         self.reset(Cause::Power);
     }
 
-    /// Restores the supply from below the brown-out level, or from below the RAM's retention
-    /// voltage.
+    /// Restores the supply from below the brown-out level or the RAM's retention voltage.
     pub fn supply_returns(&mut self) {
         if std::mem::take(&mut self.power_lost) {
             self.power_on();
@@ -297,7 +295,6 @@ impl Chip {
             .is_none_or(|operations| self.board.flash.operations < operations)
     }
 
-    /// Runs the core between two accesses of a probe.
     fn run_between_accesses(&mut self) -> Option<()> {
         if !self.is_supplied() {
             return None;
@@ -318,7 +315,6 @@ impl Chip {
         }
     }
 
-    /// Reads a debug register of the core.
     fn own(&mut self, address: u32) -> Option<u32> {
         Some(match address {
             // Upper half of the word with the flash size.
@@ -481,7 +477,6 @@ impl Chip {
         self.board.run_due();
     }
 
-    /// Executes instructions up to the next event.
     fn stretch(&mut self, until: u64) {
         let limit = until.min(self.board.next);
         while self.board.now < limit {
@@ -548,7 +543,6 @@ impl Chip {
         }
     }
 
-    /// Sleeps until an event wakes the core.
     fn sleeps(&mut self, until: u64) {
         let event = self.core.waits == WaitState::Event && self.core.event;
         let wakes = self.board.system.wakes() && self.due_exception().is_some()
@@ -564,13 +558,11 @@ impl Chip {
         self.handle_exceptions();
     }
 
-    /// The exception that is due.
     fn due_exception(&self) -> Option<u16> {
         let (core, system) = (&self.core, &self.board.system);
         system.due(core.mask, core.fault_mask, core.base_priority)
     }
 
-    /// Leaves and enters exceptions.
     fn handle_exceptions(&mut self) {
         self.core.attention = false;
         self.board.attention = false;
@@ -698,8 +690,7 @@ mod tests {
         for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
             chip.board.store(code, 2, half.into()).unwrap();
         }
-        // Window watchdog: its clock, its slowest count and its start. Flash: its keys and sector
-        // 11.
+        // Window watchdog: clock, slowest count, start. Flash: keys, sector 11.
         for (address, value) in [
             (0x4002_3840, 1 << 11),
             (0x4000_2c04, 0x1ff),

@@ -47,8 +47,7 @@ pub struct Serial {
     pub other_end: (u64, u64),
     /// Whether the transmitter has failed: the byte being sent never ends.
     pub stuck: bool,
-    /// Number of bytes lost by overrun, or because they ended between a read of the status and one
-    /// of the data.
+    /// Number of bytes lost by overrun, or that ended between a read of status and one of data.
     pub lost: u64,
 }
 
@@ -97,7 +96,6 @@ impl Serial {
         bits * TICKS / rate
     }
 
-    /// Bits of a character: start, data and parity, stop.
     fn bits(&self) -> u64 {
         let data = 8 + u64::from(self.control[0] & NINE_BITS != 0);
         1 + data + 1 + u64::from(self.control[1] & TWO_STOPS != 0)
@@ -108,8 +106,7 @@ impl Serial {
         u64::from(self.rate.max(1)) * self.cycle * self.bits()
     }
 
-    /// Whether the port can receive bytes of the other end: the format is equal, and the rate
-    /// within 3 %.
+    /// Whether the port understands the other end: equal format, and a rate within 3 %.
     fn is_receiving(&self) -> bool {
         let ratio = self.byte() as f64 / self.other_byte() as f64;
         self.cycle > 0 && self.bits() == self.other_end.1 && (ratio - 1.0).abs() < 0.03
@@ -156,7 +153,6 @@ impl Serial {
         }
     }
 
-    /// Sends a byte if the transmitter is on.
     fn send(&mut self, byte: u8, now: u64) {
         if !self.is_on(TRANSMITTER) {
             return;

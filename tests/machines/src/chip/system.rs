@@ -3,10 +3,8 @@
 
 pub const NMI: u16 = 2;
 pub const HARD_FAULT: u16 = 3;
-/// Exception number of PendSV.
 const SERVICE: u16 = 14;
 const SYSTICK: u16 = 15;
-/// Exception number of the first interrupt.
 const INTERRUPTS: u16 = 16;
 /// Priority below any other: no exception is active.
 const IDLE: i32 = 256;
@@ -50,7 +48,6 @@ pub struct System {
     /// Tick at which SysTick next wraps.
     pub tick_due: u64,
     tick_left: u64,
-    /// Offset of the cycle counter.
     cycles_from: u64,
     counts: bool,
     trace: u32,

@@ -12,7 +12,6 @@ pub struct Independent {
     open: bool,
     prescaler: u32,
     reload: u32,
-    /// Count at tick `since`.
     count: f64,
     since: u64,
     /// Tick until which a register is transferred to its clock domain (21.4.4).
@@ -219,7 +218,6 @@ impl Window {
         self.after((self.control & 0x7f).saturating_sub(0x40), cycle)
     }
 
-    /// Tick after this number of counts.
     fn after(&self, counts: u32, cycle: u64) -> u64 {
         let step = self.step(cycle).max(1);
         (self.since / step + u64::from(counts)) * step

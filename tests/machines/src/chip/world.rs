@@ -48,8 +48,7 @@ pub struct World {
     pub sensor_supply: f32,
     /// Drift of the sensor's voltage, V.
     pub sensor_offset: f32,
-    /// Smallest number of timer cycles between an edge of the bridge and the converter's sampling
-    /// time.
+    /// Fewest timer cycles between an edge of the bridge and the converter's sampling time.
     pub min_edge_distance: u32,
     /// Sensor reading, counts of a converter of 12 bits.
     pub reading: u16,
@@ -134,8 +133,7 @@ impl World {
         self.trace.push((now, event));
     }
 
-    /// Compares bridge, "drive on" and both lamps with their last levels, and records an event for
-    /// each change.
+    /// Records an event for each level that has changed: bridge, "drive on", both lamps, bus.
     pub fn record_changes(&mut self, now: u64, levels: [bool; 5]) {
         if levels == self.last {
             return;

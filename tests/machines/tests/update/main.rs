@@ -44,7 +44,6 @@ fn other_program(rig: &Rig) -> Vec<u8> {
     other
 }
 
-/// Signed data of an image.
 fn sum(image: &[u8], board: &str) -> [u8; 64] {
     let mut sum = Sha512::new();
     sum.update(image);
@@ -85,14 +84,13 @@ fn rig_with_key(kind: Kind) -> Rig {
     made.clone()
 }
 
-/// Runs until an image reports its start.
 fn await_image(rig: &mut Rig) {
     let (sent_count, end) = (rig.sent().len(), rig.time() + 60.0);
     while rig.sent().len() == sent_count {
-        rig.run(rig.time() + 0.01);
+        rig.run_for(0.01);
         assert!(rig.time() < end, "nothing starts");
     }
-    rig.run(rig.time() + 0.25);
+    rig.run_for(0.25);
 }
 
 /// Whether the other program runs, with the old settings and without a fault.
@@ -107,10 +105,8 @@ fn runs_other(rig: &mut Rig) -> bool {
     new
 }
 
-/// Switches the supply off and on, and waits for an image.
 fn power_cycle(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.01);
+    rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.chip.board.cut_at = None;
     rig.act(&Act::Volts(3.3));
     await_image(rig);

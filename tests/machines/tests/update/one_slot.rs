@@ -2,7 +2,7 @@
 //!
 //! `KBAND_EVERY_CUT=1` cuts the power at every flash operation, instead of a random sample.
 
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
@@ -21,12 +21,10 @@ const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
 /// Number of operations before the old image's mark is erased: the key's page and its five words.
 const KEY: u64 = 6;
-/// Number of requests with power cuts in a usual run, and share of their operations at which power
-/// is cut.
+/// Requests with power cuts in a usual run, and share of their operations that is cut.
 const DEFAULT_REQUESTS: usize = 20;
 const DEFAULT_SHARE: f32 = 0.02;
 
-/// Header of an image, with a signature.
 struct Header {
     board: &'static str,
     length: u32,
@@ -59,32 +57,27 @@ fn waits(rig: &mut Rig) -> bool {
     rig.image().expect("an answer").starts_with("loader")
 }
 
-/// Switches the supply off and on, and lets the board start or wait.
 fn restart(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.01);
+    rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3));
-    rig.run(rig.time() + 0.5);
+    rig.act(&Act::Volts(3.3)).run_for(0.5);
 }
 
 /// A board whose program has restarted into the loader.
 fn in_loader() -> Rig {
-    static LOADER: OnceLock<Rig> = OnceLock::new();
-    let made = LOADER.get_or_init(|| {
+    static LOADER: LazyLock<Rig> = LazyLock::new(|| {
         let mut rig = rig_with_key(KIND);
         assert_eq!(rig.update(&begin(BOARD, 4096)), Ok(()));
-        rig.run(rig.time() + 1.0);
+        rig.run_for(1.0);
         assert!(waits(&mut rig));
         rig
     });
-    made.clone()
+    LOADER.clone()
 }
 
 /// A board whose slot contains the other program without its mark.
 fn written() -> Rig {
-    static WRITTEN: OnceLock<Rig> = OnceLock::new();
-    let made = WRITTEN.get_or_init(|| {
+    static WRITTEN: LazyLock<Rig> = LazyLock::new(|| {
         let mut rig = in_loader();
         let (other, began) = (other_program(&rig), rig.time());
         assert_eq!(rig.update(&Header::from_image(&other).request()), Ok(()));
@@ -93,7 +86,7 @@ fn written() -> Rig {
         println!("{} bytes in {:.1} s", other.len(), rig.time() - began);
         rig
     });
-    made.clone()
+    WRITTEN.clone()
 }
 
 #[test]
@@ -108,12 +101,8 @@ fn an_update_by_the_loader_drives_with_the_old_settings() {
     println!("new image after {:.2} s", rig.time() - began);
     assert!(runs_other(&mut rig));
     let started = rig.find_time(began, &Event::Fault(false)).unwrap();
-    assert_eq!(
-        rig.find_time(started, &Event::Fault(true)),
-        None,
-        "no fault"
-    );
-    assert_eq!(rig.find_time(0.0, &Event::Bridge(true)), None);
+    assert_eq!(rig.faults_after(started), None);
+    assert_eq!(rig.closes_after(0.0), None);
     assert!(drives(&mut rig));
     power_cycle(&mut rig);
     assert!(runs_other(&mut rig) && drives(&mut rig));
@@ -128,14 +117,11 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     let mut header = Header::from_image(&image);
     header.signature[40] ^= 1;
     assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
-    let mut header = Header::from_image(&image);
     header.signature = signature(&image, "stm32f405rg");
     assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
     header.board = "stm32f405rg";
-    assert_eq!(
-        rig.update(&header.request()),
-        Err(UpdateRefusal::OtherBoard)
-    );
+    let refused = rig.update(&header.request());
+    assert_eq!(refused, Err(UpdateRefusal::OtherBoard));
     let bytes = UpdateRequest::Bytes {
         offset: 0,
         bytes: &image[..256],
@@ -149,8 +135,7 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     assert_eq!(rig.chip.operations(), operations);
     assert!(!runs_other(&mut rig) && drives(&mut rig));
     let from = rig.time();
-    rig.act(&Act::Enable(true));
-    rig.run(from + 2.0);
+    rig.act(&Act::Enable(true)).run(from + 2.0);
     let refused = rig.update(&begin(BOARD, 4096));
     assert_eq!(refused, Err(UpdateRefusal::Running));
     rig.request_done(&Request::Alive);
@@ -166,14 +151,11 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
     assert_eq!(send(&mut rig, &other[..4096]), Ok(()));
     let end = rig.update(&UpdateRequest::End(&[]));
     assert_eq!(end, Err(UpdateRefusal::Order(4096)));
-    rig.run(rig.time() + 12.0);
+    rig.run_for(12.0);
     assert!(waits(&mut rig), "after silence");
     restart(&mut rig);
     assert!(waits(&mut rig), "after power-on");
-    assert!(
-        rig.find_time(rig.time() - 0.6, &Event::Fault(true))
-            .is_some()
-    );
+    assert!(rig.faults_after(rig.time() - 0.6).is_some());
     // Another image of the same key.
     let old = program(&rig_with_key(KIND));
     assert_eq!(rig.update(&Header::from_image(&old).request()), Ok(()));
@@ -187,8 +169,7 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
 fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let mut rig = rig_with_key(KIND);
     let image = program(&rig);
-    rig.act(&Act::Volts(0.0));
-    rig.run(rig.time() + 0.3);
+    rig.act(&Act::Volts(0.0)).run_for(0.3);
     let program = KIND.facts().program;
     rig.chip.flash_mut()[program..][..image.len()].fill(0xff);
     let (from, operations) = (rig.time(), rig.chip.operations());
@@ -197,19 +178,14 @@ fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let request = rig.update(&Header::from_image(&image).request());
     assert_eq!(request, Err(UpdateRefusal::NoKey));
     let key = *keypair().public.as_bytes();
-    assert_eq!(
-        rig.update(&UpdateRequest::Key(&key)),
-        Ok(()),
-        "it is the loader"
-    );
-    rig.run(rig.time() + 12.0);
+    let loader = rig.update(&UpdateRequest::Key(&key));
+    assert_eq!(loader, Ok(()));
+    rig.run_for(12.0);
     assert!(waits(&mut rig));
     assert_eq!(rig.chip.operations(), operations);
     assert_eq!(rig.find_time(from, &Event::Bridge(true)), None);
-    assert_eq!(
-        rig.resets().iter().filter(|reset| reset.0 > from).count(),
-        1
-    );
+    let resets = rig.resets().into_iter().filter(|reset| reset.0 > from);
+    assert_eq!(resets.count(), 1);
 }
 
 #[test]
@@ -225,11 +201,11 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         .zip(other.chunks(MAX_UPDATE_BYTES));
     let bytes = chunks.map(|(offset, bytes)| UpdateRequest::Bytes { offset, bytes });
     let requests: Vec<_> = [header.request()].into_iter().chain(bytes).collect();
-    let count = if every {
+    let requests = &requests[..if every {
         requests.len()
     } else {
         DEFAULT_REQUESTS
-    };
+    }];
     let mut cuts = 0;
     let mut cut = |rig: &Rig, request: &UpdateRequest<'_>, cut: u64, keeps_image: bool| {
         let mut rig = rig.clone();
@@ -238,7 +214,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         let frame = rig.update_frame(request);
         rig.act(&Act::Link(frame));
         while rig.chip.board.supplied {
-            rig.run(rig.time() + 1e-3);
+            rig.run_for(1e-3);
             assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
         }
         restart(&mut rig);
@@ -252,7 +228,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         assert_eq!(rig.find_time(began, &Event::Bridge(true)), None);
         cuts += 1;
     };
-    for (number, request) in requests[..count].iter().enumerate() {
+    for (number, request) in requests.iter().enumerate() {
         let mut next = rig.clone();
         assert_eq!(next.update(request), Ok(()));
         for operation in 1..=next.chip.operations() - rig.chip.operations() {
@@ -266,6 +242,6 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     println!("{cuts} power cuts");
     // The reset pin acts as a power cut.
     rig.chip.reset(Cause::Pin);
-    rig.run(rig.time() + 0.5);
+    rig.run_for(0.5);
     assert!(waits(&mut rig));
 }

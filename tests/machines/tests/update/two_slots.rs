@@ -4,7 +4,7 @@
 //! `KBAND_CUTS=N` makes N times as many random cuts.
 
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
@@ -24,8 +24,7 @@ const MIN_SWAP_OPERATIONS: u64 = 150_000;
 
 /// A board whose slot contains the other program; the end request is not sent.
 fn written() -> (Rig, [u8; 64]) {
-    static WRITTEN: OnceLock<Rig> = OnceLock::new();
-    let made = WRITTEN.get_or_init(|| {
+    static WRITTEN: LazyLock<Rig> = LazyLock::new(|| {
         let mut rig = rig_with_key(Kind::Stm32f405);
         let (other, began) = (other_program(&rig), rig.time());
         assert_eq!(rig.update(&begin(BOARD, other.len())), Ok(()));
@@ -33,29 +32,21 @@ fn written() -> (Rig, [u8; 64]) {
         println!("{} bytes in {:.1} s", other.len(), rig.time() - began);
         rig
     });
-    (made.clone(), signature(&other_program(made), BOARD))
+    (WRITTEN.clone(), signature(&other_program(&WRITTEN), BOARD))
 }
 
-/// A board with a marked slot, just before its restart.
-fn marked_rig() -> Rig {
-    let (mut rig, end) = written();
-    let began = rig.time();
-    assert_eq!(rig.update(&UpdateRequest::End(&end)), Ok(()));
-    println!("signature checked in {:.2} s", rig.time() - began);
-    rig
-}
-
-/// A board that runs the other program on trial.
 fn on_trial() -> Rig {
-    static TRIAL: OnceLock<Rig> = OnceLock::new();
-    let made = TRIAL.get_or_init(|| {
-        let mut rig = marked_rig();
+    static TRIAL: LazyLock<Rig> = LazyLock::new(|| {
+        let (mut rig, end) = written();
+        let began = rig.time();
+        assert_eq!(rig.update(&UpdateRequest::End(&end)), Ok(()));
+        println!("signature checked in {:.2} s", rig.time() - began);
         let began = rig.time();
         await_image(&mut rig);
         println!("swapped in {:.1} s", rig.time() - began);
         rig
     });
-    made.clone()
+    TRIAL.clone()
 }
 
 #[test]
@@ -106,13 +97,12 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     let truncated = rig.update(&UpdateRequest::End(&end));
     assert_eq!(truncated, Err(UpdateRefusal::Order(1024)));
     // The desk is silent for ten seconds.
-    rig.run(rig.time() + 11.0);
+    rig.run_for(11.0);
     assert!(drives(&mut rig));
     power_cycle(&mut rig);
     assert!(!runs_other(&mut rig));
     let from = rig.time();
-    rig.act(&Act::Enable(true));
-    rig.run(from + 2.0);
+    rig.act(&Act::Enable(true)).run(from + 2.0);
     let driven = rig.amplitude();
     assert!((driven - 0.2).abs() < 0.01, "{driven}");
     let operations = rig.chip.operations();
@@ -126,11 +116,8 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
         UpdateRequest::Key(&[1; 32]),
         UpdateRequest::Confirm,
     ] {
-        assert_eq!(
-            rig.update(&request),
-            Err(UpdateRefusal::Running),
-            "{request:?}"
-        );
+        let refused = rig.update(&request);
+        assert_eq!(refused, Err(UpdateRefusal::Running), "{request:?}");
         rig.request_done(&Request::Alive);
         assert!((rig.amplitude() - 0.2).abs() < 0.01);
     }
@@ -138,8 +125,7 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     assert_eq!(rig.find_time(from + 0.5, &Event::Bridge(false)), None);
 }
 
-/// Numbers of the operations with a power cut: those of `all`, and `drawn` random ones in `rest`
-/// further operations.
+/// Operations with a power cut: those of `all`, and `drawn` random ones of `rest` further ones.
 fn cuts(draw: &mut Draw, all: Range<u64>, rest: u64, drawn: u32) -> Vec<u64> {
     let times = std::env::var("KBAND_CUTS").map_or(1, |times| times.parse().expect("a number"));
     let drawn = (0..drawn * times).map(|_| all.end + (draw.unit() as f64 * rest as f64) as u64);
@@ -155,7 +141,7 @@ fn cut(rig: &Rig, cuts: &[u64], mut start: impl FnMut(&mut Rig)) -> [u32; 2] {
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
         start(&mut rig);
         while rig.chip.board.supplied {
-            rig.run(rig.time() + 0.01);
+            rig.run_for(0.01);
             assert!(rig.time() < began + 30.0, "{cut}: it was cut");
         }
         power_cycle(&mut rig);
@@ -180,10 +166,8 @@ fn a_cut_mark_or_swap_leaves_the_old_or_the_new_image() {
         rig.act(&Act::Link(frame));
     });
     println!("cut at {cuts:?}: old and new image {old_and_new:?}");
-    assert!(
-        old_and_new[0] >= 2 && old_and_new[1] >= 3,
-        "{old_and_new:?}"
-    );
+    let [old, new] = old_and_new;
+    assert!(old >= 2 && new >= 3, "{old_and_new:?}");
 }
 
 #[test]

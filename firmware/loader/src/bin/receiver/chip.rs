@@ -41,7 +41,6 @@ const DATA_CACHE: u32 = 1 << 10;
 /// Number of pages of a bank, and the bit of the second bank.
 const PAGES: u32 = 128;
 const SECOND_BANK: u32 = 1 << 11;
-/// Flag of two wrong bits in a word that was read.
 const DOUBLE_ERROR: u32 = 1 << 31;
 /// Clocks (7.4): CRC unit, ports A and B, power controller and USART2.
 const AHB1_CLOCKS: u32 = 0x4002_1048;
@@ -93,7 +92,6 @@ const IDENTITY: Identity<'static> = Identity {
     image: "loader of the stm32g474re",
 };
 
-/// Whether a word with two wrong bits was read.
 static READ_FAILED: AtomicBool = AtomicBool::new(false);
 
 /// Two wrong bits in a word of the flash (3.3.7), as after a power cut.
@@ -249,9 +247,4 @@ fn main() -> ! {
             silence = 0;
         }
     }
-}
-
-#[panic_handler]
-fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
-    SCB::sys_reset()
 }

@@ -51,8 +51,7 @@ fn run_from(source: Sw) -> bool {
     wait_for(STEP_TIMEOUT, || clocks.cfgr().read().sws() == source)
 }
 
-/// Core cycles for [`TRANSFERS`] register transfers to the watchdog's clock; `None` if that clock
-/// has stopped.
+/// Core cycles of [`TRANSFERS`] transfers to the watchdog's clock; `None` if it has stopped.
 fn measure() -> Option<u32> {
     // The first transfer synchronises with an edge.
     if !transfer() {

@@ -8,7 +8,7 @@ use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::hardware::chip::Chip;
-use kband_firmware::hardware::stm32::{erase_page, program_words};
+use kband_firmware::hardware::stm32::{erase_page, erase_pages, program_words};
 
 use super::Board;
 
@@ -25,10 +25,7 @@ pub const OLDER_SETTINGS: u32 = 6 * OLDER_PAGE - FIRST * PAGE;
 /// Lowest revision of the chip with a working flash prefetch: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
 
-/// Status register of the flash controller (RM0090, 3.9).
-const STATUS: *const u32 = 0x4002_3c0c as *const u32;
-const CONTROL: *mut u32 = 0x4002_3c10 as *mut u32;
-/// Control bit: erase a sector.
+/// Bit of the flash controller's control register (RM0090, 3.9).
 const ERASE_SECTOR: u32 = 1 << 1;
 /// Parallelism of 32 bits, which takes half the time of 8 bits (DS8626, flash memory programming).
 /// It needs a supply of 2.7 V, which the supply monitor ensures.
@@ -69,18 +66,9 @@ impl NorFlash for Sectors {
 
     /// Refused while the bridge is closed or the supply is low.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        if !from.is_multiple_of(PAGE) || !to.is_multiple_of(PAGE) {
-            return Err(Error::Unaligned);
-        }
-        if from > to || to > PAGES * PAGE {
-            return Err(Error::Size);
-        }
-        for sector in from / PAGE..to / PAGE {
-            if !erase_sector(FIRST + sector) {
-                return Err(Error::Prog);
-            }
-        }
-        Ok(())
+        erase_pages((from, to), PAGE, self.capacity(), |page| {
+            erase_sector(FIRST + page)
+        })
     }
 
     /// Stops at the word at which the supply is low.
@@ -97,11 +85,5 @@ impl NorFlash for Sectors {
 /// Erases a sector by its number; refused while the bridge is closed or the supply is low.
 pub fn erase_sector(number: u32) -> bool {
     let page = ERASE_SECTOR | BY_WORDS | number << 3;
-    // SAFETY: the registers are this chip's.
-    unsafe { erase_page(STATUS, CONTROL, page, Board::supply_settled, unlock) }
-}
-
-fn unlock() {
-    pac::FLASH.keyr().write_value(0x4567_0123);
-    pac::FLASH.keyr().write_value(0xcdef_89ab);
+    erase_page(page, 0, Board::supply_settled)
 }

@@ -11,7 +11,6 @@ use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
 use super::Board;
 use super::flash::erase_sector;
 
-/// First address of the flash.
 const START: u32 = 0x0800_0000;
 
 /// The slot; `restart` restarts the board.
@@ -30,7 +29,7 @@ pub fn slot(restart: fn()) -> Slot {
             on_trial: || state().is_swap_due(),
             mark: || Board::supply_settled() && state().mark(),
             confirm: || Board::supply_settled() && state().confirm(),
-            has_room: || state().have_room().unwrap_or(false),
+            has_room: || state().have_room(),
         }),
     }
 }

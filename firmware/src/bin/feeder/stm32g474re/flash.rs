@@ -11,18 +11,14 @@ use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::hardware::chip::Chip;
 use kband_firmware::hardware::cortex::unexpected;
-use kband_firmware::hardware::stm32::{erase_page, forget_break, program_words};
+use kband_firmware::hardware::stm32::{erase_page, erase_pages, forget_break, program_words};
 
 use super::Board;
 
 /// Size of a page with the flash in two banks, bytes.
 const SIZE: u32 = 2 * 1024;
-/// Status register of the flash controller (RM0440, 3.7).
-const STATUS: *const u32 = 0x4002_2010 as *const u32;
-const CONTROL: *mut u32 = 0x4002_2014 as *mut u32;
-/// Control bit: erase a page.
+/// Bits of the flash controller's control register (RM0440, 3.7).
 const ERASE_PAGE: u32 = 1 << 1;
-/// Control bit: the page is in the second bank.
 const SECOND_BANK: u32 = 1 << 11;
 /// Error bits of the status register, cleared by writing 1. A set bit prevents an erasure.
 const ERRORS: u32 = 0xc3fa;
@@ -64,8 +60,7 @@ impl ReadNorFlash for Pages {
         dsb();
         IS_READING.store(false, Ordering::Relaxed);
         if READ_FAILED.load(Ordering::Relaxed) {
-            // The flash error has also triggered the break. The bridge is open at rest, and this is
-            // not an over-current.
+            // The flash error has also triggered the break, which is not an over-current.
             forget_break();
             if let Some(first) = bytes.first_mut().filter(|first| **first == 0xff) {
                 *first = 0;
@@ -85,20 +80,10 @@ impl NorFlash for Pages {
 
     /// Refused while the bridge is closed or the supply is low.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        if !from.is_multiple_of(SIZE) || !to.is_multiple_of(SIZE) {
-            return Err(Error::Unaligned);
-        }
-        if from > to || to > self.0.capacity() as u32 {
-            return Err(Error::Size);
-        }
-        for page in from / SIZE..to / SIZE {
+        erase_pages((from, to), SIZE, self.0.capacity(), |page| {
             let page = ERASE_PAGE | SECOND_BANK | page << 3;
-            // SAFETY: the registers are this chip's.
-            if !unsafe { erase_page(STATUS, CONTROL, page, Board::supply_settled, unlock) } {
-                return Err(Error::Prog);
-            }
-        }
-        Ok(())
+            erase_page(page, ERRORS, Board::supply_settled)
+        })
     }
 
     /// Stops at the word at which the supply is low.
@@ -107,10 +92,4 @@ impl NorFlash for Pages {
             self.0.write(offset + at, word)
         })
     }
-}
-
-fn unlock() {
-    pac::FLASH.keyr().write_value(0x4567_0123);
-    pac::FLASH.keyr().write_value(0xcdef_89ab);
-    pac::FLASH.sr().write_value(pac::flash::regs::Sr(ERRORS));
 }

@@ -4,7 +4,6 @@
 use super::memory::{put, word};
 use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
 
-/// NaN that an operation on numbers returns.
 const NAN: u32 = 0x7fc0_0000;
 /// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
@@ -106,7 +105,6 @@ impl Core {
         }
     }
 
-    /// Moves between the core and this unit.
     fn transfer(&mut self, first: u16, second: u16, double: bool) -> Cycles {
         let (to_core, kind) = (bit(first, 4), bits(first, 5, 3));
         let (t, n) = (bits(second, 12, 4), bits(first, 0, 4));

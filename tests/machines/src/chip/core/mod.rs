@@ -195,7 +195,6 @@ impl Core {
         1
     }
 
-    /// A branch by an offset, if `taken`.
     #[inline]
     fn branch(&mut self, taken: bool, by: i32) -> u32 {
         if taken {
@@ -297,7 +296,6 @@ impl Core {
         self.shifted(self.r[register], kind, by)
     }
 
-    /// Shifts by a register.
     fn shift_by(&mut self, kind: usize, set: bool, d: usize, n: usize, m: usize) -> u32 {
         let by = self.r[m] & 0xff;
         let (value, carry) = match by {

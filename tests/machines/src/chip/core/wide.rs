@@ -268,7 +268,6 @@ impl Core {
         Ok(1)
     }
 
-    /// Saturates to `count` bits and sets the saturation flag.
     fn saturate(&mut self, signed: bool, count: u32, value: i64) -> u32 {
         let (low, high) = if signed {
             (-(1_i64 << (count - 1)), (1_i64 << (count - 1)) - 1)

@@ -5,7 +5,6 @@ use super::{BUSY, DATA_CACHE, Flash, LOCKED, PROGRAM, START_ERASING, TICKS};
 
 /// Size of a page, bytes, with the flash in two banks.
 pub const SIZE: usize = 2 * 1024;
-/// Number of pages of a bank.
 const BANK: usize = 128;
 /// Size of a word that is programmed at once, bytes.
 const WORD: usize = 8;
@@ -93,7 +92,7 @@ impl Flash {
         if word != 0 && !erased {
             return self.status |= PROGRAMMED_TWICE;
         }
-        self.programmed_weak |= self.weak[at / SIZE];
+        self.programmed_weak |= self.weak.contains(&(at / SIZE));
         self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
         self.bytes[at..at + WORD].copy_from_slice(&word.to_le_bytes());
