@@ -4,7 +4,7 @@ mod manual;
 mod plain;
 
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{self, columns};
 use manual::Word;
 
@@ -65,7 +65,7 @@ topics! {
     "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     report::print(&match arguments.words.as_slice() {
         [] => topics(),
         words => plain::plain(&text(words)?),
@@ -83,7 +83,7 @@ fn topics() -> String {
 }
 
 /// The manual's text on these words, as Markdown.
-fn text(words: &[String]) -> Result<String, Refusal> {
+fn text(words: &[String]) -> Result<String> {
     if let [kind, number] = words
         && let Ok(number) = number.parse::<u32>()
     {
@@ -160,7 +160,7 @@ fn entry(word: &Word) -> String {
     line
 }
 
-fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
+fn numbered(kind: &str, number: u32) -> Result<String> {
     let heading = match kind.to_lowercase().as_str() {
         "fault" => "## Fault ",
         "limit" => "## Limit ",
@@ -185,7 +185,6 @@ fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
     })
 }
 
-/// The refusal of an unknown word, with the most similar ones.
 fn unknown(query: &str, name: &str) -> Refusal {
     let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.name).collect();
     let mut like: Vec<(f64, String)> = manual::words()
@@ -212,7 +211,7 @@ mod tests {
 
     use super::*;
 
-    fn explanation(words: &str) -> Result<String, Refusal> {
+    fn explanation(words: &str) -> Result<String> {
         let words: Vec<String> = words.split(' ').map(Into::into).collect();
         text(&words).map(|text| plain::plain(&text))
     }

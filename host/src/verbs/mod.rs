@@ -1,6 +1,6 @@
 //! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
 //!
-//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit, Refusal>`. The
+//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit>`. The
 //! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
 //! the list below names the verb.
 
@@ -26,7 +26,7 @@ use crate::arguments;
 use crate::desk::Desk;
 use crate::file;
 use crate::provenance;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::when;
 
 macro_rules! verbs {
@@ -37,7 +37,7 @@ macro_rules! verbs {
         }
 
         impl Verb {
-            fn run(&self, desk: &Desk) -> Result<Exit, Refusal> {
+            fn run(&self, desk: &Desk) -> Result<Exit> {
                 match self {
                     $(Self::$verb(arguments) => $($module)::+::run(arguments, desk),)*
                 }
@@ -105,7 +105,6 @@ struct CommandLine {
     #[arg(long, global = true, display_order = 1000, value_name = "N",
           value_parser = arguments::count(1, 1024))]
     threads: Option<usize>,
-
     #[command(subcommand)]
     verb: Option<Verb>,
 }
@@ -119,7 +118,6 @@ fn version() -> &'static str {
     &WORDS
 }
 
-/// The command line.
 fn command() -> clap::Command {
     // A phase or an incline may be negative, in every verb.
     CommandLine::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
@@ -238,7 +236,7 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     }
 }
 
-fn run(line: &CommandLine) -> Result<Exit, Refusal> {
+fn run(line: &CommandLine) -> Result<Exit> {
     let desk = Desk::new(line.threads)?;
     desk.listen_for_interruption();
     match &line.verb {

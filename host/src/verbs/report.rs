@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::page::{self, Page};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::number;
 use crate::simulate::{self, Outcome, SceneText};
 use data::Feeder;
@@ -26,7 +26,6 @@ pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-
     /// Page to write, .html [default: kband-report.html]. A named file is overwritten, the default
     /// only if kband wrote it.
     #[arg(long, value_name = "FILE.html")]
@@ -37,7 +36,7 @@ const PAGE: &str = "kband-report.html";
 
 const FIGURES: &str = include_str!("report/figures.js");
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let read = SceneText::read(arguments.scene.as_deref())?;
     let scene = read.scene(&read.table)?;
     let target = match &arguments.out {
@@ -54,7 +53,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Result<Page, Refusal> {
+fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Result<Page> {
     let data = data::all(feeder, outcome, desk)?;
     let heads = [
         "order",

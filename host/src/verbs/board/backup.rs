@@ -8,7 +8,7 @@ use kband_control::{Recipe, Target};
 
 use crate::board::{BoardSettings, Link};
 use crate::file::Destination;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::simulate::describe;
 use crate::verbs::board::{recipe, settings};
 
@@ -27,7 +27,7 @@ impl Backup {
     ///
     /// # Errors
     /// The board does not answer, or has another version or schema.
-    pub fn read(link: &mut Link) -> Result<Self, Refusal> {
+    pub fn read(link: &mut Link) -> Result<Self> {
         link.check_protocol()?;
         let settings = BoardSettings::read(link)?;
         let target = link.target()?;
@@ -46,7 +46,7 @@ impl Backup {
     ///
     /// # Errors
     /// The board does not answer, or has another version or schema.
-    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>, Refusal> {
+    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>> {
         if self.recipe > 0 {
             link.command(&Request::UseRecipe(self.recipe))?;
         }
@@ -77,7 +77,7 @@ impl Backup {
     ///
     /// # Errors
     /// The folder cannot be written to.
-    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>, Refusal> {
+    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>> {
         let recipes = (1..).zip(&self.recipes);
         let recipes = recipes.filter_map(|(number, stored)| match stored {
             Stored::Recipe(name, recipe) => Some((number, *name, *recipe)),

@@ -16,7 +16,7 @@ use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range, Scatter
 use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Printout, columns, fields, finite, number};
 
 /// Measure Lyapunov exponents with their statistical error.
@@ -35,41 +35,31 @@ pub struct Arguments {
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
     restitution: f64,
-
     /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N] [default: 0.34].
     #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
     k: Option<Range>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments,
-
     /// Number of impacts measured at each k.
     #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
     impacts: usize,
-
     /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "2000", value_parser = arguments::count(0, 1_000_000_000))]
     settle: usize,
-
     /// Order of the locked orbit next to which the orbits start.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
-
     /// Phase of the start in rad, with --velocity.
     #[arg(long, value_name = "T", value_parser = arguments::number, requires = "velocity")]
     phase: Option<f64>,
-
     /// Velocity of the start in units of b w, with --phase.
     #[arg(long, value_name = "PSI", value_parser = arguments::within(0.0, 1000.0, "b w"), requires = "phase")]
     velocity: Option<f64>,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     /// Also measure the chaotic band below the cascade.
     #[arg(long)]
     band: bool,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -81,7 +71,7 @@ impl Arguments {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let given = arguments.amplitude.or_range(arguments.k)?;
     let values = given.unwrap_or_else(|| vec![0.34]);
@@ -142,11 +132,7 @@ const DEFAULT_ORBITS: usize = 8;
 ///
 /// One orbit may stay near a transient for some 100 000 impacts (k = 0.34, R = 0.2). Its own
 /// scatter does not show that. If an orbit comes to rest, the first orbit alone is measured.
-fn measure_several(
-    map: &Map,
-    start: PartState,
-    settings: ExponentSettings,
-) -> Result<Exponent, Refusal> {
+fn measure_several(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent> {
     let share = ExponentSettings {
         impacts: settings.impacts / DEFAULT_ORBITS as u32,
         ..settings
@@ -185,7 +171,6 @@ struct ExponentRow {
     ending: Option<Regime>,
     /// The smaller exponent per impact, of an orbit that never rests.
     second: Option<f64>,
-    /// Floquet multipliers of the period-1 orbit, if it exists.
     multipliers: Option<Multipliers>,
 }
 
@@ -219,7 +204,6 @@ fn describe_motion(row: &ExponentRow) -> &'static str {
 }
 
 fields! {
-    /// The exponents at one k, and its amplitude if the track is given.
     fn exponents(row: ExponentRow, track: Option<Track>, followed: usize) {
         all K => row.k;
         all B => track.map(|track| 1e3 * track.amplitude(row.k));
@@ -245,7 +229,7 @@ fn report(
     arguments: &Arguments,
     rows: &[ExponentRow],
     band: Option<ChaoticBand>,
-) -> Result<Printout, Refusal> {
+) -> Result<Printout> {
     let track = arguments.amplitude.b.map(|_| arguments.amplitude.track());
     let track = track.transpose()?;
     let followed = arguments.followed();
@@ -253,15 +237,13 @@ fn report(
     if track.is_none() {
         view = view.without(columns::B);
     }
+    let (r, impacts, settle) = (arguments.restitution, arguments.impacts, arguments.settle);
+    let scatter = match arguments.scatter.scatter {
+        0.0 => String::new(),
+        scatter => format!(" scattering by {scatter}"),
+    };
     let report = view.printout(rows).heading(format!(
-        "R = {}{}, {} impacts after {} to settle; exponents per impact",
-        arguments.restitution,
-        match arguments.scatter.scatter {
-            0.0 => String::new(),
-            scatter => format!(" scattering by {scatter}"),
-        },
-        arguments.impacts,
-        arguments.settle
+        "R = {r}{scatter}, {impacts} impacts after {settle} to settle; exponents per impact"
     ));
     let only = match rows {
         [only] => only.multipliers,
@@ -336,15 +318,12 @@ fn picture(
         }
     }
     panel = panel.level(0.0, "neighbours part above");
+    let (r, impacts) = (number(arguments.restitution, 6), arguments.impacts);
+    let place = match values {
+        [k] => format!("k = {}", number(*k, 6)),
+        _ => format!("each of {} k", values.len()),
+    };
     Picture::new("Lyapunov exponent over k")
-        .caption(format!(
-            "R = {}, {} impacts at {}",
-            number(arguments.restitution, 6),
-            arguments.impacts,
-            match values {
-                [k] => format!("k = {}", number(*k, 6)),
-                _ => format!("each of {} k", values.len()),
-            }
-        ))
+        .caption(format!("R = {r}, {impacts} impacts at {place}"))
         .panel(panel)
 }

@@ -2,9 +2,9 @@
 //!
 //! A row has phase and flight in rad, and the velocity after the impact in `b w`.
 
-mod portrait;
 pub mod rows;
 
+use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum as _;
@@ -12,6 +12,7 @@ use kband::feeder::OutOfRange;
 use kband::impact::{
     ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
 };
+use rows::{LaunchFile, Row, check_rows, compute_rows};
 
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, FileArguments, Output, ScatterArguments,
@@ -19,12 +20,11 @@ use crate::arguments::{
 };
 use crate::desk::{Desk, Progress};
 use crate::file;
-use crate::refusal::{Exit, Refusal};
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
 use crate::report::rows_file::row_bytes;
-use crate::report::{self, Column, Format, Rows, Value, print_rows};
-use portrait::{States, portrait};
-use rows::{LaunchFile, Row, check_rows, compute_rows};
+use crate::report::{self, Column, Format, Rows, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,47 +49,35 @@ pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, value_parser = arguments::number, required_unless_present_any = ["from", "b"])]
     k: Option<f64>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments,
-
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
     restitution: Option<f64>,
-
     /// Phase of the drive just after an impact in rad.
     #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
     phase: Option<f64>,
-
     /// Velocity relative to the track just after an impact, in units of b w, at least 0.
     #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
     velocity: Option<f64>,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     /// Number of consecutive impacts; memory does not grow with it.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, usize::MAX), default_value = "1", conflicts_with = "from")]
     count: usize,
-
     /// CSV file with the columns k,restitution,phase,velocity; `-` for standard input.
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "b", "restitution", "phase", "velocity"])]
     from: Option<PathBuf>,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     /// Number system of the map.
     #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
     arithmetic: Arithmetic,
-
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
-
     #[command(flatten)]
     drawn: FileArguments,
 }
@@ -113,7 +101,7 @@ impl Arithmetic {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.drawn.check(Format::Table, true)?;
     let tones = arguments.tones.upper();
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
@@ -143,7 +131,7 @@ struct Task<'a> {
     output: &'a Output,
 }
 
-fn on_one_tone(task: &Task) -> Result<States, Refusal> {
+fn on_one_tone(task: &Task) -> Result<States> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.compute(Map::build, impact),
         Arithmetic::F32 => task.compute(Single::build, impact),
@@ -151,7 +139,7 @@ fn on_one_tone(task: &Task) -> Result<States, Refusal> {
     }
 }
 
-fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
+fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.compute(build_on::<WaveMap>(tones), impact),
         Arithmetic::F32 => task.compute(build_on::<Single>(tones), impact),
@@ -166,8 +154,7 @@ fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, O
     move |k, restitution| K::on_tones(tones, k, restitution)
 }
 
-/// Impacts with a contact time, also on several tones.
-fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States, Refusal> {
+fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States> {
     let arithmetic = task.arguments.arithmetic;
     if arithmetic != Arithmetic::F64 {
         return Err(arithmetic.refuse(
@@ -191,7 +178,7 @@ impl Task<'_> {
         &self,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
+    ) -> Result<States> {
         match &self.arguments.from {
             Some(path) => self.compute_file(path, build, impact),
             None => self.compute_orbit(build, impact),
@@ -203,7 +190,7 @@ impl Task<'_> {
         path: &Path,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
+    ) -> Result<States> {
         let scatter = self.arguments.scatter.scatter;
         if scatter > 0.0 {
             return Err(Refusal::value(
@@ -235,7 +222,7 @@ impl Task<'_> {
         &self,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
+    ) -> Result<States> {
         let arguments = self.arguments;
         // clap requires all four.
         let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
@@ -280,8 +267,8 @@ impl Task<'_> {
         &self,
         columns: &[Column],
         rows: u64,
-        work: impl FnOnce(&mut Sink) -> Result<(), Refusal>,
-    ) -> Result<States, Refusal> {
+        work: impl FnOnce(&mut Sink) -> Result<()>,
+    ) -> Result<States> {
         let columns: Vec<Column> = columns.iter().map(|one| one.digits(17).plain()).collect();
         self.output.rows(&columns, |file| {
             print_rows(self.arguments.format, &columns, |printed| {
@@ -302,7 +289,6 @@ impl Task<'_> {
     }
 }
 
-/// Receiver of the rows: standard output, a file, and the picture.
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
     columns: &'a [Column],
@@ -319,7 +305,7 @@ struct Sink<'a, 'p, 'f> {
 const ROWS_AT_ONCE: u64 = 1024;
 
 impl Sink<'_, '_, '_> {
-    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<()> {
         if let Some(printed) = &mut self.printed
             && let Err(error) = printed.row(row)
         {
@@ -357,4 +343,53 @@ impl Sink<'_, '_, '_> {
             report::state_size(target.path().display(), bytes(&target.ending()));
         }
     }
+}
+
+const MAX_DRAWN: usize = 1 << 17;
+
+/// Phase and velocity after each impact; of many, those after the first impacts.
+#[derive(Default)]
+struct States {
+    drawn: Vec<(f64, f64)>,
+    impacts: u64,
+}
+
+impl States {
+    fn add(&mut self, state: (f64, f64)) {
+        if self.drawn.len() < MAX_DRAWN {
+            self.drawn.push(state);
+        }
+        self.impacts += 1;
+    }
+}
+
+/// Phase portrait: the state after each impact, with phases within -pi..pi.
+fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
+    let States {
+        drawn: mut states,
+        impacts,
+    } = states;
+    for (phase, _) in &mut states {
+        if *phase > PI {
+            *phase -= TAU;
+        }
+    }
+    let phases = states.iter().map(|state| state.0);
+    let velocities = states.iter().map(|state| state.1);
+    let phase = "phase t of the drive after the impact";
+    let panel = Panel::new(
+        Axis::over_values(phase, "rad", phases).in_pi(),
+        Axis::over_values("velocity ψ after the impact", "b·ω", velocities),
+    )
+    .height(460.0);
+    let contact = arguments.contact.describe();
+    let map = match arguments.restitution {
+        Some(r) => format!("{drive_text}, R = {}{contact}; ", number(r, 6)),
+        None => String::new(),
+    };
+    let all_drawn = impacts == states.len() as u64;
+    let drawn = when(!all_drawn, || format!(", the first {} drawn", states.len()));
+    Picture::new("Phase portrait")
+        .caption(format!("{map}{impacts} impacts{drawn}"))
+        .panel(panel.markers("impacts", 0, states))
 }

@@ -14,7 +14,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, MAX_ORBIT_IMPACTS};
 use crate::picture::Fill;
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::report::{counted, number};
 use crate::simulate::{Outcome, STATE_FILLS, part_group, state_fill};
 use crate::verbs::map::gear::{Lot, LotSettings};
@@ -58,7 +58,7 @@ pub(super) struct Feeder {
 }
 
 impl Feeder {
-    pub fn from_outcome(outcome: &Outcome) -> Result<Self, Refusal> {
+    pub fn from_outcome(outcome: &Outcome) -> Result<Self> {
         let scene = &outcome.file().scene;
         let settings = &scene.settings;
         Ok(Self {
@@ -78,7 +78,6 @@ impl Feeder {
         })
     }
 
-    /// Whether the scene's impacts take time.
     pub fn has_contact_time(&self) -> bool {
         !self.contact.is_instant()
     }
@@ -91,7 +90,6 @@ impl Feeder {
         short(1e3 * self.track.amplitude(k))
     }
 
-    /// The bands of the whole lot, order by order.
     pub fn bands_in_words(&self) -> Vec<Vec<String>> {
         let mm = |k: f64| number(self.millimetres(k), 4);
         let cells = |order: u32| {
@@ -130,7 +128,7 @@ fn pairs(points: Vec<(f64, f64)>, scale: f64) -> Vec<[f64; 2]> {
     points.map(|(x, y)| [short(x), short(scale * y)]).collect()
 }
 
-pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json, Refusal> {
+pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json> {
     let settings = &outcome.file().scene.settings;
     Ok(json!({
         "provenance": provenance::object(Map::new()),
@@ -154,7 +152,7 @@ pub(super) fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Jso
 }
 
 /// The bands of single restitutions in k, which do not depend on the drive.
-fn bands() -> Result<Json, Refusal> {
+fn bands() -> Result<Json> {
     let restitution = |n: usize| (n as f64 * RESTITUTION_STEP * 1e3).round() / 1e3;
     let mut orders = Vec::new();
     for order in 1..=ORDERS {
@@ -184,7 +182,7 @@ fn insert(values: &[f64], one: f64) -> (Vec<f64>, usize) {
     (values, place)
 }
 
-fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
+fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json> {
     let order = feeder.order;
     let birth = band::birth(feeder.lot.high().min(0.99), order)?;
     let [low, highest] = [0.15, 1.0].map(|k| k / f64::from(order));
@@ -233,7 +231,7 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     }))
 }
 
-fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
+fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json> {
     let (restitution, order) = (feeder.lot.middle().min(0.95), feeder.order);
     let flip = band::flip(restitution, order)?;
     let birth = band::first_return_edge(restitution, order)?;
@@ -269,7 +267,7 @@ fn basin_maps(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
     }))
 }
 
-fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json, Refusal> {
+fn speeds(feeder: &Feeder, desk: &Desk) -> Result<Json> {
     let (frictions, at) = insert(&FRICTIONS, feeder.friction.unwrap_or(0.3));
     let track = &feeder.track;
     let mut curves = Vec::new();

@@ -8,8 +8,8 @@ use serde_json::{Value as Json, json};
 
 use super::summary::Observed;
 use crate::causes;
-use crate::refusal::Refusal;
-use crate::report::{Field, Printout, View, columns, fields, finite, number, when};
+use crate::refusal::Result;
+use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, when};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describe, regime_text};
 
 /// Smallest amplitude of the second tone, over the first, that is reported.
@@ -21,13 +21,12 @@ pub(super) struct Written<'a> {
     pub scope: Option<&'a Path>,
 }
 
-/// The timeline, the result in sentences, and the same as JSON.
 pub(super) fn report(
     outcome: &Outcome,
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &Written<'_>,
-) -> Result<Printout, Refusal> {
+) -> Result<Printout> {
     let observed = Observed::from_outcome(outcome);
     let summary = observed.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
@@ -62,7 +61,6 @@ pub(super) fn report(
 type TimedEvent = (f64, String, Report);
 
 fields! {
-    /// An event with the resulting state and drive.
     fn state_after(at: TimedEvent) {
         all TIME.digits(4) => at.0;
         all EVENT => at.1.clone();
@@ -73,7 +71,6 @@ fields! {
 }
 
 fields! {
-    /// The measured regime after the event.
     fn regime_after(at: TimedEvent) {
         all IN_GEAR_ESTIMATED.titled("in gear (estimated)").digits(2) => f64::from(at.2.in_gear);
         all FLIP_ESTIMATED.titled("margin (to the flip)").digits(2) =>
@@ -85,7 +82,6 @@ fn is_moving(report: &Report) -> bool {
     f64::from(report.amplitude) > RESTING_AMPLITUDE
 }
 
-/// Events with the state, the drive and the measured regime after each.
 fn timeline(outcome: &Outcome) -> Printout {
     let mut tones = Vec::new();
     let upper = outcome.file().scene.settings.upper_tones();
@@ -289,14 +285,14 @@ fn list_causes(observed: &Observed) -> Vec<String> {
 fn describe_strays(outcome: &Outcome) -> Option<String> {
     let settings = &outcome.file().scene.settings;
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
-    (!strays.is_empty()).then(|| {
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
+    let all = strays.join(", ");
+    let text = || {
         format!(
-            "parts            R {} outside the lot {}..{} of the settings (part.actual)",
-            strays.join(", "),
-            settings.restitution_low,
-            settings.restitution_high
+            "parts            R {all} outside the lot {low}..{high} of the settings (part.actual)"
         )
-    })
+    };
+    (!strays.is_empty()).then(text)
 }
 
 fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
@@ -336,14 +332,11 @@ fn describe_identification(outcome: &Outcome) -> Option<String> {
 
 fn describe_margin(outcome: &Outcome) -> Option<String> {
     let margin = outcome.last().margin?;
+    let [flip, trace, scatter] = numbers([margin.flip, margin.trace, margin.scatter], 2);
+    let (r, error) = (number(margin.restitution, 3), number(margin.error, 1));
+    let lost = margin.to_loss.round();
     Some(format!(
-        "estimated margin {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
-        number(margin.flip, 2),
-        number(margin.trace, 2),
-        number(margin.restitution, 3),
-        number(margin.error, 1),
-        number(margin.scatter, 2),
-        margin.to_loss.round()
+        "estimated margin {flip} to the flip (trace {trace}), R {r} +- {error} scattering by {scatter}; gear lost after {lost} cycles or more"
     ))
 }
 

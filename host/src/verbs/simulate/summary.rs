@@ -36,7 +36,6 @@ pub(super) struct Observed {
     best: Option<BestSetpoint>,
     /// Causes why the lot is out of gear at its best setpoint, the most likely one first.
     pub causes: Vec<Cause>,
-    /// Share of the time in the air.
     in_air: f64,
     /// Time in gear until its loss, in s.
     loss: Option<f64>,
@@ -121,7 +120,6 @@ impl Observed {
         }
     }
 
-    /// Whether successive flights alternate, as measured.
     fn doubled(&self) -> bool {
         let measured = self.last.regime;
         measured.is_some_and(|measured| matches!(measured.regime, Regime::Doubled { .. }))

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use rumqttc::{Client, Event, LastWill, MqttOptions, Packet, QoS};
 
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 /// Time before a new attempt to connect to an absent broker.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
@@ -26,7 +26,7 @@ pub struct Broker {
 impl Broker {
     /// Connects to a broker, and reconnects after each loss. The topic `status` is online or, as
     /// the last will, offline.
-    pub fn begin(host: &str, port: u16, status: String) -> Result<Self, Refusal> {
+    pub fn begin(host: &str, port: u16, status: String) -> Result<Self> {
         let name = format!("kband-{}", std::process::id());
         let mut options = MqttOptions::new(name, host, port);
         options.set_keep_alive(KEEP_ALIVE_INTERVAL);

@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 use super::Feeder;
 use super::broker::Broker;
 use crate::board::BoardMessage;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::Value;
 use crate::stream;
 use crate::verbs::board::monitor::{Row, columns};
@@ -30,7 +30,7 @@ impl Publisher {
     ///
     /// # Errors
     /// Address or topic is invalid.
-    pub fn begin(address: &str, topic: &str) -> Result<Self, Refusal> {
+    pub fn begin(address: &str, topic: &str) -> Result<Self> {
         let (host, port) = split(address)?;
         if topic.is_empty() || topic.contains(['+', '#', '\0']) {
             return Err(Refusal::value(
@@ -54,7 +54,7 @@ impl Publisher {
     ///
     /// # Errors
     /// The connection to the feeder is lost.
-    pub fn publish(&mut self, feeder: &mut dyn Feeder) -> Result<(), Refusal> {
+    pub fn publish(&mut self, feeder: &mut dyn Feeder) -> Result<()> {
         if self.last.is_some_and(|last| last.elapsed() < INTERVAL) {
             return Ok(());
         }
@@ -99,7 +99,7 @@ fn object(row: &[Value]) -> Json {
     stream::object(&columns(), row)
 }
 
-fn split(address: &str) -> Result<(&str, u16), Refusal> {
+fn split(address: &str) -> Result<(&str, u16)> {
     let parts = address.rsplit_once(':');
     let parts = parts.and_then(|(host, port)| Some((host, port.parse().ok()?)));
     match parts {

@@ -8,11 +8,10 @@ use std::time::{Duration, Instant};
 use kband_control::wire::{Request, Response};
 use kband_control::{Identification, Identified, Target, Unidentified};
 
-use super::drive::why_off;
-use super::offer::Commissioning;
+use super::offer::{Commissioning, why_off};
 use crate::board::Link;
 use crate::desk::{Desk, Progress};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::{fields, shortest};
 
 /// Half-width of the narrowest proposed interval: the accuracy of the identification.
@@ -21,7 +20,6 @@ const MIN_HALF_WIDTH: f32 = 0.02;
 const RESULT_HOPS: u64 = 64;
 
 fields! {
-    /// Result of the identification, and the proposed interval.
     fn identified(row: (Identified, [f32; 2])) {
         all RESTITUTION.digits(3) => shortest(row.0.restitution);
         all DEVIATION.digits(2) => shortest(row.0.deviation);
@@ -32,8 +30,7 @@ fields! {
     }
 }
 
-/// Starts the identification on the board, and proposes the interval of restitution.
-pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let target = link.target()?;
     link.command(&Request::Target(Target::Identify))?;
@@ -54,7 +51,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     commissioning.conclude((link, settings), &offer, vec![note], identified(), result)
 }
 
-fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
+fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified> {
     let progress = Progress::new("listening", RESULT_HOPS);
     let start = Instant::now();
     let mut hops_counted = 0;

@@ -9,11 +9,10 @@ use kband::feeder::STANDARD_GRAVITY;
 use kband_control::wire::{Request, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
-use super::drive::{gather, rest, why_off};
-use super::offer::Commissioning;
+use super::offer::{Commissioning, gather, rest, why_off};
 use crate::board::Link;
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::{Column, Field, View};
 
 /// Number of averaged measurements at rest, and time between two of them.
@@ -111,7 +110,7 @@ const PROPOSED_SETTINGS: [Column; 5] = [
 
 /// Measures the accelerometer at rest and while the drive runs, and proposes settings for the
 /// start-up tests.
-pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let (within, desk) = (commissioning.within, commissioning.desk);
     let configured = settings.configured();
@@ -179,7 +178,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
 }
 
 /// Mean of a measured quantity of the board's status over 1 s.
-fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64, Refusal> {
+fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64> {
     let mut sum = 0.0;
     for _ in 0..REST_READINGS {
         desk.check_stop()?;
@@ -201,7 +200,7 @@ fn measure(
     configured: &Settings,
     within: Duration,
     desk: &Desk,
-) -> Result<(Ratio, f64), Refusal> {
+) -> Result<(Ratio, f64)> {
     let required = BLOCK_CYCLES * BLOCKS;
     // The last steady cycles in sequence.
     let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {

@@ -10,13 +10,11 @@ use super::{
     millimetres, setpoint_in_words,
 };
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::report::{Printout, fields, span, when};
 
-/// Number of k in each band at which parts start from rest.
 const K_SAMPLES: u32 = 60;
 
-/// Number of impacts within which a part from rest must lock.
 const MAX_IMPACTS_TO_LOCK: usize = 600;
 
 /// A band of one order, and its part in which all parts lock from rest.
@@ -32,7 +30,7 @@ pub(super) fn report_of(
     wave: &Wave,
     track: &Track,
     desk: &Desk,
-) -> Result<Printout, Refusal> {
+) -> Result<Printout> {
     let rows = desk.try_map("bands", arguments.orders, |n| {
         rows(wave, arguments.restitution, n as u32 + 1)
     })?;
@@ -40,7 +38,7 @@ pub(super) fn report_of(
     Ok(report(arguments, wave, track, &rows))
 }
 
-fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>, Refusal> {
+fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for band in WaveBands::common(wave, lot, order)?.iter() {
         rows.push(Row {
@@ -64,7 +62,7 @@ fn from_rest(
     lot: Restitution,
     order: u32,
     band: &WaveBand,
-) -> Result<Option<([f64; 2], f64)>, Refusal> {
+) -> Result<Option<([f64; 2], f64)>> {
     let parts = if lot.low() == lot.high() { 1 } else { PARTS };
     let mut reached: Vec<f64> = Vec::new();
     for n in 0..K_SAMPLES {
@@ -121,7 +119,6 @@ impl Row {
     }
 }
 
-/// The lot, and the track with its tones.
 struct Feeder<'a> {
     lot: Restitution,
     track: &'a Track,
