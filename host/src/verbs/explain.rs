@@ -69,8 +69,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     report::print(&match arguments.words.as_slice() {
         [] => topics(),
         words => plain::plain(&text(words)?),
-    })?;
-    Ok(Exit::Done)
+    })
+    .map(|()| Exit::Done)
 }
 
 fn topics() -> String {
@@ -165,12 +165,9 @@ fn numbered(kind: &str, number: u32) -> Result<String> {
         "fault" => "## Fault ",
         "limit" => "## Limit ",
         _ => {
-            return Err(Refusal::value(
-                "number",
-                number,
-                "a number after fault or limit only",
-                "leave the number out",
-            ));
+            let accepted = "a number after fault or limit only";
+            let next = "leave the number out";
+            return Err(Refusal::value("number", number, accepted, next));
         }
     };
     let faults = manual::page("faults.md").unwrap_or_default();

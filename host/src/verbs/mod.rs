@@ -236,6 +236,14 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     }
 }
 
+/// The arguments of a verb in a text, for a page with results of several verbs.
+fn read<A: clap::Args>(options: &str) -> Result<A> {
+    let command = A::augment_args(clap::Command::new("kband").no_binary_name(true));
+    let matches = command.try_get_matches_from(options.split_whitespace());
+    let arguments = matches.and_then(|matches| A::from_arg_matches(&matches));
+    arguments.map_err(|error| Refusal::new(error.to_string(), "see kband --help"))
+}
+
 fn run(line: &CommandLine) -> Result<Exit> {
     let desk = Desk::new(line.threads)?;
     desk.listen_for_interruption();

@@ -24,8 +24,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let all: Vec<_> = registers::all().collect();
     let report = rows().printout(&all).folded();
-    report.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.printed.format).map(|()| Exit::Done)
 }
 
 fields! {

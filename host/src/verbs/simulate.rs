@@ -140,8 +140,7 @@ pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     if arguments.print_scene {
-        report::print(DEFAULT)?;
-        return Ok(Exit::Done);
+        return report::print(DEFAULT).map(|()| Exit::Done);
     }
     if arguments.schema {
         report::print(&format!("{:#}\n", schema::schema()))?;
@@ -151,10 +150,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let mut table = read.table.clone();
     if let Some(seed) = arguments.seed {
         if arguments.sweep.iter().any(|axis| axis.key == "seed") {
-            return Err(Refusal::new(
-                "--seed and --sweep seed=... both set the seed",
-                "leave one of the two out",
-            ));
+            let cause = "--seed and --sweep seed=... both set the seed";
+            return Err(Refusal::new(cause, "leave one of the two out"));
         }
         table.insert("seed".into(), toml::Value::Integer(seed as i64));
     }
@@ -235,11 +232,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         Some(_) => "processor in the loop",
         None => fidelity.name(),
     };
-    let written = sentences::Written {
-        picture: picture.path(),
-        trace: trace.map(Destination::path),
-        scope: scope.as_ref().map(Destination::path),
-    };
+    let written = [
+        ("picture", Some(&picture)),
+        ("trace", trace),
+        ("scope", scope.as_ref()),
+    ]
+    .map(|(name, target)| (name, target.map(Destination::path)));
     sentences::report(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
     Ok(match unmet {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,

@@ -39,10 +39,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             return Ok(Exit::Done);
         }
         if Instant::now() > end || desk.check_stop().is_err() {
-            return Err(Refusal::new(
-                "the enable is withdrawn, but the drive has not come to rest yet",
-                "withdraw the enable input, or cut the power; kband status shows its state",
-            ));
+            let cause = "the enable is withdrawn, but the drive has not come to rest yet";
+            let next = "withdraw the enable input, or cut the power; kband status shows its state";
+            return Err(Refusal::new(cause, next));
         }
     }
 }

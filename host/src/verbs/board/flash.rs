@@ -107,8 +107,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             "option_bytes": options.map(|options| options.what),
             "written": !arguments.dry_run,
         }))?
-        .print(arguments.printed.format)?;
-    Ok(Exit::Done)
+        .print(arguments.printed.format)
+        .map(|()| Exit::Done)
 }
 
 /// Saves settings and recipes of the board on the link to files of this folder. `None` if no board
@@ -147,10 +147,9 @@ fn compare(mut link: Link, before: &Backup) -> Result<&'static str> {
         return Ok("settings, target and recipes are as before");
     }
     let unlike = unlike.join("; ");
-    Err(Refusal::new(
-        format!("the new image runs, but settings or recipes differ: {unlike}"),
-        "kband settings import settings_before_flash.toml --save, and kband recipe import",
-    ))
+    let cause = format!("the new image runs, but settings or recipes differ: {unlike}");
+    let next = "kband settings import settings_before_flash.toml --save, and kband recipe import";
+    Err(Refusal::new(cause, next))
 }
 
 /// The option bytes to set; refused for a chip whose option bytes kband does not set.

@@ -148,8 +148,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     json["last_words"] = json!(last_words);
     json["counters"] = json!(counters);
     let report = Printout::new(table).json(&json)?;
-    report.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.printed.format).map(|()| Exit::Done)
 }
 
 /// Largest number of kept faults.

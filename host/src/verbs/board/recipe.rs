@@ -152,10 +152,8 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         }
         Action::Delete { number } => {
             if stored(&mut link, *number)? == Stored::None {
-                return Err(Refusal::new(
-                    format!("{} has no recipe {number}", link.name()),
-                    "kband recipe list shows all",
-                ));
+                let cause = format!("{} has no recipe {number}", link.name());
+                return Err(Refusal::new(cause, "kband recipe list shows all"));
             }
             save(&mut link, &[(*number, None)])?;
             Some(format!("deleted recipe {number}"))
@@ -225,10 +223,9 @@ fn save(link: &mut Link, requested: &[Change]) -> Result<()> {
             Stored::None => (*number, None),
             Stored::Recipe(name, recipe) => (*number, Some((name, recipe))),
             Stored::Newer => {
-                return Err(Refusal::new(
-                    format!("recipe {number} of {} is a newer firmware's", link.name()),
-                    "flash that firmware again, or take another number",
-                ));
+                let cause = format!("recipe {number} of {} is a newer firmware's", link.name());
+                let next = "flash that firmware again, or take another number";
+                return Err(Refusal::new(cause, next));
             }
         });
     }

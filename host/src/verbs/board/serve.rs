@@ -80,16 +80,12 @@ trait Feeder: Send {
     /// the same parts.
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
 
-    /// Works between two requests; `passed` is the time since the last call.
-    ///
-    /// # Errors
-    /// The connection to the feeder is lost.
+    /// Works between two requests; `passed` is the time since the last call. Refused if the
+    /// connection to the feeder is lost.
     fn advance(&mut self, passed: Duration) -> Result<()>;
 
-    /// The frequency, the last drive cycle, and the events since the last call.
-    ///
-    /// # Errors
-    /// The connection to the feeder is lost.
+    /// The frequency, the last drive cycle, and the events since the last call. Refused if the
+    /// connection to the feeder is lost.
     fn news(&mut self) -> Result<Vec<BoardMessage>>;
 }
 
@@ -109,10 +105,8 @@ fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>> {
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let listener = TcpListener::bind(arguments.modbus).map_err(|error| {
-        Refusal::new(
-            format!("{}: {error}", arguments.modbus),
-            "give another address or port: --modbus 127.0.0.1:1503",
-        )
+        let next = "give another address or port: --modbus 127.0.0.1:1503";
+        Refusal::new(format!("{}: {error}", arguments.modbus), next)
     })?;
     let mut publisher = match &arguments.mqtt {
         Some(address) => Some(Publisher::begin(address, &arguments.topic)?),

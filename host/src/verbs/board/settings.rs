@@ -216,8 +216,7 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     };
     let rows: Vec<BoardSetting> = rows.into_iter().cloned().collect();
     let report = view().printout(&rows).notes(notes);
-    report.print(arguments.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.format).map(|()| Exit::Done)
 }
 
 /// Saves, if requested; returns a message on how long the values last.
@@ -252,10 +251,9 @@ fields! {
 /// Refuses saving on an emulated board without a flash.
 pub(super) fn check_flash(address: &Address, saved: &str) -> Result<()> {
     if address.is_emulated() && address.flash_image.is_none() {
-        return Err(Refusal::new(
-            format!("the emulated board has no flash to keep {saved} in"),
-            "name a file for it: --flash-image board.flash",
-        ));
+        let cause = format!("the emulated board has no flash to keep {saved} in");
+        let next = "name a file for it: --flash-image board.flash";
+        return Err(Refusal::new(cause, next));
     }
     Ok(())
 }
@@ -299,10 +297,8 @@ impl Imported {
             all.push((key, number));
         }
         if all.is_empty() {
-            return Err(Refusal::new(
-                "there is no setting in it",
-                "kband settings export shows a whole file",
-            ));
+            let next = "kband settings export shows a whole file";
+            return Err(Refusal::new("there is no setting in it", next));
         }
         Ok(Self(all))
     }

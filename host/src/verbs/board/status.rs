@@ -64,8 +64,7 @@ const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
 /// Columns of the screen of `kband status --live`.
 const SCREEN_COLUMNS: usize = 80;
 
-#[derive(Clone, Debug)]
-pub(in crate::verbs) struct BoardStatus {
+pub struct BoardStatus {
     name: String,
     target: Target,
     status: Status,
@@ -88,10 +87,8 @@ impl BoardStatus {
             target,
             causes: vec![],
             status: status.ok_or_else(|| {
-                Refusal::new(
-                    "the board does not report its inputs",
-                    "kband flash writes the firmware of this desk",
-                )
+                let cause = "the board does not report its inputs";
+                Refusal::new(cause, "kband flash writes the firmware of this desk")
             })?,
             telemetry,
         })
@@ -342,10 +339,9 @@ fn row(link: &mut Link) -> Result<Telemetry> {
             }
         }
     }
-    Err(Refusal::new(
-        "the board answers, but sends no telemetry",
-        "reset the board; kband identify lists its counts",
-    ))
+    let cause = "the board answers, but sends no telemetry";
+    let next = "reset the board; kband identify lists its counts";
+    Err(Refusal::new(cause, next))
 }
 
 #[cfg(test)]

@@ -89,10 +89,8 @@ impl Kind {
         };
         let number = |unit: &str, example: &str| {
             value.map(|value| value as f32).ok_or_else(|| {
-                Refusal::new(
-                    format!("{name} needs a number{unit}"),
-                    format!("kband target {name} {example}"),
-                )
+                let cause = format!("{name} needs a number{unit}");
+                Refusal::new(cause, format!("kband target {name} {example}"))
             })
         };
         let alone = |target: Target| match value {
@@ -178,10 +176,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         let state = BoardStatus::request(&mut link)?.state();
         if !matches!(state, Some(State::Off | State::Fault)) {
             let name = link.name();
-            return Err(Refusal::new(
-                format!("{name} is running its drive, and keeps nothing meanwhile"),
-                "kband disable first, or leave --save out",
-            ));
+            let cause = format!("{name} is running its drive, and keeps nothing meanwhile");
+            let next = "kband disable first, or leave --save out";
+            return Err(Refusal::new(cause, next));
         }
     }
     if let Some(target) = target {

@@ -92,12 +92,8 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
     let signature = key::sign(key, &sum)?;
     let (mut link, name) = open(arguments)?;
     if name != board {
-        return Err(Refusal::value(
-            "board of the image",
-            board,
-            &name,
-            format!("build the image of the board on {}", link.name()),
-        ));
+        let next = format!("build the image of the board on {}", link.name());
+        return Err(Refusal::value("board of the image", board, &name, next));
     }
     let before = back_up(&mut link)?;
     unlock(&mut link, arguments.pin)?;
@@ -113,7 +109,9 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
             sum: &sum,
             signature: &signature,
         };
-        await_loader(&mut link, &signed, desk)?;
+        let received = |link: &mut Link, _: &[Unsolicited]| Ok(!link.begin_update(&signed)?);
+        wait(&mut link, desk, "its loader", received)
+            .map_err(|refusal| refusal.at("the board keeps its image"))?;
         send_all(&mut link, &bytes, &signature, desk).map_err(|refusal| {
             refusal.at("the board waits for an image until it has a whole one")
         })?;
@@ -174,14 +172,6 @@ fn back_up(link: &mut Link) -> Result<Option<Backup>> {
     }
 }
 
-/// Waits until the loader has checked the signature of the image.
-fn await_loader(link: &mut Link, signed: &UpdateRequest<'_>, desk: &Desk) -> Result<()> {
-    wait(link, desk, "its loader", |link, _| {
-        Ok(!link.begin_update(signed)?)
-    })
-    .map_err(|refusal| refusal.at("the board keeps its image"))
-}
-
 fn send_all(link: &mut Link, image: &[u8], signature: &[u8], desk: &Desk) -> Result<()> {
     send(link, image, desk)?;
     // Discards earlier messages: only a start after the end of the image is the new image's.
@@ -204,10 +194,9 @@ fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<()> {
             corrections += 1;
             if has == sent || has > image.len() || corrections > MAX_CORRECTIONS {
                 let name = link.name();
-                return Err(Refusal::new(
-                    format!("{name} has {has} bytes of the image, {sent} were sent"),
-                    "check that the board restarted; then start the update again",
-                ));
+                let cause = format!("{name} has {has} bytes of the image, {sent} were sent");
+                let next = "check that the board restarted; then start the update again";
+                return Err(Refusal::new(cause, next));
             }
         }
         sent = has;
@@ -231,10 +220,9 @@ fn wait(
         }
         messages = link.listen(POLL_INTERVAL)?;
     }
-    Err(Refusal::new(
-        format!("{} did not start {what} within a minute", link.name()),
-        "look at the board: kband identify; then start the update again",
-    ))
+    let cause = format!("{} did not start {what} within a minute", link.name());
+    let next = "look at the board: kband identify; then start the update again";
+    Err(Refusal::new(cause, next))
 }
 
 /// Waits until the loader has started the new image.
@@ -272,10 +260,9 @@ fn confirm(link: &mut Link, before: Option<&Backup>, pin: Option<Pin>) -> Result
     if let (Some(before), Ok(())) = (before, link.check_protocol()) {
         let unlike = before.differences(link)?;
         if !unlike.is_empty() {
-            return Err(Refusal::new(
-                format!("settings, target or recipes differ: {}", unlike.join("; ")),
-                "report this, with settings_before_update.toml",
-            ));
+            let cause = format!("settings, target or recipes differ: {}", unlike.join("; "));
+            let next = "report this, with settings_before_update.toml";
+            return Err(Refusal::new(cause, next));
         }
         compared = "settings, target and recipes are as before";
     }

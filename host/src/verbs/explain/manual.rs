@@ -19,7 +19,6 @@ pages! {
     "theory-real-parts.md"
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Word {
     pub symbols: Vec<String>,
     pub term: String,

@@ -99,20 +99,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         })?;
         report(arguments, &track, &rows, contact)
     } else if !contact.is_instant() {
-        return Err(Refusal::value(
-            "--contact",
-            arguments.contact.contact,
-            "0 with a second or third tone",
-            "leave out the tones, or ask kband gear, which has both",
-        ));
+        let value = arguments.contact.contact;
+        let accepted = "0 with a second or third tone";
+        let next = "leave out the tones, or ask kband gear, which has both";
+        return Err(Refusal::value("--contact", value, accepted, next));
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
-    let drawing = if output.draws() {
-        compute(&wave, &track, desk)?
-    } else {
-        Drawing::default()
-    };
+    let drawing = output.draws().then(|| compute(&wave, &track, desk));
+    let drawing = drawing.transpose()?.unwrap_or_default();
     output.show(&report, || draw(arguments, &wave, &track, &drawing))
 }
 

@@ -163,13 +163,12 @@ fn picture(arguments: &Arguments, drive_text: &str, endings: &Endings, ends: &[R
     let locks = endings.locks().map(Lock::state);
     let locks = locks.filter(|state| state.velocity <= arguments.velocity);
     let locks = locks.map(|state| (state.phase, state.velocity)).collect();
-    let panel = Panel::new(
-        Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi(),
-        Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity),
-    )
-    .height(560.0)
-    .classes(Grid::new(grid, fills), &ending::name_shares(ends))
-    .markers("the locked orbit", 1, locks);
+    let phase = Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi();
+    let velocity = Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity);
+    let panel = Panel::new(phase, velocity)
+        .height(560.0)
+        .classes(Grid::new(grid, fills), &ending::name_shares(ends))
+        .markers("the locked orbit", 1, locks);
     Picture::new("Where a part ends, by how it starts")
         .width(780.0)
         .panel(panel)

@@ -404,8 +404,7 @@ impl Kicks {
             let half = 0.5 * (last - first) / (values.len().max(2) - 1) as f64;
             (first - half, last + half)
         };
-        let lengths = self.lengths.iter().map(|length| f64::from(*length));
-        let lengths: Vec<f64> = lengths.collect();
+        let lengths: Vec<f64> = self.lengths.iter().map(|length| (*length).into()).collect();
         let (left, right) = span(&lengths);
         let (bottom, top) = span(&self.factors);
         let is_slow = self.slow.is_some();
@@ -414,15 +413,13 @@ impl Kicks {
         } else {
             "hold"
         };
-        let mut panel = Panel::new(
-            Axis::new(title, "drive cycles", left, right),
-            Axis::new("factor of the amplitude", "", bottom, top),
-        )
-        .height(420.0)
-        .heat(
-            Grid::new(self.lengths.len(), self.shares.clone()),
-            Axis::new("share of the parts captured", "", 0.0, 1.0),
-        );
+        let length = Axis::new(title, "drive cycles", left, right);
+        let factor = Axis::new("factor of the amplitude", "", bottom, top);
+        let captured = Axis::new("share of the parts captured", "", 0.0, 1.0);
+        let grid = Grid::new(self.lengths.len(), self.shares.clone());
+        let mut panel = Panel::new(length, factor)
+            .height(420.0)
+            .heat(grid, captured);
         let place = |kick: KickSettings| {
             let length = if is_slow { kick.descent } else { kick.hold };
             (f64::from(length), f64::from(kick.factor))

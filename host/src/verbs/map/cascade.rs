@@ -47,12 +47,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         "use --noise for the doublings that remain visible, or kband exponent --scatter",
     )?;
     if let Some(noise) = arguments.noise.filter(|noise| !(0.0..=1.0).contains(noise)) {
-        return Err(Refusal::value(
-            "--noise",
-            noise,
-            "0..1, the standard deviation of restitution over its mean",
-            "0.05 is scatter by 5 %",
-        ));
+        let accepted = "0..1, the standard deviation of restitution over its mean";
+        let next = "0.05 is scatter by 5 %";
+        return Err(Refusal::value("--noise", noise, accepted, next));
     }
     let (restitution, order) = (arguments.restitution, arguments.order as u32);
     let wave = arguments.tones.wave()?;
@@ -60,10 +57,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         Cascade::locate(restitution, order, arguments.doublings)?
     } else {
         Cascade::on_tones(&wave, restitution, order, arguments.doublings)?.ok_or_else(|| {
-            Refusal::new(
-                "no band of this order ends in a flip on these tones",
-                "kband bands with the same tones shows what ends them",
-            )
+            let next = "kband bands with the same tones shows what ends them";
+            Refusal::new("no band of this order ends in a flip on these tones", next)
         })?
     };
     let report = report(arguments, &cascade)?;

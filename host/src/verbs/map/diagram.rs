@@ -19,8 +19,8 @@ use crate::desk::Desk;
 use crate::ending::FILLS;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::columns::{self, FROM, PHASE, REGIME, START, TO, VELOCITY};
-use crate::report::{Column, Printout, Rows, Table, number, numbers, span};
+use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
+use crate::report::{Column, Printout, Rows, fields, number, numbers, span};
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
@@ -210,13 +210,23 @@ fn chosen(arguments: &Arguments) -> Result<(Over, Range)> {
                 range if wide(range) => Some(format!("--{name} {range}")),
                 range => Some(format!("--{name} {}", range.low)),
             });
-            Err(Refusal::value(
-                "the range",
-                options.collect::<Vec<_>>().join(" "),
-                "exactly one of --k, --b and --restitution as a range LO..HI",
-                "for example --restitution 0.2 --k 0.3..0.5",
-            ))
+            let value = options.collect::<Vec<_>>().join(" ");
+            let accepted = "exactly one of --k, --b and --restitution as a range LO..HI";
+            let next = "for example --restitution 0.2 --k 0.3..0.5";
+            Err(Refusal::value("the range", value, accepted, next))
         }
+    }
+}
+
+/// Neighbouring columns of one regime: start, first and last value, number, name of the regime.
+type Regimes = (&'static str, [f64; 2], usize, String);
+
+fields! {
+    fn stretches(row: Regimes, unit: &'static str) {
+        all START => row.0;
+        all FROM.in_unit(unit) => row.1[0];
+        all TO.in_unit(unit) => row.1[1];
+        all REGIME => row.3.clone();
     }
 }
 
@@ -233,37 +243,27 @@ struct Diagram {
 
 impl Diagram {
     fn report(self: &Arc<Self>) -> Result<Printout> {
-        let unit = self.over.column().unit;
-        let mut table = Table::new(&[START, FROM.in_unit(unit), TO.in_unit(unit), REGIME]);
-        let mut left_out = 0;
-        let mut regimes = Vec::new();
+        let (name, unit) = (self.over.column().name, self.over.column().unit);
+        let mut all: Vec<Regimes> = Vec::new();
         for branch in &self.branches {
-            for (first, last, ending) in branch.regimes() {
-                let (low, high) = (self.values[first], self.values[last]);
-                regimes.push(serde_json::json!({
-                    "start": branch.start.name(),
-                    "from": low,
-                    "to": high,
-                    "regime": ending.name(),
-                }));
-                // Chaos contains many narrow windows; the text table leaves them out.
-                if 100 * (last - first + 1) >= self.values.len() {
-                    let start = branch.start.name();
-                    table.push([start.into(), low.into(), high.into(), ending.name().into()]);
-                } else {
-                    left_out += 1;
-                }
-            }
+            all.extend(branch.regimes().into_iter().map(|(first, last, ending)| {
+                let ends = [self.values[first], self.values[last]];
+                (branch.start.name(), ends, last - first + 1, ending.name())
+            }));
         }
+        let regimes = stretches(&unit).objects(&all);
+        // Chaos contains many narrow windows; the text table leaves them out.
+        let count = all.len();
+        all.retain(|(_, _, columns, _)| 100 * columns >= self.values.len());
+        let left_out = count - all.len();
         let drawn = self.branches.iter().flat_map(|branch| &branch.columns);
         let drawn: usize = drawn.map(|column| column.states.len()).sum();
-        let name = self.over.column().name;
         let (range, count) = (span(self.range.low, self.range.high, 6), self.range.count);
         let heading = format!(
             "Regimes over {name} = {range} ({count} columns), {}",
             self.fixed
         );
-        let mut report = Printout::new(table).heading(heading);
+        let mut report = stretches(&unit).printout(&all).heading(heading);
         if left_out > 0 {
             report = report.note(format!(
                 "{left_out} narrower stretches are left out here; --format json has them"

@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             (None, Some(_)) => measure(&map, start, settings)?,
             (None, None) => measure_several(&map, start, settings)?,
         };
-        Ok(ExponentRow {
+        Ok(Row {
             k: values[n],
             second: second(&exponent, arguments.restitution).filter(|_| !scatters),
             multipliers: lock.map(|lock| lock.multipliers()),
@@ -108,12 +108,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         })
     })?;
     if arguments.band && arguments.scatter.scatter > 0.0 {
-        return Err(Refusal::value(
-            "--scatter",
-            arguments.scatter.scatter,
-            "0 with --band: the band is that of orbits of one restitution",
-            "leave one of the two out",
-        ));
+        let value = arguments.scatter.scatter;
+        let accepted = "0 with --band: the band is that of orbits of one restitution";
+        let next = "leave one of the two out";
+        return Err(Refusal::value("--scatter", value, accepted, next));
     }
     let band = if arguments.band {
         ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
@@ -164,7 +162,7 @@ fn measure_several(map: &Map, start: PartState, settings: ExponentSettings) -> R
     })
 }
 
-struct ExponentRow {
+struct Row {
     k: f64,
     exponent: Exponent,
     /// The orbit's final regime; `None` if its restitution scatters or is 1.
@@ -174,7 +172,7 @@ struct ExponentRow {
     multipliers: Option<Multipliers>,
 }
 
-impl ExponentRow {
+impl Row {
     fn rest_after(&self) -> Option<u32> {
         match self.exponent.dynamics {
             Dynamics::Rest { after } => Some(after),
@@ -193,7 +191,7 @@ fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
 
 /// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
 /// transient has one too, until it comes to rest.
-fn describe_motion(row: &ExponentRow) -> &'static str {
+fn describe_motion(row: &Row) -> &'static str {
     match row.exponent.dynamics {
         Dynamics::Regular => "regular",
         Dynamics::Chaotic if row.ending.is_none_or(|ending| ending == Regime::Chaotic) => "chaotic",
@@ -204,7 +202,7 @@ fn describe_motion(row: &ExponentRow) -> &'static str {
 }
 
 fields! {
-    fn exponents(row: ExponentRow, track: Option<Track>, followed: usize) {
+    fn exponents(row: Row, track: Option<Track>, followed: usize) {
         all K => row.k;
         all B => track.map(|track| 1e3 * track.amplitude(row.k));
         all EXPONENT.titled("exponent").digits(5) => finite(row.exponent.per_impact.value);
@@ -225,11 +223,7 @@ fields! {
     }
 }
 
-fn report(
-    arguments: &Arguments,
-    rows: &[ExponentRow],
-    band: Option<ChaoticBand>,
-) -> Result<Printout> {
+fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Result<Printout> {
     let track = arguments.amplitude.b.map(|_| arguments.amplitude.track());
     let track = track.transpose()?;
     let followed = arguments.followed();
@@ -282,7 +276,7 @@ pub(super) fn spell(multipliers: Multipliers) -> String {
 fn picture(
     arguments: &Arguments,
     values: &[f64],
-    rows: &[ExponentRow],
+    rows: &[Row],
     band: Option<ChaoticBand>,
 ) -> Picture {
     let point = |selection: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
@@ -296,11 +290,8 @@ fn picture(
     let shown = all.iter().map(|point| point.1.max(-3.0)).chain([-0.5, 0.5]);
     let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = values.iter().copied().fold(0.0, f64::max);
-    let mut panel = Panel::new(
-        Axis::of_k(lowest, highest),
-        Axis::over_values("Lyapunov exponent per impact", "", shown),
-    )
-    .height(360.0);
+    let exponent = Axis::over_values("Lyapunov exponent per impact", "", shown);
+    let mut panel = Panel::new(Axis::of_k(lowest, highest), exponent).height(360.0);
     if let Some(band) = band {
         panel = panel.strip("chaotic band, measured", band.low, band.high);
     }

@@ -410,15 +410,9 @@ mod tests {
     /// On one tone the amplitude is equal to that of `bands` and of the controller in `simulate`.
     #[test]
     fn gear_names_the_amplitude_of_the_controller() {
-        #[derive(clap::Parser)]
-        struct CommandLine {
-            #[command(flatten)]
-            arguments: Arguments,
-        }
-        let line = "gear --restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
+        let options = "--restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
                     --second-tone 0.1,2.4 --parts 2 --runs 1 --periods 40";
-        let args = line.split_whitespace();
-        let arguments = <CommandLine as clap::Parser>::parse_from(args).arguments;
+        let arguments: Arguments = crate::verbs::read(options).unwrap();
         let desk = Desk::new(Some(1)).unwrap();
         let survey = survey_lot(&arguments, &desk).unwrap();
         let track = arguments.drive.track().unwrap();

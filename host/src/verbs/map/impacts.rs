@@ -5,7 +5,7 @@
 pub mod rows;
 
 use std::f64::consts::{PI, TAU};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
@@ -157,10 +157,8 @@ fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, O
 fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States> {
     let arithmetic = task.arguments.arithmetic;
     if arithmetic != Arithmetic::F64 {
-        return Err(arithmetic.refuse(
-            "f64 with --contact",
-            "leave out --arithmetic, or leave out --contact",
-        ));
+        let next = "leave out --arithmetic, or leave out --contact";
+        return Err(arithmetic.refuse("f64 with --contact", next));
     }
     task.compute(build_on::<WaveMap>(tones), |Row { kernel, state }| {
         let (k, restitution) = (kernel.k(), kernel.restitution());
@@ -179,26 +177,14 @@ impl Task<'_> {
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
     ) -> Result<States> {
-        match &self.arguments.from {
-            Some(path) => self.compute_file(path, build, impact),
-            None => self.compute_orbit(build, impact),
-        }
-    }
-
-    fn compute_file<K: Kernel>(
-        &self,
-        path: &Path,
-        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
-        impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States> {
+        let Some(path) = &self.arguments.from else {
+            return self.compute_orbit(build, impact);
+        };
         let scatter = self.arguments.scatter.scatter;
         if scatter > 0.0 {
-            return Err(Refusal::value(
-                "--scatter",
-                scatter,
-                "0 with --from: each row has a restitution of its own",
-                "draw the restitutions in the file",
-            ));
+            let accepted = "0 with --from: each row has a restitution of its own";
+            let next = "draw the restitutions in the file";
+            return Err(Refusal::value("--scatter", scatter, accepted, next));
         }
         let launches = LaunchFile::open(path)?;
         let progress = Progress::beside_rows("checking rows", launches.size()?);
@@ -232,34 +218,28 @@ impl Task<'_> {
             state: K::state(or_nan(arguments.phase), or_nan(arguments.velocity))?,
         };
         let mut scatter = arguments.scatter.stream(or_nan(arguments.restitution), 0)?;
-        self.write(
-            &[N, PHASE, VELOCITY, FLIGHT],
-            arguments.count as u64,
-            |sink| {
-                for n in 1..=arguments.count {
-                    if let Some(scatter) = &mut scatter {
-                        row.kernel = build(k, scatter.draw())?;
-                    }
-                    let impact = impact(&row);
-                    let next = K::observe(impact.next);
-                    // A state out of the kernel's range ends the orbit.
-                    K::state(next.phase, next.velocity).map_err(|refused| {
-                        Refusal::value(
-                            refused.parameter,
-                            refused.value,
-                            format!("{} (arithmetic {})", refused.accepted, K::NAME),
-                            "ask for fewer impacts, or choose another --arithmetic",
-                        )
-                        .at(format!("after impact {n}"))
-                    })?;
-                    row.state = impact.next;
-                    let [phase, velocity, flight] =
-                        [next.phase, next.velocity, impact.flight].map(Value::from);
-                    sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+        let count = arguments.count as u64;
+        self.write(&[N, PHASE, VELOCITY, FLIGHT], count, |sink| {
+            for n in 1..=count {
+                if let Some(scatter) = &mut scatter {
+                    row.kernel = build(k, scatter.draw())?;
                 }
-                Ok(())
-            },
-        )
+                let impact = impact(&row);
+                let next = K::observe(impact.next);
+                // A state out of the kernel's range ends the orbit.
+                K::state(next.phase, next.velocity).map_err(|refused| {
+                    let accepted = format!("{} (arithmetic {})", refused.accepted, K::NAME);
+                    let next = "ask for fewer impacts, or choose another --arithmetic";
+                    Refusal::value(refused.parameter, refused.value, accepted, next)
+                        .at(format!("after impact {n}"))
+                })?;
+                row.state = impact.next;
+                let values = [next.phase, next.velocity, impact.flight].map(Value::from);
+                let [phase, velocity, flight] = values;
+                sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+            }
+            Ok(())
+        })
     }
 
     /// Calls `work` with the receiver of its rows, about as many as `rows`.
@@ -365,10 +345,7 @@ impl States {
 
 /// Phase portrait: the state after each impact, with phases within -pi..pi.
 fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
-    let States {
-        drawn: mut states,
-        impacts,
-    } = states;
+    let (mut states, impacts) = (states.drawn, states.impacts);
     for (phase, _) in &mut states {
         if *phase > PI {
             *phase -= TAU;
@@ -376,12 +353,9 @@ fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture 
     }
     let phases = states.iter().map(|state| state.0);
     let velocities = states.iter().map(|state| state.1);
-    let phase = "phase t of the drive after the impact";
-    let panel = Panel::new(
-        Axis::over_values(phase, "rad", phases).in_pi(),
-        Axis::over_values("velocity ψ after the impact", "b·ω", velocities),
-    )
-    .height(460.0);
+    let phase = Axis::over_values("phase t of the drive after the impact", "rad", phases).in_pi();
+    let velocity = Axis::over_values("velocity ψ after the impact", "b·ω", velocities);
+    let panel = Panel::new(phase, velocity).height(460.0);
     let contact = arguments.contact.describe();
     let map = match arguments.restitution {
         Some(r) => format!("{drive_text}, R = {}{contact}; ", number(r, 6)),

@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     /// The rows, recomputed once for all tests, on two threads.
-    pub(in crate::verbs::map::paper) fn rows() -> &'static [Row] {
+    fn rows() -> &'static [Row] {
         static ROWS: OnceLock<Vec<Row>> = OnceLock::new();
         ROWS.get_or_init(|| recompute(&Desk::new(Some(2)).unwrap()).unwrap())
     }
@@ -288,15 +288,10 @@ mod tests {
         let failed = off.iter().filter(exact).filter(|row| !row.holds).count();
         assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
 
     #[test]
     fn a_page_links_to_nothing_marks_failures_and_repeats_no_id() {
-        let rows = crate::verbs::map::paper::tests::rows();
+        let rows = rows();
         let text = table(rows);
         assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
         assert!(!text.contains("class=\"fails\""));

@@ -13,8 +13,9 @@ use crate::arguments::{
 };
 use crate::desk::Desk;
 use crate::picture::Picture;
-use crate::refusal::{Exit, Refusal, Result};
+use crate::refusal::{Exit, Result};
 use crate::report::{Printout, number};
+use crate::verbs::read;
 pub use friction::Row;
 
 /// Compute the conveying speed in every regime, over k or amplitude.
@@ -108,18 +109,6 @@ pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
 pub fn from_rest(options: &str, desk: &Desk) -> Result<Vec<Row>> {
     let arguments = read(options)?;
     friction::from_rest(Feeder::build(&arguments)?, desk)
-}
-
-fn read(options: &str) -> Result<Arguments> {
-    #[derive(clap::Parser)]
-    struct CommandLine {
-        #[command(flatten)]
-        arguments: Arguments,
-    }
-    let args = std::iter::once("transport").chain(options.split_whitespace());
-    let line = <CommandLine as clap::Parser>::try_parse_from(args)
-        .map_err(|error| Refusal::new(error.to_string(), "see kband transport --help"))?;
-    Ok(line.arguments)
 }
 
 type Computed<'a> = (Printout, Box<dyn FnOnce() -> Picture + 'a>);

@@ -15,17 +15,14 @@ use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describ
 /// Smallest amplitude of the second tone, over the first, that is reported.
 const MIN_TONE_RATIO: f64 = 0.01;
 
-pub(super) struct Written<'a> {
-    pub picture: &'a Path,
-    pub trace: Option<&'a Path>,
-    pub scope: Option<&'a Path>,
-}
+/// The kind of a written file, and its path.
+pub(super) type Written<'a> = (&'static str, Option<&'a Path>);
 
 pub(super) fn report(
     outcome: &Outcome,
     fidelity: &str,
     unmet: Option<&[String]>,
-    written: &Written<'_>,
+    written: &[Written<'_>; 3],
 ) -> Result<Printout> {
     let observed = Observed::from_outcome(outcome);
     let summary = observed.lines();
@@ -125,15 +122,12 @@ fn describe_scene(outcome: &Outcome) -> String {
     let settings = &scene.settings;
     let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
     let scatter = || format!(" scattering by {widest}");
+    let scatter = when(outcome.file().scatters(), scatter);
+    let (target, frequency) = (describe(outcome.target()), settings.frequency);
+    let (incline, quality) = (settings.incline, settings.quality);
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
     format!(
-        "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
-        describe(outcome.target()),
-        settings.frequency,
-        settings.incline,
-        settings.restitution_low,
-        settings.restitution_high,
-        when(outcome.file().scatters(), scatter),
-        settings.quality
+        "target {target}; {frequency} Hz, incline {incline} degrees, restitution {low}..{high}{scatter}, Q {quality}"
     )
 }
 
@@ -320,13 +314,11 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
 fn describe_identification(outcome: &Outcome) -> Option<String> {
     let identified = outcome.identified()?;
     let scatter = || format!(", scattering by {}", number(identified.scatter, 2));
+    let scatter = when(identified.scatter > 0.0, scatter);
+    let [r, k] = numbers([identified.restitution, identified.k], 3);
+    let (error, hops) = (number(identified.deviation, 1), identified.hops);
     Some(format!(
-        "restitution      {} identified{}, standard error {}, {} hops at k {}",
-        number(identified.restitution, 3),
-        when(identified.scatter > 0.0, scatter),
-        number(identified.deviation, 1),
-        identified.hops,
-        number(identified.k, 3)
+        "restitution      {r} identified{scatter}, standard error {error}, {hops} hops at k {k}"
     ))
 }
 
@@ -344,12 +336,13 @@ fn describe_load(outcome: &Outcome) -> Option<String> {
     let last = outcome.last();
     if let Some(load) = last.load {
         let flow = || format!(", {} g/s", number(load.flow, 3));
-        Some(format!(
-            "weighed          {} g on the track ({} g are) at {} mm/s{}",
-            number(load.mass, 3),
+        let flow = when(load.flow != 0.0, flow);
+        let ([weighed, speed], mass) = (
+            numbers([load.mass, load.speed], 3),
             number(outcome.mass(), 3),
-            number(load.speed, 3),
-            when(load.flow != 0.0, flow)
+        );
+        Some(format!(
+            "weighed          {weighed} g on the track ({mass} g are) at {speed} mm/s{flow}"
         ))
     } else {
         let unknown = outcome.file().scene.settings.track_mass > 0.0
@@ -400,12 +393,9 @@ fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
     }
 }
 
-fn list_files(written: &Written<'_>) -> Vec<String> {
-    let picture = ("picture", Some(written.picture));
-    let files = [picture, ("trace", written.trace), ("scope", written.scope)].into_iter();
-    let line =
-        |(name, file): (&str, Option<&Path>)| Some(format!("{name:<16} {}", file?.display()));
-    files.filter_map(line).collect()
+fn list_files(written: &[Written<'_>; 3]) -> Vec<String> {
+    let line = |(name, file): &Written<'_>| Some(format!("{name:<16} {}", (*file)?.display()));
+    written.iter().filter_map(line).collect()
 }
 
 fn as_json(
@@ -413,10 +403,10 @@ fn as_json(
     observed: &Observed,
     fidelity: &str,
     unmet: Option<&[String]>,
-    written: &Written<'_>,
+    written: &[Written<'_>; 3],
 ) -> Json {
     let (last, lot) = (outcome.last(), planned_lot(outcome));
-    let path = |path: &Path| path.display().to_string();
+    let [picture, trace, scope] = written.map(|(_, path)| Some(path?.display().to_string()));
     let event = |at: kband_scene::TimedEvent| json!({"time": at.time, "event": at.event.name(), "state": at.report.state.name()});
     json!({
         "summary": observed.lines(),
@@ -452,9 +442,9 @@ fn as_json(
         "flow_weighed": last.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
         "restitution_identified": outcome.identified().map(|identified| identified.restitution),
         "not_as_expected": unmet,
-        "picture": path(written.picture),
-        "trace": written.trace.map(path),
-        "scope": written.scope.map(path),
+        "picture": picture,
+        "trace": trace,
+        "scope": scope,
         "fidelity": fidelity,
         "times_real_time": outcome.times_real_time(),
     })

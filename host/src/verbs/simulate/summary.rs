@@ -6,7 +6,7 @@ use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
 
 use crate::causes::{BestSetpoint, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
-use crate::report::number;
+use crate::report::{number, numbers};
 use crate::simulate::Outcome;
 
 /// Relative difference below which two amplitudes count as equal.
@@ -18,7 +18,6 @@ const MIN_TIME_IN_AIR: f64 = 0.9;
 /// bowl changes more.
 const THIN_MARGIN: f64 = 0.01;
 
-#[derive(Clone, Debug)]
 pub(super) struct Observed {
     /// Amplitude in mm, and the track's peak acceleration over gravity.
     amplitude: f64,
@@ -195,13 +194,11 @@ impl Observed {
         if best.share < 0.5 || (ratio - 1.0).abs() < SAME_AMPLITUDE {
             return None;
         }
+        let fault = if ratio < 1.0 { "little" } else { "much" };
+        let [present, chosen] = numbers([self.amplitude, best.amplitude], 3);
+        let (lot, percent) = (&self.lot, number(100.0 * best.share, 2));
         Some(format!(
-            "{} mm is too {} for parts of R {}: {} mm keeps them in gear for {} % of the time ([target] gear = 1)",
-            number(self.amplitude, 3),
-            if ratio < 1.0 { "little" } else { "much" },
-            self.lot,
-            number(best.amplitude, 3),
-            number(100.0 * best.share, 2)
+            "{present} mm is too {fault} for parts of R {lot}: {chosen} mm keeps them in gear for {percent} % of the time ([target] gear = 1)"
         ))
     }
 

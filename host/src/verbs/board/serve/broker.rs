@@ -73,15 +73,11 @@ impl Broker {
 impl Drop for Broker {
     /// Publishes that the client is offline, as the last will would.
     fn drop(&mut self) {
-        let Self {
-            client,
-            status,
-            connected,
-        } = self;
-        let published = client.try_publish(&*status, QoS::AtLeastOnce, true, "offline");
+        let client = &self.client;
+        let published = client.try_publish(&self.status, QoS::AtLeastOnce, true, "offline");
         if published.is_ok() && client.try_disconnect().is_ok() {
             let end = Instant::now() + FAREWELL_TIMEOUT;
-            while connected.load(Ordering::Relaxed) && Instant::now() < end {
+            while self.connected.load(Ordering::Relaxed) && Instant::now() < end {
                 std::thread::sleep(Duration::from_millis(10));
             }
         }

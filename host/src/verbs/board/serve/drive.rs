@@ -28,10 +28,7 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// The feeder of a scene at power-on.
-    ///
-    /// # Errors
-    /// A value of the scene is out of range.
+    /// The feeder of a scene at power-on; refused if a value of the scene is out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             drive: Drive::build(scene)?,

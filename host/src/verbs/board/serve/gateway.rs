@@ -23,10 +23,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// Opens the link.
-    ///
-    /// # Errors
-    /// No board answers, or it runs another firmware.
+    /// Opens the link; refused if no board answers, or if it runs another firmware.
     pub fn open(address: &Address) -> Result<Self> {
         let mut link = address.open(Emulated::Running)?;
         link.set_answer_timeout(ANSWER_TIMEOUT);
@@ -39,9 +36,6 @@ impl Gateway {
     }
 
     /// Reason why clients can only read, and its remedy; `None` if they can command.
-    ///
-    /// # Errors
-    /// The board does not answer.
     pub fn reads_only(&mut self) -> Result<Option<&'static str>> {
         let access = self.link.status()?.map(|status| status.access);
         let mut controls = true;

@@ -10,10 +10,8 @@ impl Broker {
     /// Connects; `status_topic` gets "online" and "offline". Always refused; the message names the
     /// feature to build with.
     pub fn begin(_host: &str, _port: u16, _status_topic: String) -> Result<Self> {
-        Err(Refusal::new(
-            "this kband was built without MQTT",
-            "install it with: cargo install --path host --features mqtt",
-        ))
+        let next = "install it with: cargo install --path host --features mqtt";
+        Err(Refusal::new("this kband was built without MQTT", next))
     }
 
     /// Publishes a message; whether it was accepted. Never called, because no client exists.

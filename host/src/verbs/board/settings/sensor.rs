@@ -13,7 +13,7 @@ use super::offer::{Commissioning, gather, rest, why_off};
 use crate::board::Link;
 use crate::desk::Desk;
 use crate::refusal::{Refusal, Result};
-use crate::report::{Column, Field, View};
+use crate::report::{Column, Field, View, when};
 
 /// Number of averaged measurements at rest, and time between two of them.
 const REST_READINGS: u32 = 20;
@@ -119,10 +119,9 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     }
     let target = link.target()?;
     if target == Target::Amplitude(0.0) {
-        return Err(Refusal::new(
-            "the board's target is an amplitude of 0 mm, at which nothing can be measured",
-            "request the working target first, for example kband target gear 1 --save",
-        ));
+        let cause = "the board's target is an amplitude of 0 mm, at which nothing can be measured";
+        let next = "request the working target first, for example kband target gear 1 --save";
+        return Err(Refusal::new(cause, next));
     }
     rest(&mut link)?;
     let mean = average(&mut link, desk, |status| status.mean);
@@ -145,11 +144,8 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let tolerance = |factor: f64| digits((TOLERANCE_MARGIN * factor).min(2.5), 100.0);
     let swing = tolerance(quiet.factor(quiet.mean));
     let run = tolerance(loaded.factor(quiet.mean).max(by_current));
-    let current_gain = if wired {
-        digits(1e3 * quiet_per_ampere / response(&configured), 1e5)
-    } else {
-        0.0
-    };
+    let per_ampere = 1e3 * quiet_per_ampere / response(&configured);
+    let current_gain = when(wired, || digits(per_ampere, 1e5));
     let values = [voltage, gain, swing, run, current_gain];
     let pairs = PROPOSED_SETTINGS.map(|column| column.name);
     let pairs: Vec<_> = pairs.into_iter().zip(values).collect();
@@ -183,10 +179,8 @@ fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f6
     for _ in 0..REST_READINGS {
         desk.check_stop()?;
         let status = link.status()?.ok_or_else(|| {
-            Refusal::new(
-                "the board does not send its status",
-                "kband flash writes the firmware of this desk",
-            )
+            let cause = "the board does not send its status";
+            Refusal::new(cause, "kband flash writes the firmware of this desk")
         })?;
         sum += f64::from(value(&status));
         link.listen(READING_INTERVAL)?;
@@ -216,19 +210,16 @@ fn measure(
     link.command(&Request::Telemetry(0))?;
     let cycles = cycles?;
     let ratio = ratio(configured, &cycles).ok_or_else(|| {
-        Refusal::new(
-            format!("the drive did not hold its amplitude for {required} cycles"),
-            "kband monitor shows the limit; raise --within S",
-        )
+        let cause = format!("the drive did not hold its amplitude for {required} cycles");
+        Refusal::new(cause, "kband monitor shows the limit; raise --within S")
     })?;
     let amplitudes = cycles.iter().map(|cycle| f64::from(cycle.amplitude));
     let amplitude = amplitudes.sum::<f64>() / cycles.len() as f64;
     let current = average(link, desk, |status| status.current)?;
     if configured.current_sensitivity > 0.0 && current <= 0.0 {
-        return Err(Refusal::new(
-            "the current sensor measures no current of a running drive",
-            "check its wire; without one set current_sensitivity to 0",
-        ));
+        let cause = "the current sensor measures no current of a running drive";
+        let next = "check its wire; without one set current_sensitivity to 0";
+        return Err(Refusal::new(cause, next));
     }
     Ok((ratio, amplitude / current))
 }

@@ -119,10 +119,9 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<()>
     link.command(&Request::Telemetry(0))?;
     link.command(&Request::Target(target))?;
     let Some(answer) = answer(upper, &cycles?) else {
-        return Err(Refusal::new(
-            format!("no {name} was made for {AVERAGED_CYCLES} cycles"),
-            "kband monitor shows the limit; raise --within S",
-        ));
+        let cause = format!("no {name} was made for {AVERAGED_CYCLES} cycles");
+        let next = "kband monitor shows the limit; raise --within S";
+        return Err(Refusal::new(cause, next));
     };
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(answer.gain, 1e4), digits(answer.lag, 10.0));

@@ -20,10 +20,8 @@ const PUBLIC: &str = "kband-public-key";
 pub fn create(path: &Path) -> Result<PathBuf> {
     let mut seed = [0; 32];
     getrandom::fill(&mut seed).map_err(|error| {
-        Refusal::new(
-            format!("the system gives no random numbers: {error}"),
-            "make the key on another machine",
-        )
+        let cause = format!("the system gives no random numbers: {error}");
+        Refusal::new(cause, "make the key on another machine")
     })?;
     let mut name = path.as_os_str().to_owned();
     name.push(".pub");
@@ -31,10 +29,9 @@ pub fn create(path: &Path) -> Result<PathBuf> {
     for path in [path, &public] {
         Destination::check(path)?;
         if path.exists() {
-            return Err(Refusal::new(
-                format!("{} is there already", path.display()),
-                "give another name: a key is never overwritten",
-            ));
+            let cause = format!("{} is there already", path.display());
+            let next = "give another name: a key is never overwritten";
+            return Err(Refusal::new(cause, next));
         }
     }
     let pair = Keypair::from(&seed);

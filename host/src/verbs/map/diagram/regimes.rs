@@ -45,11 +45,7 @@ const STARTS: [(&str, &str); 2] = [
 ];
 
 impl Map {
-    pub(super) fn compute(
-        arguments: &Arguments,
-        contact: ContactTime,
-        desk: &Desk,
-    ) -> Result<Self> {
+    pub fn compute(arguments: &Arguments, contact: ContactTime, desk: &Desk) -> Result<Self> {
         let (k, restitution) = ranges(arguments)?;
         let of_row = |restitution| k.values().map(move |k| (k, restitution));
         let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();
@@ -70,7 +66,7 @@ impl Map {
         })
     }
 
-    pub(super) fn report(&self) -> Result<Printout> {
+    pub fn report(&self) -> Result<Printout> {
         let mut rows: Vec<Share> = Vec::new();
         for (&(start, _), ends) in STARTS.iter().zip(&self.ends) {
             for (_, regime, points) in ending::count_fills(ends) {
@@ -103,19 +99,16 @@ impl Map {
             }))
     }
 
-    pub(super) fn picture(&self) -> Picture {
-        let mut picture = Picture::new("Regimes over k and restitution")
+    pub fn picture(&self) -> Picture {
+        let (columns, rows) = (self.k.count, self.restitution.count);
+        let contact = self.contact.describe();
+        let picture = Picture::new("Regimes over k and restitution")
             .width(780.0)
             .caption(format!(
-                "{} × {} parts, each followed for up to {MAX_ORBIT_IMPACTS} impacts{}",
-                self.k.count,
-                self.restitution.count,
-                self.contact.describe()
+                "{columns} × {rows} parts, each followed for up to {MAX_ORBIT_IMPACTS} impacts{contact}"
             ));
-        for start in 0..STARTS.len() {
-            picture = picture.panel(self.panel(start));
-        }
-        picture
+        let panels = (0..STARTS.len()).map(|start| self.panel(start));
+        panels.fold(picture, Picture::panel)
     }
 
     fn panel(&self, start: usize) -> Panel {
@@ -126,13 +119,11 @@ impl Map {
             let half = 0.5 * (range.high - range.low) / (range.count - 1) as f64;
             Axis::new(label, "", range.low - half, range.high + half)
         };
-        let mut panel = Panel::new(
-            axis("k = g cos α / (b ω²)", self.k),
-            axis("restitution R", self.restitution),
-        )
-        .heading(STARTS[start].1)
-        .height(380.0)
-        .classes(Grid::new(self.k.count, fills), &ending::name_shares(ends));
+        let k = axis("k = g cos α / (b ω²)", self.k);
+        let mut panel = Panel::new(k, axis("restitution R", self.restitution))
+            .heading(STARTS[start].1)
+            .height(380.0)
+            .classes(Grid::new(self.k.count, fills), &ending::name_shares(ends));
         for order in 1..=3 {
             let ends = |bound: fn(f64, u32) -> Result<f64, OutOfRange>| {
                 let place = |r: f64| (bound(r, order).unwrap_or(f64::NAN), r);
@@ -168,10 +159,9 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range)> {
             fitted(restitution, default_range(k)),
         ),
         _ => {
-            return Err(Refusal::new(
-                "--show regimes needs both --k and --restitution as a range",
-                "for example --k 0.1..0.8:200 --restitution 0..0.9:150",
-            ));
+            let cause = "--show regimes needs both --k and --restitution as a range";
+            let next = "for example --k 0.1..0.8:200 --restitution 0..0.9:150";
+            return Err(Refusal::new(cause, next));
         }
     };
     if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS {
@@ -184,12 +174,9 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range)> {
     }
     let scatter = arguments.scatter.scatter;
     if scatter > 0.0 {
-        return Err(Refusal::value(
-            "--scatter",
-            scatter,
-            "0 with --show regimes: with scatter there is no final regime",
-            "kband gear --scatter computes the share of time in gear",
-        ));
+        let accepted = "0 with --show regimes: with scatter there is no final regime";
+        let next = "kband gear --scatter computes the share of time in gear";
+        return Err(Refusal::value("--scatter", scatter, accepted, next));
     }
     Ok((k, restitution))
 }

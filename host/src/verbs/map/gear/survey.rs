@@ -50,7 +50,6 @@ impl Stage {
     }
 }
 
-#[derive(Clone, Debug)]
 pub(super) struct Shares(pub Vec<Share>);
 
 impl Shares {

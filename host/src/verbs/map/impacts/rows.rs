@@ -108,12 +108,10 @@ fn each_row(
             for (place, column) in indices.iter_mut().zip(COLUMNS) {
                 let found = names.iter().position(|name| *name == column);
                 *place = found.ok_or_else(|| {
-                    Refusal::value(
-                        format!("header of {name}"),
-                        format!("'{text}'"),
-                        "the columns k,restitution,phase,velocity in any order",
-                        format!("add the column {column}"),
-                    )
+                    let value = format!("'{text}'");
+                    let accepted = "the columns k,restitution,phase,velocity in any order";
+                    let next = format!("add the column {column}");
+                    Refusal::value(format!("header of {name}"), value, accepted, next)
                 })?;
             }
             places = Some(indices);
@@ -160,10 +158,9 @@ pub fn check_rows(
         Ok(())
     })?;
     if rows == 0 {
-        return Err(Refusal::new(
-            format!("{} has no rows", path.display()),
-            "give at least one row below the header k,restitution,phase,velocity",
-        ));
+        let cause = format!("{} has no rows", path.display());
+        let next = "give at least one row below the header k,restitution,phase,velocity";
+        return Err(Refusal::new(cause, next));
     }
     Ok(rows)
 }

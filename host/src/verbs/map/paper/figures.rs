@@ -172,11 +172,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture> {
         }
         Ok(series)
     })?;
-    let mut panel = Panel::new(
-        Axis::of_k(low, high),
-        Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi(),
-    )
-    .height(460.0);
+    let phase = Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi();
+    let mut panel = Panel::new(Axis::of_k(low, high), phase).height(460.0);
     for order in 1..=3 {
         let flip = band::flip(restitution, order)?;
         let birth = band::birth(restitution, order)?;

@@ -234,12 +234,7 @@ fn first_return(rows: &mut Ledger) -> Result<()> {
 ///
 /// Classical Runge-Kutta method in 4000 steps. Its error is of order `d^2 (d/4000)^4`, below 1e-10
 /// for d < 40.
-pub(super) fn integrated(
-    t: f64,
-    d: f64,
-    velocity: f64,
-    acceleration: impl Fn(f64) -> f64,
-) -> (f64, f64) {
+pub fn integrated(t: f64, d: f64, velocity: f64, acceleration: impl Fn(f64) -> f64) -> (f64, f64) {
     const STEPS: u32 = 4000;
     let h = d / f64::from(STEPS);
     let (mut distance, mut speed) = (0.0, velocity);
@@ -265,7 +260,7 @@ pub(super) struct Flight {
 }
 
 impl Flight {
-    pub(super) fn new(k: f64, launch: PartState, impact: &Impact<PartState>) -> Self {
+    pub fn new(k: f64, launch: PartState, impact: &Impact<PartState>) -> Self {
         Self {
             k,
             t: launch.phase,
@@ -274,36 +269,36 @@ impl Flight {
         }
     }
 
-    pub(super) fn launch(&self) -> PartState {
+    pub fn launch(&self) -> PartState {
         PartState::new(self.t, self.psi)
     }
 
     /// Height and velocity at its end, integrated by (2a).
-    pub(super) fn rise(&self) -> (f64, f64) {
+    pub fn rise(&self) -> (f64, f64) {
         integrated(self.t, self.d, self.psi, |tau| tau.sin() - self.k)
     }
 
     /// Distance and velocity along the track at its end, integrated by (2b).
-    pub(super) fn slide(&self, along: &TangentialSettings, phi: f64) -> (f64, f64) {
+    pub fn slide(&self, along: &TangentialSettings, phi: f64) -> (f64, f64) {
         let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
         let pull = self.k * along.incline_tangent;
         integrated(self.t, self.d, phi, |tau| eta * (tau + gamma).sin() - pull)
     }
 
     /// u'(d) as printed in (7a).
-    pub(super) fn velocity(&self) -> f64 {
+    pub fn velocity(&self) -> f64 {
         let Self { k, t, psi, d } = *self;
         -k * d + t.cos() + psi - (t + d).cos()
     }
 
     /// u(d) as printed in (7b) and (8).
-    pub(super) fn height(&self) -> f64 {
+    pub fn height(&self) -> f64 {
         let Self { k, t, psi, d } = *self;
         (t.cos() + psi) * d - 0.5 * k * d * d - ((t + d).sin() - t.sin())
     }
 
     /// v'(d) by (7c): corrected, and as printed.
-    pub(super) fn velocities_along(&self, along: &TangentialSettings, phi: f64) -> [f64; 2] {
+    pub fn velocities_along(&self, along: &TangentialSettings, phi: f64) -> [f64; 2] {
         let Self { k, t, d, .. } = *self;
         let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
         let change = (t + d + gamma).cos() - (t + gamma).cos();

@@ -224,12 +224,8 @@ fn velocity(rows: &mut Ledger) -> Result<()> {
         let (k, order, restitution) = (lock.k(), lock.order(), lock.restitution());
         let velocity = measured(&lock, along)?;
         rows.compare("(20)", locked::velocity(&lock, k, &along), velocity);
-        let TangentialSettings {
-            restitution: rt,
-            amplitude_ratio: eta,
-            phase_lead: gamma,
-            incline_tangent: tangent,
-        } = along;
+        let (rt, eta) = (along.restitution, along.amplitude_ratio);
+        let (gamma, tangent) = (along.phase_lead, along.incline_tangent);
         let flight = PI * f64::from(order) * k;
         let loss = (1.0 - restitution) / (1.0 + restitution);
         let printed = flight * (eta * gamma.cos() * loss - tangent * (1.0 + rt) / (1.0 - rt))

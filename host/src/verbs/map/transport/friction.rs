@@ -210,9 +210,9 @@ impl<'a> Task<'a> {
         let point = self.point(self.over, value)?;
         Ok(Row {
             value,
-            point,
             from_rest: start == Origin::Rest,
             measured: self.measured(&point, start)?,
+            point,
         })
     }
 
@@ -321,7 +321,6 @@ impl<'a> Task<'a> {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
 struct Point {
     track: Track,
     settings: FrictionSettings,
@@ -480,12 +479,9 @@ fn requested_range(feeder: &Feeder, over: Over) -> Result<(Range, f64)> {
         (_, None) => 1.5 * unit,
         (_, Some(range)) if range.count == 1 => range.low * unit,
         (_, Some(range)) => {
-            return Err(Refusal::value(
-                "--throw, --k or --b",
-                range,
-                "one value with --over incline, friction or phase-lead",
-                "for example --throw 1.5",
-            ));
+            let accepted = "one value with --over incline, friction or phase-lead";
+            let next = "for example --throw 1.5";
+            return Err(Refusal::value("--throw, --k or --b", range, accepted, next));
         }
     };
     Ok((range, amplitude))
@@ -565,7 +561,7 @@ mod tests {
     use super::*;
 
     fn run(options: &str) -> Vec<Row> {
-        let arguments = super::super::read(options).unwrap();
+        let arguments = crate::verbs::read(options).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
         let over = arguments.over.unwrap_or(Over::Throw);
         let task = Task::new(feeder, over).unwrap();
@@ -595,22 +591,19 @@ mod tests {
         }
     }
 
-    /// Speeds by small time steps and a finite contact time, each with its error:
-    /// tests/reference/friction.py.
-    const STEPPED: &str = include_str!("../../../../../tests/reference/friction.csv");
-    /// Speeds by Siconos, a solver for unilateral contacts, likewise:
-    /// tests/reference/friction_siconos.py.
-    const SICONOS: &str = include_str!("../../../../../tests/reference/friction-siconos.csv");
-    /// Speeds by small time steps on several tones.
-    const ON_TONES: &str = include_str!("../../../../../tests/reference/friction-tones.csv");
-
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
-        // The error of STEPPED is that of doubling the contact time. It is first order in that
-        // time, so it equals the distance to the limit. The error of SICONOS is that of its limit.
-        assert_eq!(judged_by(STEPPED, 2.0), 6);
-        assert_eq!(judged_by(SICONOS, 1.0), 8);
-        assert_eq!(judged_by(ON_TONES, 2.0), 7);
+        // tests/reference/friction.py: by small time steps and a finite contact time. The error is
+        // that of doubling the contact time. It is first order in that time, so it equals the
+        // distance to the limit.
+        let stepped = include_str!("../../../../../tests/reference/friction.csv");
+        assert_eq!(judged_by(stepped, 2.0), 6);
+        // tests/reference/friction_siconos.py: by Siconos, a solver for unilateral contacts. The
+        // error is that of its limit.
+        let siconos = include_str!("../../../../../tests/reference/friction-siconos.csv");
+        assert_eq!(judged_by(siconos, 1.0), 8);
+        let on_tones = include_str!("../../../../../tests/reference/friction-tones.csv");
+        assert_eq!(judged_by(on_tones, 2.0), 7);
     }
 
     /// Compares speeds with a reference that states an error; `errors` is the tolerance in units of

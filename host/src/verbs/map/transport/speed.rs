@@ -57,7 +57,6 @@ struct Run {
     exponent: Option<f64>,
 }
 
-#[derive(Clone, Debug)]
 struct Row {
     k: f64,
     regime: Regime,
@@ -534,7 +533,6 @@ fn add_markers(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
 
 #[cfg(test)]
 mod tests {
-    use super::page::closed_form;
     use super::*;
 
     const ORDER_1: Regime = Regime::Locked { order: 1 };
@@ -547,7 +545,7 @@ mod tests {
     #[test]
     fn the_speed_in_lock_does_not_depend_on_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
-        let arguments = super::super::read(line).unwrap();
+        let arguments = crate::verbs::read(line).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
         let rows = rows_of(&feeder);
         let locked: Vec<&Row> = rows.iter().filter(|row| row.regime == ORDER_1).collect();
@@ -570,7 +568,7 @@ mod tests {
 
     #[test]
     fn a_single_k_has_a_sensitivity_from_its_neighbours() {
-        let arguments = super::super::read("--restitution 0.2 --k 0.43 --impacts 300").unwrap();
+        let arguments = crate::verbs::read("--restitution 0.2 --k 0.43 --impacts 300").unwrap();
         let rows = rows_of(&Feeder::build(&arguments).unwrap());
         let locked = rows.iter().find(|row| row.regime == ORDER_1).unwrap();
         assert!(locked.sensitivity.unwrap().value.abs() < 1e-6);
