@@ -88,8 +88,7 @@ fn print_live(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<()>
     if let Some(path) = path {
         link.record(record_file(path)?)?;
     }
-    let frequency = link.request(&Request::Get("frequency"), BoardMessage::from_response)?;
-    if let Some(message) = frequency {
+    if let Some(message) = link.request(&Request::Get("frequency"), BoardMessage::from_response)? {
         rows.take(message)?;
     }
     link.command(&Request::Telemetry(arguments.every as u16))?;

@@ -197,9 +197,8 @@ fn check(entry: &Entry, settings: &Settings) -> Result<()> {
         let line = entry.line(refused.parameter);
         Refusal::from(refused).at(format!("line {line}"))
     })?;
-    let checked = target::check(recipe.target, &settings);
-    checked.map_err(|refusal| refusal.at(format!("line {}", entry.line("target"))))?;
-    Ok(())
+    let checked = target::check(recipe.target, &settings).map(|_| ());
+    checked.map_err(|refusal| refusal.at(format!("line {}", entry.line("target"))))
 }
 
 pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored> {

@@ -135,8 +135,7 @@ fn list_rows(rows: &[Vec<String>]) -> String {
                 format!("{name}: {cell}")
             }
         });
-        let first = fields.next().unwrap_or_default();
-        text += &wrapped(&first, "", "");
+        text += &wrapped(&fields.next().unwrap_or_default(), "", "");
         text.extend(fields.map(|line| wrapped(&line, "  ", "    ")));
     }
     text

@@ -4,7 +4,7 @@ mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, TangentialSettings, Wave};
-use kband::regime::band::{Band, BandError};
+use kband::regime::band::{Band, BandError, Margins};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
@@ -157,16 +157,13 @@ impl Row {
         self.band.map(|band| band.setpoint())
     }
 
-    /// The smaller margin in k at the setpoint.
-    fn margin_k(&self) -> Option<f64> {
-        let margins = self.band.map(|band| band.margins(band.setpoint()));
-        margins.map(|margins| margins.low.k.min(margins.high.k))
+    fn margins(&self) -> Option<Margins> {
+        self.band.map(|band| band.margins(band.setpoint()))
     }
 
     /// The smaller margin in amplitude at the setpoint, over the amplitude.
     fn margin(&self) -> Option<f64> {
-        let margins = self.band.map(|band| band.margins(band.setpoint()));
-        margins.map(|margins| margins.smallest())
+        self.margins().map(|margins| margins.smallest())
     }
 
     fn reached(&self) -> String {
@@ -202,7 +199,7 @@ fields! {
         data EMPTY => row.band.is_none();
         read SETPOINT => setpoint_in_words(row.setpoint());
         data SETPOINT => row.setpoint();
-        data MARGIN_K => row.margin_k();
+        data MARGIN_K => row.margins().map(|margins| margins.low.k.min(margins.high.k));
         all MARGIN.digits(3) => row.margin().map(|margin| 100.0 * margin);
         data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| millimetres(track, k) * margin);
         data CHAOS_EDGE => row.first_chaos.map(|chaos| chaos.value);

@@ -201,8 +201,7 @@ impl Rates {
             };
             let alone = captures(part, task.drive, Kick::NONE)?;
             for attempt in 0..attempts {
-                let drives = [task.drive, task.retry_drive];
-                let drive = drives[attempt.min(1)];
+                let drive = [task.drive, task.retry_drive][attempt.min(1)];
                 let Some(kick) = plan.attempt(attempt as u32) else {
                     break;
                 };

@@ -117,8 +117,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
         let map = regimes::Map::compute(arguments, contact, desk)?;
-        let report = map.report()?;
-        return output.show(&report, || map.picture());
+        return output.show(&map.report()?, || map.picture());
     }
     let (over, range) = chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
@@ -135,8 +134,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         fixed: over.fixed() + &arguments.contact.describe(),
         values,
     });
-    let report = diagram.report()?;
-    output.show(&report, || diagram.picture(arguments))
+    output.show(&diagram.report()?, || diagram.picture(arguments))
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -380,8 +378,7 @@ impl Diagram {
                     .line(named("period-1 orbit, repelling"), 2, repelling);
             }
             for band in &self.bands {
-                let middle = 0.5 * (band.low + band.high);
-                panel = panel.caption(middle, format!("r = {}", band.order));
+                panel = panel.caption(0.5 * (band.low + band.high), format!("r = {}", band.order));
                 for edge in [band.low, band.high] {
                     if self.range.low < edge && edge < self.range.high {
                         panel = panel.mark(edge, number(edge, 4));

@@ -21,7 +21,7 @@ use crate::causes;
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, Value, fields, number, span, when};
+use crate::report::{Printout, Value, fields, number, numbers, span, when};
 pub(in crate::verbs) use survey::{Lot, LotSettings};
 
 /// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
@@ -106,8 +106,7 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check_or("kband-gear.svg")?;
     let survey = survey_lot(arguments, desk)?;
-    let report = report(arguments, &survey)?;
-    output.show(&report, || picture(arguments, &survey))
+    output.show(&report(arguments, &survey)?, || picture(arguments, &survey))
 }
 
 fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
@@ -304,25 +303,19 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
     );
     let two = named.iter().find(|named| named.name.ends_with("tones"));
     let second = two.map(|two| {
-        format!(
-            "The second tone takes {} of the first one's force on a resonance of quality {}, {} off it.",
-            number(two.force[0], 3),
-            number(arguments.quality, 4),
-            number(two.force[1], 3)
-        )
+        let ([on, off], quality) = (numbers(two.force, 3), number(arguments.quality, 4));
+        format!("The second tone takes {on} of the first one's force on a resonance of quality {quality}, {off} off it.")
     });
     let three = two.filter(|two| two.point.wave.third().amplitude > 0.0);
     let third = three.map(|three| {
-        let [on, off] = three.third.map(|force| number(force, 3));
+        let [on, off] = numbers(three.third, 3);
         format!("The third tone takes {on} of it there, {off} off it.")
     });
-    let over_k = |wave: usize| -> Json {
-        let point = |(k, share)| json!({"k": k, "in_gear": share});
-        survey.over_k(wave).map(point).collect()
-    };
+    let point = |(k, share)| json!({"k": k, "in_gear": share});
+    let over_k = |wave: usize| survey.over_k(wave).map(point).collect::<Json>();
     let number_of_two =
         two.and_then(|two| survey.waves.iter().position(|wave| *wave == two.point.wave));
-    let point = |name: &str| -> Json {
+    let of_name = |name: &str| -> Json {
         let mut points = named.iter();
         let matching = points.find(|named| named.name.ends_with(name));
         matching.map_or(Json::Null, |named| view.object(named))
@@ -334,9 +327,9 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
         "order": arguments.order,
         "seed": arguments.seed,
         "periods_watched": survey.lot.run_periods(),
-        "one_tone": point("one tone"),
-        "two_tones": point("tones"),
-        "band_middle": point("middle of the band"),
+        "one_tone": of_name("one tone"),
+        "two_tones": of_name("tones"),
+        "band_middle": of_name("middle of the band"),
         "over_k": {
             "one_tone": over_k(0),
             "two_tones": number_of_two.map(over_k),
@@ -397,7 +390,7 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
 
 fn label(wave: &Wave) -> String {
     let second = wave.second();
-    let [e, th] = [second.amplitude, second.angle].map(|value| number(value, 4));
+    let [e, th] = numbers([second.amplitude, second.angle], 4);
     format!("e = {e}, th = {th}")
 }
 

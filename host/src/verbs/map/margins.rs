@@ -81,8 +81,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::new(all[n].0, all[n].1))?;
-    let report = report(&lines);
-    output.show(&report, || picture(&lines))
+    output.show(&report(&lines), || picture(&lines))
 }
 
 fields! {

@@ -204,13 +204,11 @@ impl Observed {
 
     fn margin(&self) -> Option<String> {
         if let Some(share) = self.in_gear {
-            let lost = self.loss?;
-            (share > 0.0).then(|| {
-                format!(
-                    "They lose it after {} s in the mean, and fall back into it by themselves.",
-                    number(lost, 2)
-                )
-            })
+            let lost = number(self.loss?, 2);
+            let text = format!(
+                "They lose it after {lost} s in the mean, and fall back into it by themselves."
+            );
+            (share > 0.0).then_some(text)
         } else if self.locked {
             let margin = self.margin?;
             let [percent, mm] = [100.0, self.amplitude].map(|scale| number(scale * margin, 2));
@@ -257,37 +255,25 @@ impl Observed {
                 return "no restitution was identified: see which parts and sensor it needs in the manual's commissioning".into();
             }
         }
-        if self.strays
-            && matches!(
-                self.last.state,
-                State::Holding | State::Locked | State::Capturing | State::Lost
-            )
-        {
-            return "some parts are outside the configured lot: widen part.restitution to all of them. \
-                    Kick and amplitude are chosen for the configured lot only"
-                .into();
-        }
-        if self.last.state == State::Locked && self.resting > 0 {
-            let (locked, all) = (self.parts - self.resting, self.parts);
-            let rest =
-                format!("the lock is of {locked} of the {all} parts, the others lie at rest");
-            return if self.k >= 1.0 {
-                format!(
-                    "{rest}: above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: \
-                     kband bands --restitution {}",
-                    self.lot
-                )
-            } else {
-                format!("{rest}: [target] gear = 1 throws them")
-            };
-        }
-        if self.last.state == State::Locked && self.doubled() {
-            return format!(
-                "the flights have doubled, as of parts livelier than the lot: kband bands --restitution {}",
-                self.lot
-            );
-        }
+        let bands = format!("kband bands --restitution {}", self.lot);
         match self.last.state {
+            State::Holding | State::Locked | State::Capturing | State::Lost if self.strays => {
+                "some parts are outside the configured lot: widen part.restitution to all of them. \
+                 Kick and amplitude are chosen for the configured lot only"
+                    .into()
+            }
+            State::Locked if self.resting > 0 => {
+                let (locked, all) = (self.parts - self.resting, self.parts);
+                let remedy = if self.k >= 1.0 {
+                    format!("above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: {bands}")
+                } else {
+                    "[target] gear = 1 throws them".into()
+                };
+                format!("the lock is of {locked} of the {all} parts, the others lie at rest: {remedy}")
+            }
+            State::Locked if self.doubled() => {
+                format!("the flights have doubled, as of parts livelier than the lot: {bands}")
+            }
             State::Off => "the enable input starts the drive: kband explain off".into(),
             State::Starting => format!("the setpoint is not reached yet: --duration {longer} gives it time"),
             State::Capturing => format!("the parts are not in lock yet: --duration {longer} gives it time"),
@@ -295,7 +281,7 @@ impl Observed {
             State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
             State::Fault | State::Limiting => format!("kband explain {}", self.last.state.name()),
             State::Locked if self.margin.is_some_and(|margin| margin < THIN_MARGIN) => {
-                format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
+                format!("a lot of less width has more margin: {bands}")
             }
             State::Locked => "the lock holds; kband explain margin describes its margin".into(),
             State::Holding => self.held(),

@@ -296,20 +296,10 @@ mod tests {
             ("number = 2", "number = 1", 21, "each number once"),
             ("scatter = 0.07", "scatter = 0.4", 16, "0.0..0.3"),
             ("soft_stop = 0.4", "soft_stop = ''", 13, "0.02..60.0 s"),
-            (
-                "target = \"gear\"",
-                "target = \"gears\"",
-                9,
-                "gear, order, k, mm",
-            ),
+            ("\"gear\"", "\"gears\"", 9, "gear, order, k, mm"),
             ("value = 2", "value = 9", 10, "1..8"),
             ("scatter = 0.07", "scater = 0.07", 6, "0.0..0.3"),
-            (
-                "name = 'parts \"1\"'",
-                "name = 'a name too long'",
-                8,
-                "1 to 14",
-            ),
+            ("'parts \"1\"'", "'a name too long'", 8, "1 to 14"),
         ] {
             assert!(text.contains(old), "{old}: {text}");
             let refusal = Entry::parse(&text.replacen(old, new, 1)).unwrap_err();

@@ -68,20 +68,16 @@ fn response(settings: &Settings) -> f64 {
     1.0 / (quality * (1.0 - x * x).hypot(x / quality))
 }
 
-/// Track amplitude in m for full output at the drive's frequency, by the settings.
-fn strength(settings: &Settings) -> f64 {
-    f64::from(settings.gain) * 1e-3 * response(settings)
-}
-
 /// The ratio over the last steady cycles; `None` for too few.
 fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
     let last = cycles.get(cycles.len().checked_sub(BLOCK_CYCLES * BLOCKS)?..)?;
     let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
         block.iter().map(|cycle| f64::from(value(cycle))).sum()
     };
+    // Track amplitude in m for full output at the drive's frequency, by the settings.
+    let strength = f64::from(settings.gain) * 1e-3 * response(settings);
     let average = |block: &[Telemetry]| {
-        sum(block, |cycle| cycle.amplitude)
-            / (strength(settings) * sum(block, |cycle| cycle.output))
+        sum(block, |cycle| cycle.amplitude) / (strength * sum(block, |cycle| cycle.output))
     };
     let blocks = || last.chunks(BLOCK_CYCLES).map(average);
     Some(Ratio {

@@ -50,8 +50,7 @@ pub fn sum(image: &[u8], board: &str) -> [u8; 64] {
 
 /// Signature of a sum by the secret key in a file.
 pub fn sign(key: &Path, sum: &[u8; 64]) -> Result<[u8; 64]> {
-    let pair = Keypair::from(&read(key, SECRET)?);
-    Ok(pair.sign(sum).to_bytes())
+    Ok(Keypair::from(&read(key, SECRET)?).sign(sum).to_bytes())
 }
 
 pub fn read_public(path: &Path) -> Result<[u8; 32]> {

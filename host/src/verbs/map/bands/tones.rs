@@ -136,11 +136,6 @@ impl Feeder<'_> {
         let (low, high) = (self.lot.low(), self.lot.high());
         span(self.speed(order, high), self.speed(order, low), 4)
     }
-
-    /// Largest acceleration of the track in g.
-    fn peak(&self, k: f64) -> f64 {
-        self.track.acceleration(self.track.amplitude(k)) * self.wave.peak_acceleration()
-    }
 }
 
 fields! {
@@ -162,7 +157,9 @@ fields! {
         data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
         read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
         all THROW.digits(4) => row.setpoint().map(throw_number);
-        all PEAK.digits(4) => row.setpoint().map(|k| feeder.peak(k));
+        all PEAK.digits(4) => row.setpoint().map(|k| {
+            feeder.track.acceleration(feeder.track.amplitude(k)) * feeder.wave.peak_acceleration()
+        });
         read ENDS => row.map_band(|band| [band.low, band.high].map(|end| name(end.bifurcation)).join(", "));
         read REACHED_FROM_REST.titled("locks from rest") => row.map_band(|_| row.reached());
         read SPEEDS.titled("speed (mm/s)") => row.map_band(|_| feeder.speeds(row.order));

@@ -209,26 +209,17 @@ fn simulate_column(
     let scatters = arguments.scatter.scatter > 0.0;
     let mut gears = scatters.then(Gears::start_now).transpose()?;
     let mut take = |before: PartState, event: OrbitEvent| {
-        count += usize::from(matches!(event, OrbitEvent::Impact(_)));
-        match event {
-            OrbitEvent::Impact(impact) => {
-                last = Some(impact.next);
-                if count > arguments.settle {
-                    states.push(impact.next);
-                    if let Some(gears) = &mut gears {
-                        gears.impact(before, &impact);
-                    }
-                }
-            }
-            OrbitEvent::Rest { chatter, phase } => {
-                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
-                    gears.rest(before, chatter, phase);
-                }
-            }
-            OrbitEvent::LiftOff { wait, phase } => {
-                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
-                    gears.lift_off(wait, phase);
-                }
+        let is_settled = count >= arguments.settle;
+        if let OrbitEvent::Impact(impact) = event {
+            count += 1;
+            last = Some(impact.next);
+            states.extend(is_settled.then_some(impact.next));
+        }
+        if let Some(gears) = gears.as_mut().filter(|_| is_settled) {
+            match event {
+                OrbitEvent::Impact(impact) => gears.impact(before, &impact),
+                OrbitEvent::Rest { chatter, phase } => gears.rest(before, chatter, phase),
+                OrbitEvent::LiftOff { wait, phase } => gears.lift_off(wait, phase),
             }
         }
         count
