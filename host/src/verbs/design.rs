@@ -9,7 +9,7 @@ use crate::arguments::{self, OutputArguments};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, fields, finite, number, numbers};
+use crate::report::{Printout, View, columns, fields, finite, number, numbers};
 use crate::simulate::{SceneFile, SceneText};
 
 /// Find feeders for the drive of a scene: parts a minute against share in gear.
@@ -188,28 +188,22 @@ fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
 }
 
 fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout> {
-    let view = || {
-        let mut view = designed(converted);
-        let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
-        use crate::report::columns::{E, E3, INCLINE, PHASE_LEAD, TH};
-        let varies = |value: fn(&Feeder) -> f64| {
-            let mut values = design.best.iter().map(|best| value(&best.feeder));
-            values.any(|other| other != value(&design.best[0].feeder))
-        };
-        for (shown, column) in [
-            (tones(0), E),
-            (tones(0), TH),
-            (tones(1), E3),
-            (varies(|feeder| feeder.phase_lead), PHASE_LEAD),
-            (varies(|feeder| feeder.incline), INCLINE),
-        ] {
-            if !shown {
-                view = view.without(column);
-            }
-        }
-        view
-    };
     let all = designed(converted);
+    let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
+    let varies = |value: fn(&Feeder) -> f64| {
+        let mut values = design.best.iter().map(|best| value(&best.feeder));
+        values.any(|other| other != value(&design.best[0].feeder))
+    };
+    let optional = [
+        (tones(0), columns::E),
+        (tones(0), columns::TH),
+        (tones(1), columns::E3),
+        (varies(|feeder| feeder.phase_lead), columns::PHASE_LEAD),
+        (varies(|feeder| feeder.incline), columns::INCLINE),
+    ];
+    let hidden = optional.into_iter().filter(|(shown, _)| !shown);
+    let hidden = hidden.map(|(_, column)| column);
+    let view = hidden.fold(designed(converted), View::without);
     let error = &design.error;
     let front = design.front.iter().map(|(feeder, simulated)| {
         json!({
@@ -239,7 +233,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
     let speeds = [error.speed_rms, error.speed_max].map(|speed| 100.0 * speed);
     let [speed_rms, speed_max] = numbers(speeds, 2);
     let settings = &file.scene.settings;
-    let report = view()
+    let report = view
         .printout(&design.best)
         .folded()
         .heading(format!(

@@ -190,29 +190,23 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     match message.kind() {
         ErrorKind::MissingRequiredArgument => {
             let are = if all.len() == 1 { "is" } else { "are" };
-            let amplitude = when(
-                all.contains(&"--k <K>"),
-                || "; in place of --k, --b takes the amplitude in mm",
-            );
-            Some(Refusal::new(
-                format!("{} {are} missing", all.join(" and ")),
-                format!("--help describes it, with an example{amplitude}"),
-            ))
+            let otherwise = || "; in place of --k, --b takes the amplitude in mm";
+            let amplitude = when(all.contains(&"--k <K>"), otherwise);
+            let cause = format!("{} {are} missing", all.join(" and "));
+            let next = format!("--help describes it, with an example{amplitude}");
+            Some(Refusal::new(cause, next))
         }
-        ErrorKind::ArgumentConflict => Some(Refusal::new(
-            format!(
-                "{option} and {} exclude each other",
-                context(ContextKind::PriorArg).join(", ")
-            ),
-            "leave one of them out",
-        )),
-        ErrorKind::UnknownArgument => Some(Refusal::new(
-            format!("there is no option or operand '{option}' here"),
-            closest(
-                ContextKind::SuggestedArg,
-                "--help lists the options of this verb",
-            ),
-        )),
+        ErrorKind::ArgumentConflict => {
+            let others = context(ContextKind::PriorArg).join(", ");
+            let cause = format!("{option} and {others} exclude each other");
+            Some(Refusal::new(cause, "leave one of them out"))
+        }
+        ErrorKind::UnknownArgument => {
+            let cause = format!("there is no option or operand '{option}' here");
+            let otherwise = "--help lists the options of this verb";
+            let next = closest(ContextKind::SuggestedArg, otherwise);
+            Some(Refusal::new(cause, next))
+        }
         ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
             let accepted = match message.get(ContextKind::ValidValue) {
                 Some(ContextValue::Strings(names)) => names.join(", "),
@@ -220,17 +214,12 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
             };
             if value.is_empty() {
                 let takes = when(!accepted.is_empty(), || format!(": {accepted}"));
-                return Some(Refusal::new(
-                    format!("{option} needs a value{takes}"),
-                    "see --help",
-                ));
+                let cause = format!("{option} needs a value{takes}");
+                return Some(Refusal::new(cause, "see --help"));
             }
-            Some(Refusal::value(
-                key,
-                value,
-                accepted.trim_start_matches("accepted: "),
-                format!("change {key} and run again; see --help"),
-            ))
+            let accepted = accepted.trim_start_matches("accepted: ");
+            let next = format!("change {key} and run again; see --help");
+            Some(Refusal::value(key, value, accepted, next))
         }
         _ => None,
     }

@@ -147,13 +147,9 @@ impl Record {
         let text = fs::read_to_string(path)
             .map_err(|error| Refusal::file(path, &error, "give another name"))?;
         Self::read(&text).ok_or_else(|| {
-            Refusal::new(
-                format!(
-                    "{} is there already, and is no record of a commissioning",
-                    path.display()
-                ),
-                "give another name",
-            )
+            let name = path.display();
+            let cause = format!("{name} is there already, and is no record of a commissioning");
+            Refusal::new(cause, "give another name")
         })
     }
 

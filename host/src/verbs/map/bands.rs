@@ -241,12 +241,10 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
         view = gear.into_iter().fold(view, View::without);
         view = view.without(IN_GEAR_EXPECTED);
     }
+    let (drive, contacts) = (arguments.drive, arguments.contact.describe());
+    let (text, frequency, incline) = (describe_lot(lot), drive.frequency, drive.incline);
     let report = view.printout(rows).folded().heading(format!(
-        "{}, {} Hz, incline {} degrees{}; the setpoint has the largest margin in amplitude",
-        describe_lot(lot),
-        arguments.drive.frequency,
-        arguments.drive.incline,
-        arguments.contact.describe()
+        "{text}, {frequency} Hz, incline {incline} degrees{contacts}; the setpoint has the largest margin in amplitude"
     ));
     let unknown = (!contact.is_instant()).then_some(
         "Chaos edge and what is reached from rest are known for impacts in no time only.",

@@ -17,7 +17,7 @@ use crate::ending::{self, Endings, FILLS, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Exit, Result};
 use crate::report::columns::{PHASE, REGIME, VELOCITY};
-use crate::report::{counted, fields, number};
+use crate::report::{counted, fields, number, numbers};
 
 /// Compute basins of attraction: the final regime of each start, over its phase and velocity.
 #[derive(Clone, Debug, clap::Args)]
@@ -81,13 +81,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let rows: Vec<Share> = counts.into_iter().map(row).collect();
     let from_rest = ending::describe_regime(endings.from_rest(), followed);
     let shared = Arc::clone(&ends);
+    let [r, highest] = numbers([arguments.restitution, top], 6);
+    let contact = arguments.contact.describe();
     let report = shares()
         .printout(&rows)
         .heading(format!(
-            "Where parts end at {drive_text}, R = {}{}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
-            number(arguments.restitution, 6),
-            arguments.contact.describe(),
-            number(top, 6)
+            "Where parts end at {drive_text}, R = {r}{contact}: {side} x {side} starts, phase 0..2 pi, velocity 0..{highest} b w"
         ))
         .note(format!("A part that starts from rest: {from_rest}"))
         .json(&json!({
@@ -154,10 +153,8 @@ pub fn ends(endings: &Endings, side: usize, top: f64, desk: &Desk) -> Result<Vec
 }
 
 fn picture(arguments: &Arguments, drive_text: &str, endings: &Endings, ends: &[Regime]) -> Picture {
-    let (r, contact) = (
-        number(arguments.restitution, 6),
-        arguments.contact.describe(),
-    );
+    let r = number(arguments.restitution, 6);
+    let contact = arguments.contact.describe();
     let (grid, impacts) = (arguments.grid, arguments.impacts);
     let fills = ends.iter().map(|end| ending::fill(*end)).collect();
     let locks = endings.locks().map(Lock::state);

@@ -266,15 +266,16 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
     for (n, (kick, rate)) in kicks.iter().zip(&rates.by_attempt).enumerate() {
         attempts.push(((n + 1).to_string(), *kick, *rate));
     }
-    let mut report = attempt_view().printout(&attempts).heading(format!(
-        "R = {}, order {}, k = {:.4} in the band {:.4}..{:.4}; {} runs, seed {}",
+    let (arguments, r, order, k) = (
+        task.arguments,
         task.restitution(),
         task.lot.order,
         task.lot.k,
-        task.band.low(),
-        task.band.high(),
-        task.arguments.runs,
-        task.arguments.seed
+    );
+    let (low, high) = (task.band.low(), task.band.high());
+    let (runs, seed) = (arguments.runs, arguments.seed);
+    let mut report = attempt_view().printout(&attempts).heading(format!(
+        "R = {r}, order {order}, k = {k:.4} in the band {low:.4}..{high:.4}; {runs} runs, seed {seed}"
     ));
     report = match plan.best() {
         Some(best) => report.note(format!(
@@ -302,9 +303,9 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
         .collect();
     let report = report.json(&serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
-        "order": task.lot.order,
-        "k": task.lot.k,
-        "band": [task.band.low(), task.band.high()],
+        "order": order,
+        "k": k,
+        "band": [low, high],
         "best": plan.best().map(|best: ScoredKick| serde_json::json!({
             "kick": kick(best.kick.settings()),
             "tried": best.tried,
@@ -317,8 +318,8 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
             "kicks": plan.kicks,
             "attempts": kicks.into_iter().map(kick).collect::<Vec<_>>(),
         },
-        "runs": task.arguments.runs,
-        "seed": task.arguments.seed,
+        "runs": runs,
+        "seed": seed,
         "captured_alone": rates.alone,
         "captured": rates.by_attempt,
         "map": attempt_view().objects(&cells),
@@ -434,14 +435,12 @@ impl Kicks {
                 100.0 * (1.0 - release_share)
             ),
         };
+        let (r, k) = (task.restitution(), number(task.lot.k, 4));
+        let (error, parts) = (task.arguments.amplitude_error, task.arguments.parts);
+        let time_constant = task.arguments.time_constant;
         Picture::new(format!("Kicks that capture parts in lock of order {}", task.lot.order))
             .caption(format!(
-                "R = {}, k = {}, amplitude within {} %, time constant {} cycles; {shape}; {} parts each",
-                task.restitution(),
-                number(task.lot.k, 4),
-                task.arguments.amplitude_error,
-                task.arguments.time_constant,
-                task.arguments.parts
+                "R = {r}, k = {k}, amplitude within {error} %, time constant {time_constant} cycles; {shape}; {parts} parts each"
             ))
             .panel(panel)
     }

@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let failed = rows.iter().filter(|row| !row.holds);
     let failed = failed.map(|row| format!("{} {}", row.equation, row.subject));
     let failed: Vec<String> = failed.collect();
-    report(&rows)?.print(arguments.printed.format)?;
+    report(&rows).print(arguments.printed.format)?;
     if let Some(target) = target {
         let page = page(&rows, arguments.restitution, arguments.theme, desk)?;
         target.write_bytes(page.as_bytes())?;
@@ -94,20 +94,20 @@ fn summarize(rows: &[Row]) -> String {
 
 fields! {
     fn lines(row: Row) {
-        table EQUATION => row.equation.clone();
-        table SUBJECT => row.subject.clone();
-        table PRINTED => row.printed.clone();
-        table RECOMPUTED => row.recomputed.clone();
-        table VERDICT => row.verdict.clone();
-        table RESIDUAL.digits(2) => row.residual;
-        table TOLERANCE.digits(2) => row.tolerance;
-        table PRINTED_ERROR.digits(2) => row.printed_error;
-        table CASES => row.cases;
-        table HOLDS => row.holds;
+        all EQUATION => row.equation.clone();
+        all SUBJECT => row.subject.clone();
+        all PRINTED => row.printed.clone();
+        all RECOMPUTED => row.recomputed.clone();
+        all VERDICT => row.verdict.clone();
+        all RESIDUAL.digits(2) => row.residual;
+        all TOLERANCE.digits(2) => row.tolerance;
+        all PRINTED_ERROR.digits(2) => row.printed_error;
+        all CASES => row.cases;
+        all HOLDS => row.holds;
     }
 }
 
-fn report(rows: &[Row]) -> Result<Printout> {
+fn report(rows: &[Row]) -> Printout {
     let end = match rows.iter().filter(|row| !row.holds).count() {
         0 => "every recomputation agrees with its reference".into(),
         failed => format!("{failed} recomputations DISAGREE with their reference"),
@@ -117,7 +117,6 @@ fn report(rows: &[Row]) -> Result<Printout> {
         .printout(rows)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
         .note(format!("{}; {cases} cases; {end}", summarize(rows)))
-        .json(&rows)
 }
 
 const STYLE: &str = "

@@ -174,31 +174,22 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
     let gear = outcome.last().gear_band.map(|band| {
         let [low, high] = band.map(f64::from);
         let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
-        let amplitudes = || format!(" (b {} .. {} mm)", mm(high), mm(low));
-        format!(
-            "gear band        k {} .. {}{}{}",
-            number(low, 4),
-            number(high, 4),
-            when(is_moving, amplitudes),
-            place((low..=high).contains(&k))
-        )
+        let b = when(is_moving, || format!(" (b {} .. {} mm)", mm(high), mm(low)));
+        let place = place((low..=high).contains(&k));
+        let [low, high] = numbers([low, high], 4);
+        format!("gear band        k {low} .. {high}{b}{place}")
     });
     let lock = match outcome.band() {
         Some(band) => {
-            let scatters = outcome.file().scatters();
-            format!(
-                "band             k {} .. {} (order {}{}){}",
-                number(band.low(), 4),
-                number(band.high(), 4),
-                band.order(),
-                when(scatters, || ", of a lock without scatter"),
-                when(gear.is_none(), || place(band.contains(k)))
-            )
+            let scatter = when(outcome.file().scatters(), || ", of a lock without scatter");
+            let place = when(gear.is_none(), || place(band.contains(k)));
+            let ([low, high], order) = (numbers([band.low(), band.high()], 4), band.order());
+            format!("band             k {low} .. {high} (order {order}{scatter}){place}")
         }
-        None => {
-            let why = outcome.no_band().unwrap_or_default();
-            format!("band             none: {why}")
-        }
+        None => format!(
+            "band             none: {}",
+            outcome.no_band().unwrap_or_default()
+        ),
     };
     gear.into_iter().chain([lock]).collect()
 }
@@ -211,15 +202,13 @@ fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
         Some(periods) => format!("lost after {} cycles in the mean", number(periods, 3)),
         None => "never lost".into(),
     };
+    let (share, order) = (number(share, 3), outcome.gear_order());
     let mut lines = vec![format!(
-        "in gear          {} of the time from {STATISTICS_START} s on (order {}), {lost}",
-        number(share, 3),
-        outcome.gear_order()
+        "in gear          {share} of the time from {STATISTICS_START} s on (order {order}), {lost}"
     )];
     let record = outcome.record();
-    let estimated = (record.in_gear_estimated(), record.in_gear_error());
-    if let (Some(coverage), estimated) = (record.in_gear_coverage(), estimated) {
-        lines.push(match estimated {
+    if let Some(coverage) = record.in_gear_coverage() {
+        lines.push(match (record.in_gear_estimated(), record.in_gear_error()) {
             (Some(estimate), Some(error)) => {
                 let part = || format!(", over {} of that time", number(coverage, 3));
                 let part = when(coverage != 1.0, part);
@@ -371,10 +360,9 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
     } else {
         format!("measured {} rad", number(last.phase, 3))
     };
+    let (phase, expected) = (number(phase, 3), expected.unwrap_or_default());
     let mut lines = vec![format!(
-        "lock phase       {} rad, {measured}{}",
-        number(phase, 3),
-        expected.unwrap_or_default()
+        "lock phase       {phase} rad, {measured}{expected}"
     )];
     let quiet = "                 the parts are locked, but too quiet for the controller: \
                  [sensor] ringing against noise";

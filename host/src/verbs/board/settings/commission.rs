@@ -67,30 +67,29 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified> 
                 return Ok(result);
             }
             Some(Identification::NotFound(why)) => {
-                return Err(Refusal::new(
-                    format!(
-                        "the restitution was not identified: {}",
-                        match why {
-                            Unidentified::Quiet =>
-                                "no impact was detected that repeats in every cycle",
-                            Unidentified::Dead => {
-                                "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
-                            }
-                            Unidentified::Scattered =>
-                                "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part",
-                            Unidentified::Unsteady =>
-                                "the drive did not hold the required amplitudes in time",
-                            Unidentified::Unlike =>
-                                "the detected impacts are not the chatter of parts of one restitution",
-                        }
-                    ),
-                    match why {
-                        Unidentified::Scattered | Unidentified::Dead => {
-                            "put a single part on the track and try again: for one part the scatter is estimated too"
-                        }
-                        _ => "put parts of one kind on the track, a dozen or so, and try again",
-                    },
-                ));
+                let cause = match why {
+                    Unidentified::Quiet => "no impact was detected that repeats in every cycle",
+                    Unidentified::Dead => {
+                        "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
+                    }
+                    Unidentified::Scattered => {
+                        "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part"
+                    }
+                    Unidentified::Unsteady => {
+                        "the drive did not hold the required amplitudes in time"
+                    }
+                    Unidentified::Unlike => {
+                        "the detected impacts are not the chatter of parts of one restitution"
+                    }
+                };
+                let next = match why {
+                    Unidentified::Scattered | Unidentified::Dead => {
+                        "put a single part on the track and try again: for one part the scatter is estimated too"
+                    }
+                    _ => "put parts of one kind on the track, a dozen or so, and try again",
+                };
+                let cause = format!("the restitution was not identified: {cause}");
+                return Err(Refusal::new(cause, next));
             }
             Some(Identification::Listening { hops }) => {
                 let more = u64::from(hops).saturating_sub(hops_counted);
@@ -103,13 +102,11 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified> 
             return Err(off);
         }
     }
-    Err(Refusal::new(
-        format!(
-            "after {} s the board has detected {hops_counted} hops and has no result",
-            within.as_secs()
-        ),
-        "raise --within S; it needs up to 80 s of its own time",
-    ))
+    let seconds = within.as_secs();
+    let cause =
+        format!("after {seconds} s the board has detected {hops_counted} hops and has no result");
+    let next = "raise --within S; it needs up to 80 s of its own time";
+    Err(Refusal::new(cause, next))
 }
 
 /// Proposed interval, rounded outwards to hundredths.

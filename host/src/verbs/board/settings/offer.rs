@@ -136,12 +136,10 @@ pub(super) fn rest(link: &mut Link) -> Result<()> {
         }
     }
     // A drive that does not stop receives no command to continue.
-    Err(Refusal::new(
-        format!(
-            "{} did not come to rest within {} s; its enable stays withdrawn and nothing was changed",
-            link.name(),
-            REST_TIMEOUT.as_secs()
-        ),
-        "withdraw the enable input, see why the drive runs on, and reset the board",
-    ))
+    let (name, seconds) = (link.name(), REST_TIMEOUT.as_secs());
+    let cause = format!(
+        "{name} did not come to rest within {seconds} s; its enable stays withdrawn and nothing was changed"
+    );
+    let next = "withdraw the enable input, see why the drive runs on, and reset the board";
+    Err(Refusal::new(cause, next))
 }

@@ -8,7 +8,7 @@ use kband::impact::{
     Impact, Kernel, Map, Observer, Orbit, PartState, Tangential, TangentialSettings,
 };
 use kband::transport::{Conveyed, Effort, SampleMean, measure};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use toml::Spanned;
 
 use super::flight::Flight;
@@ -20,7 +20,7 @@ use crate::report::number;
 const TABLE: &str = include_str!("rows.toml");
 
 /// One equation, number or claim, with its numerical evidence.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 pub(super) struct Row {
     /// Number of the equation as printed, or `example`, `claim`, `finding`.
     #[serde(default)]
@@ -36,7 +36,6 @@ pub(super) struct Row {
     pub residual: f64,
     pub tolerance: f64,
     /// Largest deviation of the printed form in the same measure, if it can be evaluated.
-    #[serde(default)]
     pub printed_error: Option<f64>,
     #[serde(default)]
     pub cases: u64,

@@ -375,7 +375,6 @@ fields! {
 }
 
 fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
-    let restitution = feeder.arguments.restitution;
     let view = speeds(feeder);
     let objects = view.objects(rows);
     let view = match feeder.arguments.part_length {
@@ -386,12 +385,8 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
     let critical = rows.iter().filter_map(|row| critical_slope(feeder, row));
     let critical: Vec<f64> = critical.collect();
     let in_phase = (feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant())
-        .then(|| locked::critical_slope_in_phase(restitution, &feeder.settings))
+        .then(|| locked::critical_slope_in_phase(feeder.arguments.restitution, &feeder.settings))
         .map(|tangent| tangent.atan().to_degrees());
-    let (place, feeder_text) = (over.describe(), feeder.describe());
-    let report = view
-        .printout(rows)
-        .heading(format!("Conveying speed at {place}; {feeder_text}"));
     let text = match (in_phase, critical.as_slice()) {
         (Some(slope), _) => Some(format!("{slope:.2}° (equation 22)")),
         (None, []) => None,
@@ -399,17 +394,21 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
         (None, slopes) => {
             let min_slope = slopes.iter().copied().fold(f64::INFINITY, f64::min);
             let max_slope = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let slopes = format!("{min_slope:.2}° to {max_slope:.2}°");
-            Some(format!("{slopes} by k, from equation 20"))
+            Some(format!(
+                "{min_slope:.2}° to {max_slope:.2}° by k, from equation 20"
+            ))
         }
     };
     let text = text.map(|text| format!("locked parts stand still on an incline of {text}"));
-    report.notes(text).json(&json!({
+    let heading = format!(
+        "Conveying speed at {}; {}",
+        over.describe(),
+        feeder.describe()
+    );
+    let report = view.printout(rows).heading(heading).notes(text);
+    report.json(&json!({
         "rows": objects,
-        "critical_slope": in_phase.or(match critical.as_slice() {
-            [slope] => Some(*slope),
-            _ => None,
-        }),
+        "critical_slope": in_phase.or((critical.len() == 1).then(|| critical[0])),
         "velocity_bound": bound(feeder),
     }))
 }
