@@ -2,6 +2,9 @@
 
 pub use kband_scene::refusal::Refusal;
 
+/// A result whose error is a refusal, unless another one is named.
+pub type Result<T, E = Refusal> = std::result::Result<T, E>;
+
 /// End of a verb without a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {

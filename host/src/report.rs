@@ -11,7 +11,7 @@ mod view;
 
 pub use json_rows::JsonRows;
 pub use table::{Column, CsvRows, Rows, Table};
-pub use value::{Value, counted, finite, number, shortest, span, when};
+pub use value::{Value, counted, finite, number, numbers, shortest, span, when};
 pub(crate) use view::fields;
 pub use view::{Field, View};
 

@@ -154,6 +154,11 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
     format!("{sign}{}", trim(&format!("{whole}.{fraction}")))
 }
 
+/// Each of these values as [`number`].
+pub fn numbers<T: Into<f64>, const N: usize>(values: [T; N], digits: usize) -> [String; N] {
+    values.map(|value| number(value, digits))
+}
+
 /// `low..high` with this many significant digits, or one number if both are equal.
 pub fn span(low: f64, high: f64, digits: usize) -> String {
     if low == high {

@@ -95,7 +95,7 @@ impl<'a, R> View<'a, R> {
     /// The rows in every format; JSON is an array of objects.
     pub fn printout(&self, rows: &[R]) -> Printout {
         Printout {
-            json: Some(rows.iter().map(|row| self.object(row)).collect()),
+            json: Some(self.objects(rows).into()),
             ..Printout::new(self.table(READ, rows)).csv_of(self.table_of(rows))
         }
     }
@@ -108,6 +108,11 @@ impl<'a, R> View<'a, R> {
         let fields = self.of_form(JSON);
         let pair = |field: &Field<R>| (field.column.name.into(), (field.value)(row).json());
         Json::Object(fields.map(pair).collect())
+    }
+
+    /// The objects of all rows.
+    pub fn objects(&self, rows: &[R]) -> Vec<Json> {
+        rows.iter().map(|row| self.object(row)).collect()
     }
 
     pub fn columns(&self) -> Vec<Column> {

@@ -5,8 +5,8 @@ use crate::bench::workload::{WORKLOADS, Workload};
 use crate::bench::{Errors, Time, candidates};
 use crate::desk::{Desk, Progress};
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
-use crate::report::{fields, number};
+use crate::refusal::{Exit, Result};
+use crate::report::{fields, number, numbers};
 
 /// Measure run time and error of every arithmetic of the impact map.
 #[derive(Clone, Debug, clap::Args)]
@@ -24,11 +24,9 @@ pub struct Arguments {
     /// Number of measurement rounds.
     #[arg(long, value_name = "N", default_value = "41", value_parser = arguments::count(1, 1000))]
     rounds: usize,
-
     /// Number of launches of each workload.
     #[arg(long, value_name = "N", default_value = "4096", value_parser = arguments::count(512, 1_000_000))]
     launches: usize,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -58,7 +56,7 @@ fields! {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let progress = Progress::new("bench", (WORKLOADS.len() * arguments.rounds) as u64);
     let mut lines = Vec::new();
@@ -74,11 +72,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             let line = own.find(|line| line.kernel == kernel);
             line.map_or(f64::NAN, |line| line.time.median)
         };
+        let [ratio, rate] = numbers([time("textbook") / time("f64"), 1e3 / time("batch")], 3);
         report = report.note(format!(
-            "{}: f64 is {} times as fast as the textbook, batch makes {} million impacts a second",
-            workload,
-            number(time("textbook") / time("f64"), 3),
-            number(1e3 / time("batch"), 3),
+            "{workload}: f64 is {ratio} times as fast as the textbook, batch makes {rate} million impacts a second"
         ));
     }
     if let Some(warning) = scatter_warning(&lines) {
@@ -93,7 +89,7 @@ fn measure(
     arguments: &Arguments,
     desk: &Desk,
     progress: &Progress,
-) -> Result<Vec<Line>, Refusal> {
+) -> Result<Vec<Line>> {
     let mut candidates = candidates(&launches(arguments.launches));
     let mut times = vec![Vec::new(); candidates.len()];
     for _ in 0..arguments.rounds {
@@ -115,20 +111,16 @@ fn measure(
     Ok(lines.collect())
 }
 
-/// Warning about times with a large scatter over the rounds.
 fn scatter_warning(lines: &[Line]) -> Option<String> {
     let scatter = |line: &&Line| line.time.range / line.time.median;
     let lines = lines.iter();
     let worst = lines.max_by(|a, b| scatter(a).total_cmp(&scatter(b)))?;
-    let scatter = scatter(&worst);
+    let (scatter, kernel, workload) = (scatter(&worst), worst.kernel, worst.workload);
     (scatter > DOUBTFUL_SCATTER).then(|| {
+        let (percent, limit) = (number(100.0 * scatter, 2), 100.0 * DOUBTFUL_SCATTER);
         format!(
-            "warning: the times are doubtful: the interquartile range is {} % of the median for {} on {}, \
-             more than {} %\n  next: close other programs and run again",
-            number(100.0 * scatter, 2),
-            worst.kernel,
-            worst.workload,
-            100.0 * DOUBTFUL_SCATTER,
+            "warning: the times are doubtful: the interquartile range is {percent} % of the median for {kernel} on {workload}, \
+             more than {limit} %\n  next: close other programs and run again"
         )
     })
 }

@@ -8,8 +8,8 @@ use serde_json::json;
 use crate::arguments::{self, OutputArguments};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, fields, finite, number};
+use crate::refusal::{Exit, Result};
+use crate::report::{Printout, View, columns, fields, finite, number, numbers};
 use crate::simulate::{SceneFile, SceneText};
 
 /// Find feeders for the drive of a scene: parts a minute against share in gear.
@@ -28,52 +28,40 @@ pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-
     /// Drive frequency in Hz [default: half to twice the scene's].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(5.0, 500.0, "Hz"))]
     frequency: Option<[f64; 2]>,
-
     /// Amplitude normal to the track in mm [default: the drive's whole range].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(0.0, 100.0, "mm"))]
     amplitude: Option<[f64; 2]>,
-
     /// Angle between the track and its motion in degrees [default: 20..45].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(5.0, 90.0, "degrees"))]
     throw_angle: Option<[f64; 2]>,
-
     /// Phase lead of the motion along the track in degrees [default: the scene's].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(-180.0, 180.0, "degrees"))]
     phase_lead: Option<[f64; 2]>,
-
     /// Incline of the track in degrees, positive where parts climb [default: the scene's].
     #[arg(long, value_name = "LO..HI", value_parser = arguments::interval(-60.0, 60.0, "degrees"))]
     incline: Option<[f64; 2]>,
-
     /// Largest second tone over the first [default: drive.second_tone of the scene].
     #[arg(long, value_name = "E", value_parser = arguments::within(0.0, 0.5, ""))]
     largest_second_tone: Option<f64>,
-
     /// Largest third tone [default: drive.third_tone of the scene].
     #[arg(long, value_name = "E3", value_parser = arguments::within(0.0, 0.5, ""))]
     largest_third_tone: Option<f64>,
-
     /// Smallest share in gear of the front. Below the default the board does not report READY.
     #[arg(long, value_name = "S", default_value = "0.65", value_parser = arguments::within(0.0, 1.0, ""))]
     least_share: f64,
-
     /// Number of candidates.
     #[arg(long, value_name = "N", default_value = "1000000", value_parser = arguments::count(1000, 100_000_000))]
     candidates: usize,
-
     /// Number of feeders of the front that are simulated in the closed loop.
     #[arg(long, value_name = "N", default_value = "10", value_parser = arguments::count(1, 100))]
     checked: usize,
-
     /// Seed of all random numbers instead of the scene's. Equal seeds give equal bits, with any
     /// number of threads.
     #[arg(long, value_name = "N", value_parser = arguments::count(0, 4_294_967_295))]
     seed: Option<usize>,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -105,13 +93,13 @@ impl Workers for Desk {
         &self,
         title: &str,
         count: usize,
-        work: impl Fn(usize, CheckStop<'_>) -> Result<T, Refusal> + Sync + Send,
-    ) -> Result<Vec<T>, Refusal> {
+        work: impl Fn(usize, CheckStop<'_>) -> Result<T> + Sync + Send,
+    ) -> Result<Vec<T>> {
         self.try_map(title, count, |n| work(n, &|| self.check_stop()))
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check_or("kband-design.svg")?;
     let read = SceneText::read(arguments.scene.as_deref())?;
     let mut table = read.table.clone();
@@ -128,14 +116,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || picture(&converted, &design))
 }
 
-/// Conversion of feeders and speeds into the printed quantities.
 struct Conversion {
     gravity: f64,
     part_length: f64,
 }
 
 impl Conversion {
-    /// Parts a minute, for parts end to end.
     fn rate(&self, conveyed: Conveyed) -> f64 {
         60.0 * conveyed.speed / self.part_length
     }
@@ -145,12 +131,9 @@ impl Conversion {
     }
 
     fn describe(&self, feeder: &Feeder) -> String {
-        format!(
-            "{} Hz, b = {} mm, angle of throw {} degrees",
-            number(feeder.frequency, 3),
-            number(self.amplitude(feeder), 3),
-            number(feeder.throw_angle, 3)
-        )
+        let values = [feeder.frequency, self.amplitude(feeder), feeder.throw_angle];
+        let [frequency, b, angle] = numbers(values, 3);
+        format!("{frequency} Hz, b = {b} mm, angle of throw {angle} degrees")
     }
 }
 
@@ -183,53 +166,45 @@ fields! {
 fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
     let today = design.today?;
     let closed = today.closed?;
+    let [frequency, share] = numbers([today.feeder.frequency, closed.share], 3);
+    let (rate, feeder) = (converted.rate(closed), converted.describe(&today.feeder));
     let now = format!(
-        "Your feeder at {} Hz: {:.0} parts a minute at share {} in gear ({}).",
-        number(today.feeder.frequency, 3),
-        converted.rate(closed),
-        number(closed.share, 3),
-        converted.describe(&today.feeder)
+        "Your feeder at {frequency} Hz: {rate:.0} parts a minute at share {share} in gear ({feeder})."
     );
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
-        Some((best, run)) if run.speed > closed.speed => format!(
-            "With the same drive and about this share: {:.0} parts a minute at share {} ({}), {:+.0} %.",
-            converted.rate(run),
-            number(run.share, 3),
-            converted.describe(&best.feeder),
-            100.0 * (run.speed / closed.speed - 1.0)
-        ),
+        Some((best, run)) if run.speed > closed.speed => {
+            let (rate, share) = (converted.rate(run), number(run.share, 3));
+            let feeder = converted.describe(&best.feeder);
+            let gain = 100.0 * (run.speed / closed.speed - 1.0);
+            format!(
+                "With the same drive and about this share: {rate:.0} parts a minute at share {share} ({feeder}), {gain:+.0} %."
+            )
+        }
         _ => "No feeder of the front with the same drive has more parts a minute at this share."
             .into(),
     };
     Some(format!("{now} {then}"))
 }
 
-fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout, Refusal> {
-    let view = || {
-        let mut view = designed(converted);
-        let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
-        use crate::report::columns::{E, E3, INCLINE, PHASE_LEAD, TH};
-        let varies = |value: fn(&Feeder) -> f64| {
-            let mut values = design.best.iter().map(|best| value(&best.feeder));
-            values.any(|other| other != value(&design.best[0].feeder))
-        };
-        for (shown, column) in [
-            (tones(0), E),
-            (tones(0), TH),
-            (tones(1), E3),
-            (varies(|feeder| feeder.phase_lead), PHASE_LEAD),
-            (varies(|feeder| feeder.incline), INCLINE),
-        ] {
-            if !shown {
-                view = view.without(column);
-            }
-        }
-        view
-    };
+fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout> {
     let all = designed(converted);
+    let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
+    let varies = |value: fn(&Feeder) -> f64| {
+        let mut values = design.best.iter().map(|best| value(&best.feeder));
+        values.any(|other| other != value(&design.best[0].feeder))
+    };
+    let optional = [
+        (tones(0), columns::E),
+        (tones(0), columns::TH),
+        (tones(1), columns::E3),
+        (varies(|feeder| feeder.phase_lead), columns::PHASE_LEAD),
+        (varies(|feeder| feeder.incline), columns::INCLINE),
+    ];
+    let hidden = optional.into_iter().filter(|(shown, _)| !shown);
+    let hidden = hidden.map(|(_, column)| column);
+    let view = hidden.fold(designed(converted), View::without);
     let error = &design.error;
-    let rows = |best: &[Designed]| best.iter().map(|row| all.object(row)).collect::<Vec<_>>();
     let front = design.front.iter().map(|(feeder, simulated)| {
         json!({
             "frequency": feeder.frequency,
@@ -245,7 +220,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
         "within_limits": design.within,
         "today": design.today.map(|today| all.object(&today)),
         "held_by": design.held_by,
-        "rows": rows(&design.best),
+        "rows": all.objects(&design.best),
         "front": front.collect::<Vec<_>>(),
         "table_error": {
             "in_gear_rms": error.share_rms,
@@ -254,8 +229,11 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
             "speed_max": error.speed_max,
         },
     });
+    let [share_rms, share_max] = numbers([error.share_rms, error.share_max], 2);
+    let speeds = [error.speed_rms, error.speed_max].map(|speed| 100.0 * speed);
+    let [speed_rms, speed_max] = numbers(speeds, 2);
     let settings = &file.scene.settings;
-    let report = view()
+    let report = view
         .printout(&design.best)
         .folded()
         .heading(format!(
@@ -275,12 +253,8 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
         .note(comparison(converted, design).unwrap_or_else(none))
         .notes((!design.held_by.is_empty()).then(held))
         .note(format!(
-            "The search took shares and speeds from a table. Its front differs from simulated parts by {} rms, at most {}, in \
-             share and {} % rms, at most {} %, in speed; the rows are simulated parts.",
-            number(error.share_rms, 2),
-            number(error.share_max, 2),
-            number(100.0 * error.speed_rms, 2),
-            number(100.0 * error.speed_max, 2)
+            "The search took shares and speeds from a table. Its front differs from simulated parts by {share_rms} rms, at most {share_max}, in \
+             share and {speed_rms} % rms, at most {speed_max} %, in speed; the rows are simulated parts."
         ))
         .json(&document)
 }

@@ -4,7 +4,7 @@ mod manual;
 mod plain;
 
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{self, columns};
 use manual::Word;
 
@@ -65,12 +65,12 @@ topics! {
     "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     report::print(&match arguments.words.as_slice() {
         [] => topics(),
         words => plain::plain(&text(words)?),
-    })?;
-    Ok(Exit::Done)
+    })
+    .map(|()| Exit::Done)
 }
 
 fn topics() -> String {
@@ -83,7 +83,7 @@ fn topics() -> String {
 }
 
 /// The manual's text on these words, as Markdown.
-fn text(words: &[String]) -> Result<String, Refusal> {
+fn text(words: &[String]) -> Result<String> {
     if let [kind, number] = words
         && let Ok(number) = number.parse::<u32>()
     {
@@ -160,17 +160,14 @@ fn entry(word: &Word) -> String {
     line
 }
 
-fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
+fn numbered(kind: &str, number: u32) -> Result<String> {
     let heading = match kind.to_lowercase().as_str() {
         "fault" => "## Fault ",
         "limit" => "## Limit ",
         _ => {
-            return Err(Refusal::value(
-                "number",
-                number,
-                "a number after fault or limit only",
-                "leave the number out",
-            ));
+            let accepted = "a number after fault or limit only";
+            let next = "leave the number out";
+            return Err(Refusal::value("number", number, accepted, next));
         }
     };
     let faults = manual::page("faults.md").unwrap_or_default();
@@ -185,7 +182,6 @@ fn numbered(kind: &str, number: u32) -> Result<String, Refusal> {
     })
 }
 
-/// The refusal of an unknown word, with the most similar ones.
 fn unknown(query: &str, name: &str) -> Refusal {
     let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.name).collect();
     let mut like: Vec<(f64, String)> = manual::words()
@@ -212,7 +208,7 @@ mod tests {
 
     use super::*;
 
-    fn explanation(words: &str) -> Result<String, Refusal> {
+    fn explanation(words: &str) -> Result<String> {
         let words: Vec<String> = words.split(' ').map(Into::into).collect();
         text(&words).map(|text| plain::plain(&text))
     }

@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use clap::ArgMatches;
 use clap::parser::ValueSource;
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
-/// Options that have no effect in a case.
 struct Idle {
     verbs: &'static [&'static str],
     case: fn(&Args) -> bool,
@@ -81,7 +80,7 @@ impl Args<'_> {
 }
 
 /// Refuses the first option without effect.
-pub fn check(verb: &str, matches: &ArgMatches) -> Result<(), Refusal> {
+pub fn check(verb: &str, matches: &ArgMatches) -> Result<()> {
     let args = Args(matches);
     let refuse = |option: &str, condition: &str, why: &str| {
         Err(Refusal::new(

@@ -1,6 +1,6 @@
 //! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
 //!
-//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit, Refusal>`. The
+//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit>`. The
 //! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
 //! the list below names the verb.
 
@@ -26,7 +26,7 @@ use crate::arguments;
 use crate::desk::Desk;
 use crate::file;
 use crate::provenance;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::when;
 
 macro_rules! verbs {
@@ -37,7 +37,7 @@ macro_rules! verbs {
         }
 
         impl Verb {
-            fn run(&self, desk: &Desk) -> Result<Exit, Refusal> {
+            fn run(&self, desk: &Desk) -> Result<Exit> {
                 match self {
                     $(Self::$verb(arguments) => $($module)::+::run(arguments, desk),)*
                 }
@@ -105,7 +105,6 @@ struct CommandLine {
     #[arg(long, global = true, display_order = 1000, value_name = "N",
           value_parser = arguments::count(1, 1024))]
     threads: Option<usize>,
-
     #[command(subcommand)]
     verb: Option<Verb>,
 }
@@ -119,7 +118,6 @@ fn version() -> &'static str {
     &WORDS
 }
 
-/// The command line.
 fn command() -> clap::Command {
     // A phase or an incline may be negative, in every verb.
     CommandLine::command().mut_subcommands(|verb| verb.allow_negative_numbers(true))
@@ -192,29 +190,23 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
     match message.kind() {
         ErrorKind::MissingRequiredArgument => {
             let are = if all.len() == 1 { "is" } else { "are" };
-            let amplitude = when(
-                all.contains(&"--k <K>"),
-                || "; in place of --k, --b takes the amplitude in mm",
-            );
-            Some(Refusal::new(
-                format!("{} {are} missing", all.join(" and ")),
-                format!("--help describes it, with an example{amplitude}"),
-            ))
+            let otherwise = || "; in place of --k, --b takes the amplitude in mm";
+            let amplitude = when(all.contains(&"--k <K>"), otherwise);
+            let cause = format!("{} {are} missing", all.join(" and "));
+            let next = format!("--help describes it, with an example{amplitude}");
+            Some(Refusal::new(cause, next))
         }
-        ErrorKind::ArgumentConflict => Some(Refusal::new(
-            format!(
-                "{option} and {} exclude each other",
-                context(ContextKind::PriorArg).join(", ")
-            ),
-            "leave one of them out",
-        )),
-        ErrorKind::UnknownArgument => Some(Refusal::new(
-            format!("there is no option or operand '{option}' here"),
-            closest(
-                ContextKind::SuggestedArg,
-                "--help lists the options of this verb",
-            ),
-        )),
+        ErrorKind::ArgumentConflict => {
+            let others = context(ContextKind::PriorArg).join(", ");
+            let cause = format!("{option} and {others} exclude each other");
+            Some(Refusal::new(cause, "leave one of them out"))
+        }
+        ErrorKind::UnknownArgument => {
+            let cause = format!("there is no option or operand '{option}' here");
+            let otherwise = "--help lists the options of this verb";
+            let next = closest(ContextKind::SuggestedArg, otherwise);
+            Some(Refusal::new(cause, next))
+        }
         ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
             let accepted = match message.get(ContextKind::ValidValue) {
                 Some(ContextValue::Strings(names)) => names.join(", "),
@@ -222,23 +214,26 @@ fn refused(message: &clap::Error) -> Option<Refusal> {
             };
             if value.is_empty() {
                 let takes = when(!accepted.is_empty(), || format!(": {accepted}"));
-                return Some(Refusal::new(
-                    format!("{option} needs a value{takes}"),
-                    "see --help",
-                ));
+                let cause = format!("{option} needs a value{takes}");
+                return Some(Refusal::new(cause, "see --help"));
             }
-            Some(Refusal::value(
-                key,
-                value,
-                accepted.trim_start_matches("accepted: "),
-                format!("change {key} and run again; see --help"),
-            ))
+            let accepted = accepted.trim_start_matches("accepted: ");
+            let next = format!("change {key} and run again; see --help");
+            Some(Refusal::value(key, value, accepted, next))
         }
         _ => None,
     }
 }
 
-fn run(line: &CommandLine) -> Result<Exit, Refusal> {
+/// The arguments of a verb in a text, for a page with results of several verbs.
+fn read<A: clap::Args>(options: &str) -> Result<A> {
+    let command = A::augment_args(clap::Command::new("kband").no_binary_name(true));
+    let matches = command.try_get_matches_from(options.split_whitespace());
+    let arguments = matches.and_then(|matches| A::from_arg_matches(&matches));
+    arguments.map_err(|error| Refusal::new(error.to_string(), "see kband --help"))
+}
+
+fn run(line: &CommandLine) -> Result<Exit> {
     let desk = Desk::new(line.threads)?;
     desk.listen_for_interruption();
     match &line.verb {

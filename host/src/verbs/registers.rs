@@ -4,7 +4,7 @@ use kband_bus::registers::{self, Access, Form, Register, Words};
 
 use crate::arguments::FormatArguments;
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::fields;
 
 /// Print the registers of a board on its fieldbus, Modbus RTU.
@@ -21,11 +21,10 @@ pub struct Arguments {
     printed: FormatArguments,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let all: Vec<_> = registers::all().collect();
     let report = rows().printout(&all).folded();
-    report.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.printed.format).map(|()| Exit::Done)
 }
 
 fields! {

@@ -15,7 +15,7 @@ use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES};
 use crate::provenance;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::rows_file;
 use crate::report::{self, Format, Printout, Table};
 use crate::simulate::axes::Axes;
@@ -43,67 +43,52 @@ pub struct Arguments {
     /// Scene file (TOML), `-` for standard input; without one, the default scene.
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-
     /// Print the default scene with comments.
     #[arg(long)]
     print_scene: bool,
-
     /// Print the JSON schema of scenes, for editors.
     #[arg(long)]
     schema: bool,
-
     /// Fidelity of the simulation instead of the scene's [default: envelope, or waveform with a
     /// scope or a board].
     #[arg(long, value_enum)]
     fidelity: Option<Fidelity>,
-
     /// Restitution of the lot instead of the scene's. The simulated parts have its middle.
     #[arg(long, value_name = "R or LO..HI", value_parser = arguments::restitution)]
     restitution: Option<Restitution>,
-
     /// Duration in s instead of the scene's.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 86_400.0, "s"))]
     duration: Option<f64>,
-
     /// Number of runs with random restitution, amplitude error and noise, beside as many runs with
     /// the amplitude from the band alone.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
     runs: Option<usize>,
-
     /// Seed of all random numbers (noise, parts, runs) instead of the scene's.
     #[arg(long, value_name = "S", value_parser = arguments::count(0, 4_294_967_295))]
     seed: Option<usize>,
-
     /// Run the scene at N values of a numeric key; several sweeps make every combination.
     #[arg(long, value_name = "KEY=A..B:N", value_parser = Axes::parse)]
     sweep: Vec<Axes>,
-
     /// Run the controller on a board, in lock-step with the simulated plant: qemu (the emulated
     /// CPU) or a serial port. The board's drive stays off.
     #[arg(long, value_name = "qemu or /dev/PORT", conflicts_with_all = ["runs", "sweep"])]
     on: Option<String>,
-
     /// Image for --on qemu. Default: the image that cargo builds here.
     #[arg(long, value_name = "FILE", requires = "on")]
     image: Option<PathBuf>,
-
     /// Picture to write, .svg, .png or .pdf [default: kband-simulate.svg]. A named file is
     /// overwritten, the default only if kband wrote it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-
     /// Trace to write, .csv or .parquet: one row for each drive cycle, or for each run [default:
     /// kband-simulate.csv, for a single run of up to 10 min and for many].
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
-
     /// Samples of the last ten drive cycles to write, .csv or .parquet.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "sweep", "on"])]
     scope: Option<PathBuf>,
-
     #[command(flatten)]
     look: Look,
-
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table)]
     format: Format,
@@ -116,7 +101,6 @@ const TRACE: &str = "kband-simulate.csv";
 const MAX_TRACED_DURATION: f64 = 600.0;
 
 impl Arguments {
-    /// Replaces values of the scene by those of the command line.
     fn apply_to(&self, file: &mut SceneFile) {
         if let Some(lot) = self.restitution {
             let settings = &mut file.scene.settings;
@@ -131,7 +115,7 @@ impl Arguments {
     }
 
     /// Fidelity of a single run: a scope needs samples, also against the scene.
-    fn fidelity(&self, file: &SceneFile) -> Result<Fidelity, Refusal> {
+    fn fidelity(&self, file: &SceneFile) -> Result<Fidelity> {
         match (self.fidelity, &self.scope) {
             (Some(Fidelity::Envelope), Some(_)) => Err(Refusal::value(
                 "--scope",
@@ -154,10 +138,9 @@ pub(super) fn plain_words(outcome: &Outcome) -> Vec<String> {
     lines
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     if arguments.print_scene {
-        report::print(DEFAULT)?;
-        return Ok(Exit::Done);
+        return report::print(DEFAULT).map(|()| Exit::Done);
     }
     if arguments.schema {
         report::print(&format!("{:#}\n", schema::schema()))?;
@@ -167,10 +150,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let mut table = read.table.clone();
     if let Some(seed) = arguments.seed {
         if arguments.sweep.iter().any(|axis| axis.key == "seed") {
-            return Err(Refusal::new(
-                "--seed and --sweep seed=... both set the seed",
-                "leave one of the two out",
-            ));
+            let cause = "--seed and --sweep seed=... both set the seed";
+            return Err(Refusal::new(cause, "leave one of the two out"));
         }
         table.insert("seed".into(), toml::Value::Integer(seed as i64));
     }
@@ -251,11 +232,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         Some(_) => "processor in the loop",
         None => fidelity.name(),
     };
-    let written = sentences::Written {
-        picture: picture.path(),
-        trace: trace.map(Destination::path),
-        scope: scope.as_ref().map(Destination::path),
-    };
+    let written = [
+        ("picture", Some(&picture)),
+        ("trace", trace),
+        ("scope", scope.as_ref()),
+    ]
+    .map(|(name, target)| (name, target.map(Destination::path)));
     sentences::report(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
     Ok(match unmet {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,
@@ -270,7 +252,7 @@ fn sweep(
     picture: &Destination,
     trace: Option<&Destination>,
     desk: &Desk,
-) -> Result<Exit, Refusal> {
+) -> Result<Exit> {
     let swept = Sweep::run(
         table,
         &arguments.sweep,
@@ -287,14 +269,13 @@ fn sweep(
     print_runs(report, &table, picture, trace, arguments.format)
 }
 
-/// Writes the rows of many runs and prints their summary.
 fn print_runs(
     report: Printout,
     table: &Table,
     picture: &Destination,
     trace: Option<&Destination>,
     format: Format,
-) -> Result<Exit, Refusal> {
+) -> Result<Exit> {
     rows_file::write(trace, &table.columns, |rows| match rows {
         Some(rows) => table.write_rows(rows),
         None => Ok(()),
@@ -309,12 +290,7 @@ fn print_runs(
 ///
 /// For a target of gear that is the lock's band, which does not depend on the scatter. Without a
 /// target that kicks, both are the same.
-fn many_runs(
-    file: &SceneFile,
-    count: usize,
-    fidelity: Fidelity,
-    desk: &Desk,
-) -> Result<[Runs; 2], Refusal> {
+fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) -> Result<[Runs; 2]> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;
     if let Target::Gear { order } = file.scene.target {

@@ -8,7 +8,7 @@ use kband_control::{Recipe, Target};
 
 use crate::board::{BoardSettings, Link};
 use crate::file::Destination;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::simulate::describe;
 use crate::verbs::board::{recipe, settings};
 
@@ -23,11 +23,8 @@ pub struct Backup {
 }
 
 impl Backup {
-    /// Reads a board.
-    ///
-    /// # Errors
-    /// The board does not answer, or has another version or schema.
-    pub fn read(link: &mut Link) -> Result<Self, Refusal> {
+    /// Reads a board; refused if it does not answer, or has another version or schema.
+    pub fn read(link: &mut Link) -> Result<Self> {
         link.check_protocol()?;
         let settings = BoardSettings::read(link)?;
         let target = link.target()?;
@@ -42,11 +39,8 @@ impl Backup {
     }
 
     /// Selects the former recipe, and compares a board with this backup. Returns the differences in
-    /// words.
-    ///
-    /// # Errors
-    /// The board does not answer, or has another version or schema.
-    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>, Refusal> {
+    /// words; refused as by [`Backup::read`].
+    pub fn differences(&self, link: &mut Link) -> Result<Vec<String>> {
         if self.recipe > 0 {
             link.command(&Request::UseRecipe(self.recipe))?;
         }
@@ -74,10 +68,7 @@ impl Backup {
 
     /// Writes settings and recipes to files in `folder`, for `kband settings import` and `kband
     /// recipe import`. Their names end with `_before_` and `change`; no file is overwritten.
-    ///
-    /// # Errors
-    /// The folder cannot be written to.
-    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>, Refusal> {
+    pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>> {
         let recipes = (1..).zip(&self.recipes);
         let recipes = recipes.filter_map(|(number, stored)| match stored {
             Stored::Recipe(name, recipe) => Some((number, *name, *recipe)),

@@ -9,7 +9,7 @@ use super::status::BoardStatus;
 use crate::arguments::FormatArguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 
 /// Stop the drive of a board softly. It stays at rest until kband enable or the board's next reset.
 ///
@@ -21,7 +21,6 @@ use crate::refusal::{Exit, Refusal};
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
@@ -29,7 +28,7 @@ pub struct Arguments {
 /// Longest wait for rest: longer than the slowest soft stop.
 const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.command(&Request::Enable(false))?;
     let end = Instant::now() + REST_TIMEOUT;
@@ -40,10 +39,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             return Ok(Exit::Done);
         }
         if Instant::now() > end || desk.check_stop().is_err() {
-            return Err(Refusal::new(
-                "the enable is withdrawn, but the drive has not come to rest yet",
-                "withdraw the enable input, or cut the power; kband status shows its state",
-            ));
+            let cause = "the enable is withdrawn, but the drive has not come to rest yet";
+            let next = "withdraw the enable input, or cut the power; kband status shows its state";
+            return Err(Refusal::new(cause, next));
         }
     }
 }

@@ -4,7 +4,7 @@ use super::status::BoardStatus;
 use crate::arguments::FormatArguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use kband_control::wire::Request;
 
 /// End the stop by kband disable. The drive runs again if the board's enable input is on.
@@ -18,12 +18,11 @@ the enable only: after power-on or a fault, switch the input off and on.")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.command(&Request::Enable(true))?;
     let status = BoardStatus::request(&mut link)?;

@@ -14,7 +14,7 @@ use crate::chip::{Chip, Image, OptionBytes, Sector};
 use crate::desk::Desk;
 #[cfg(feature = "flash")]
 use crate::desk::Progress;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::fields;
 
 /// Path of the board's image as `cargo feeder` builds it.
@@ -39,32 +39,27 @@ pub struct Arguments {
     /// The image (ELF). Default: the image that cargo feeder builds here.
     #[arg(value_name = "IMAGE")]
     image: Option<PathBuf>,
-
     /// Check the image and print the steps; needs no probe.
     #[arg(long)]
     dry_run: bool,
-
     /// Also set the option bytes: brown-out reset at its highest level, watchdog on from reset.
     ///
     /// The other option bytes stay. A read-protected chip is refused. Keep the supply on meanwhile:
     /// if the writing is interrupted, the chip protects itself.
     #[arg(long)]
     option_bytes: bool,
-
     /// Debug probe, if several are connected.
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
     probe: Option<String>,
-
     /// Serial port of the board's link, for its settings and recipes. Default: the only serial
     /// port.
     #[arg(long, value_name = "/dev/PORT")]
     on: Option<String>,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     if !arguments.dry_run && !cfg!(feature = "flash") {
         return Err(Refusal::new(
             "this kband was built without support for debug probes",
@@ -112,18 +107,18 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             "option_bytes": options.map(|options| options.what),
             "written": !arguments.dry_run,
         }))?
-        .print(arguments.printed.format)?;
-    Ok(Exit::Done)
+        .print(arguments.printed.format)
+        .map(|()| Exit::Done)
 }
 
 /// Saves settings and recipes of the board on the link to files of this folder. `None` if no board
 /// answers and the user named no port.
-fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
+fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>> {
     let address = Address {
         on: arguments.on.clone(),
         ..Address::default()
     };
-    let read = || -> Result<_, Refusal> {
+    let read = || -> Result<_> {
         let mut link = address.open(Emulated::AtRest)?;
         let backup = Backup::read(&mut link)?;
         Ok((link, backup))
@@ -143,7 +138,7 @@ fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>, Refusal> {
     }
 }
 
-fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
+fn compare(mut link: Link, before: &Backup) -> Result<&'static str> {
     let unlike = link.identify().and_then(|()| before.differences(&mut link));
     let unlike = unlike.map_err(|refusal| {
         refusal.then("check the board, then compare: kband settings list, kband recipe list")
@@ -152,14 +147,13 @@ fn compare(mut link: Link, before: &Backup) -> Result<&'static str, Refusal> {
         return Ok("settings, target and recipes are as before");
     }
     let unlike = unlike.join("; ");
-    Err(Refusal::new(
-        format!("the new image runs, but settings or recipes differ: {unlike}"),
-        "kband settings import settings_before_flash.toml --save, and kband recipe import",
-    ))
+    let cause = format!("the new image runs, but settings or recipes differ: {unlike}");
+    let next = "kband settings import settings_before_flash.toml --save, and kband recipe import";
+    Err(Refusal::new(cause, next))
 }
 
 /// The option bytes to set; refused for a chip whose option bytes kband does not set.
-fn options(chip: &Chip, requested: bool) -> Result<Option<OptionBytes>, Refusal> {
+fn options(chip: &Chip, requested: bool) -> Result<Option<OptionBytes>> {
     match (requested, chip.options) {
         (false, _) => Ok(None),
         (true, Some(options)) => Ok(Some(options)),
@@ -206,7 +200,6 @@ impl Run {
     }
 }
 
-/// Treatment of each sector of the chip's flash by an image.
 fn runs(image: &Image) -> Vec<Run> {
     let chip: &Chip = image.chip();
     let mut runs: Vec<Run> = Vec::new();
@@ -241,7 +234,7 @@ fn write(
     probe: Option<&str>,
     options: Option<OptionBytes>,
     desk: &Desk,
-) -> Result<(), Refusal> {
+) -> Result<()> {
     let progress = Progress::new("writing", image.size().into());
     let end = crate::chip::write(image, probe, options, desk, |bytes| {
         progress.advance(bytes);
@@ -256,6 +249,6 @@ fn write(
     _probe: Option<&str>,
     _options: Option<OptionBytes>,
     desk: &Desk,
-) -> Result<(), Refusal> {
+) -> Result<()> {
     desk.check_stop()
 }

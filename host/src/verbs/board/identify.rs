@@ -10,7 +10,7 @@ use kband_control::{Fault, State};
 use crate::arguments::FormatArguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::{Printout, Table, columns};
 
 /// Print the identity of a board: image, link version, self-test, last message before its reset,
@@ -25,12 +25,11 @@ use crate::report::{Printout, Table, columns};
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open_any(Emulated::AtRest)?;
     let (version, schema) = link.protocol();
     let fits = link.check_protocol().is_ok();
@@ -149,8 +148,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
     json["last_words"] = json!(last_words);
     json["counters"] = json!(counters);
     let report = Printout::new(table).json(&json)?;
-    report.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.printed.format).map(|()| Exit::Done)
 }
 
 /// Largest number of kept faults.
@@ -176,16 +174,12 @@ fn settings_text(storage: SavedSettings) -> &'static str {
 }
 
 fn fault_text(record: &FaultRecord) -> String {
-    let fault = Fault::numbered(record.fault).map_or("unknown", Fault::name);
+    let name = Fault::numbered(record.fault).map_or("unknown", Fault::name);
     let state = State::numbered(record.state).map_or("unknown", State::name);
+    let [b, expected] = [record.amplitude, record.expected].map(|metres| metres * 1e3);
+    let (fault, seconds, output) = (record.fault, record.seconds, record.output);
+    let (low, high) = (record.low, record.high);
     format!(
-        "{fault} ({}) after {} s, {state}: b {:.4} mm, expected {:.4} mm, output {:.3}, readings {} to {}",
-        record.fault,
-        record.seconds,
-        record.amplitude * 1e3,
-        record.expected * 1e3,
-        record.output,
-        record.low,
-        record.high
+        "{name} ({fault}) after {seconds} s, {state}: b {b:.4} mm, expected {expected:.4} mm, output {output:.3}, readings {low} to {high}"
     )
 }

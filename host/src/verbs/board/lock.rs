@@ -5,7 +5,7 @@ use kband_control::wire::{Pin, Request};
 use crate::arguments::pin;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 
 /// Save the settings of a board with a PIN. Then its link is read-only without that PIN.
 ///
@@ -21,17 +21,15 @@ The drive must be at rest. Each start of the board locks the link; kband unlock 
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
-
     /// PIN, 4 to 8 digits.
     #[arg(value_parser = pin, required_unless_present = "none")]
     pin: Option<Pin>,
-
     /// Remove the PIN.
     #[arg(long, conflicts_with = "pin")]
     none: bool,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.command(&Request::Lock(arguments.pin))?;
     let name = link.name();

@@ -16,7 +16,7 @@ use super::target;
 use crate::board::{Address, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{IN_USE, NAME, RECIPE, TARGET};
 use crate::report::{Format, Printout, Table, shortest};
 use crate::simulate::describe;
@@ -39,10 +39,8 @@ use crate::simulate::describe;
 pub struct Arguments {
     #[command(subcommand)]
     action: Action,
-
     #[command(flatten)]
     address: Address,
-
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table, global = true)]
     format: Format,
@@ -104,7 +102,7 @@ fn name(text: &str) -> Result<RecipeName, String> {
     RecipeName::parse(text).ok_or_else(|| format!("accepted: {}", RecipeName::ACCEPTED))
 }
 
-pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let address = &arguments.address;
     // Checks that need no board come first.
     let entries = match &arguments.action {
@@ -154,10 +152,8 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> 
         }
         Action::Delete { number } => {
             if stored(&mut link, *number)? == Stored::None {
-                return Err(Refusal::new(
-                    format!("{} has no recipe {number}", link.name()),
-                    "kband recipe list shows all",
-                ));
+                let cause = format!("{} has no recipe {number}", link.name());
+                return Err(Refusal::new(cause, "kband recipe list shows all"));
             }
             save(&mut link, &[(*number, None)])?;
             Some(format!("deleted recipe {number}"))
@@ -195,18 +191,17 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> 
 }
 
 /// Refuses a recipe that does not fit the machine with these settings; the refusal names its line.
-fn check(entry: &Entry, settings: &Settings) -> Result<(), Refusal> {
+fn check(entry: &Entry, settings: &Settings) -> Result<()> {
     let recipe = &entry.recipe;
     let settings = recipe.applied_to(settings).map_err(|refused| {
         let line = entry.line(refused.parameter);
         Refusal::from(refused).at(format!("line {line}"))
     })?;
-    let checked = target::check(recipe.target, &settings);
-    checked.map_err(|refusal| refusal.at(format!("line {}", entry.line("target"))))?;
-    Ok(())
+    let checked = target::check(recipe.target, &settings).map(|_| ());
+    checked.map_err(|refusal| refusal.at(format!("line {}", entry.line("target"))))
 }
 
-pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored, Refusal> {
+pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored> {
     link.request(&Request::Recipe(number), |response| match response {
         Response::Recipe(stored) => Ok(stored),
         other => Err(Refusal::new(
@@ -220,17 +215,16 @@ pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored, Refusal> {
 type Change = (u8, Option<(RecipeName, Recipe)>);
 
 /// Changes the recipes of a board and saves them: all, or none if one is refused.
-fn save(link: &mut Link, requested: &[Change]) -> Result<(), Refusal> {
+fn save(link: &mut Link, requested: &[Change]) -> Result<()> {
     let mut before: Vec<Change> = Vec::new();
     for (number, _) in requested {
         before.push(match stored(link, *number)? {
             Stored::None => (*number, None),
             Stored::Recipe(name, recipe) => (*number, Some((name, recipe))),
             Stored::Newer => {
-                return Err(Refusal::new(
-                    format!("recipe {number} of {} is a newer firmware's", link.name()),
-                    "flash that firmware again, or take another number",
-                ));
+                let cause = format!("recipe {number} of {} is a newer firmware's", link.name());
+                let next = "flash that firmware again, or take another number";
+                return Err(Refusal::new(cause, next));
             }
         });
     }
@@ -247,7 +241,7 @@ fn save(link: &mut Link, requested: &[Change]) -> Result<(), Refusal> {
     done
 }
 
-fn list(link: &mut Link, note: Option<String>) -> Result<Printout, Refusal> {
+fn list(link: &mut Link, note: Option<String>) -> Result<Printout> {
     let in_use = BoardStatus::request(link)?.recipe();
     let mut table = Table::new(&[RECIPE, NAME, TARGET, IN_USE]);
     let mut rows = Vec::new();

@@ -21,7 +21,7 @@ use self::network::{Shared, accept};
 use crate::arguments;
 use crate::board::{Address, BoardMessage};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::simulate::SceneText;
 
 /// Time between two steps of the simulation.
@@ -53,14 +53,11 @@ pub struct Arguments {
     /// Scene to simulate. Default: the built-in scene.
     #[arg(value_name = "SCENE.toml", conflicts_with = "on")]
     scene: Option<PathBuf>,
-
     #[command(flatten)]
     address: Address,
-
     /// Address and port to listen at; port 0 selects a free one.
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:1502", value_parser = arguments::socket)]
     modbus: SocketAddr,
-
     /// Also publish to this MQTT broker: readings once a second, and events.
     ///
     /// Messages are JSON with the names of kband monitor: TOPIC/readings and TOPIC/event.
@@ -68,17 +65,14 @@ pub struct Arguments {
     /// a missing broker each second.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:1883")]
     mqtt: Option<String>,
-
     /// Topic of the messages.
     #[arg(long, value_name = "TOPIC", default_value = "kband", requires = "mqtt")]
     topic: String,
-
     /// Duration in s.
     #[arg(long = "for", value_name = "SECONDS", value_parser = arguments::within(0.1, 1e6, "s"))]
     limit: Option<f64>,
 }
 
-/// A feeder that answers the requests of clients.
 trait Feeder: Send {
     fn name(&self) -> String;
 
@@ -86,20 +80,16 @@ trait Feeder: Send {
     /// the same parts.
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
 
-    /// Works between two requests; `passed` is the time since the last call.
-    ///
-    /// # Errors
-    /// The connection to the feeder is lost.
-    fn advance(&mut self, passed: Duration) -> Result<(), Refusal>;
+    /// Works between two requests; `passed` is the time since the last call. Refused if the
+    /// connection to the feeder is lost.
+    fn advance(&mut self, passed: Duration) -> Result<()>;
 
-    /// The frequency, the last drive cycle, and the events since the last call.
-    ///
-    /// # Errors
-    /// The connection to the feeder is lost.
-    fn news(&mut self) -> Result<Vec<BoardMessage>, Refusal>;
+    /// The frequency, the last drive cycle, and the events since the last call. Refused if the
+    /// connection to the feeder is lost.
+    fn news(&mut self) -> Result<Vec<BoardMessage>>;
 }
 
-fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>, Refusal> {
+fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>> {
     if arguments.address.on.is_some() {
         let mut gateway = Gateway::open(&arguments.address)?;
         if let Some(next) = gateway.reads_only()? {
@@ -113,12 +103,10 @@ fn open(arguments: &Arguments) -> Result<Box<dyn Feeder>, Refusal> {
     Ok(Box::new(Simulated::build(&file.scene)?))
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let listener = TcpListener::bind(arguments.modbus).map_err(|error| {
-        Refusal::new(
-            format!("{}: {error}", arguments.modbus),
-            "give another address or port: --modbus 127.0.0.1:1503",
-        )
+        let next = "give another address or port: --modbus 127.0.0.1:1503";
+        Refusal::new(format!("{}: {error}", arguments.modbus), next)
     })?;
     let mut publisher = match &arguments.mqtt {
         Some(address) => Some(Publisher::begin(address, &arguments.topic)?),

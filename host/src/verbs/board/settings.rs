@@ -1,7 +1,6 @@
 //! `kband settings`: the settings of a board.
 
 mod commission;
-mod drive;
 mod offer;
 mod sensor;
 mod upper_tone;
@@ -18,7 +17,7 @@ use crate::arguments;
 use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
 use crate::file::{self, Destination};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Format, fields, shortest};
 
 /// List, change, save, export and import the settings of a board.
@@ -42,10 +41,8 @@ use crate::report::{Format, fields, shortest};
 pub struct Arguments {
     #[command(subcommand)]
     action: Action,
-
     #[command(flatten)]
     address: Address,
-
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Table, global = true)]
     format: Format,
@@ -126,7 +123,7 @@ enum Action {
     },
 }
 
-pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let address = &arguments.address;
     // Checks that need no board come first.
     let text = match &arguments.action {
@@ -219,12 +216,11 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     };
     let rows: Vec<BoardSetting> = rows.into_iter().cloned().collect();
     let report = view().printout(&rows).notes(notes);
-    report.print(arguments.format)?;
-    Ok(Exit::Done)
+    report.print(arguments.format).map(|()| Exit::Done)
 }
 
 /// Saves, if requested; returns a message on how long the values last.
-fn save_if_requested(link: &mut Link, save: bool, address: &Address) -> Result<String, Refusal> {
+fn save_if_requested(link: &mut Link, save: bool, address: &Address) -> Result<String> {
     if save {
         link.command(&Request::Save)?;
         return Ok("saved: the board starts with these settings from now on".into());
@@ -253,12 +249,11 @@ fields! {
 }
 
 /// Refuses saving on an emulated board without a flash.
-pub(super) fn check_flash(address: &Address, saved: &str) -> Result<(), Refusal> {
+pub(super) fn check_flash(address: &Address, saved: &str) -> Result<()> {
     if address.is_emulated() && address.flash_image.is_none() {
-        return Err(Refusal::new(
-            format!("the emulated board has no flash to keep {saved} in"),
-            "name a file for it: --flash-image board.flash",
-        ));
+        let cause = format!("the emulated board has no flash to keep {saved} in");
+        let next = "name a file for it: --flash-image board.flash";
+        return Err(Refusal::new(cause, next));
     }
     Ok(())
 }
@@ -281,12 +276,12 @@ pub(super) fn export(settings: &BoardSettings, image: &str) -> String {
 pub struct Imported(Vec<(String, f64)>);
 
 impl Imported {
-    fn read(file: &Path) -> Result<Self, Refusal> {
+    fn read(file: &Path) -> Result<Self> {
         Self::parse(&file::read_text(file)?).map_err(|refusal| refusal.at(file.display()))
     }
 
     /// The settings of a text: a key and a number each.
-    pub fn parse(text: &str) -> Result<Self, Refusal> {
+    pub fn parse(text: &str) -> Result<Self> {
         let next = "correct this line; kband settings export shows a whole file";
         let table = toml_table(text, next)?;
         let mut all = Vec::new();
@@ -302,25 +297,19 @@ impl Imported {
             all.push((key, number));
         }
         if all.is_empty() {
-            return Err(Refusal::new(
-                "there is no setting in it",
-                "kband settings export shows a whole file",
-            ));
+            let next = "kband settings export shows a whole file";
+            return Err(Refusal::new("there is no setting in it", next));
         }
         Ok(Self(all))
     }
 
     /// Checked settings for the board: every key exists, and every value is within its range.
-    fn requested(
-        &self,
-        settings: &BoardSettings,
-        file: &Path,
-    ) -> Result<Vec<(String, f32)>, Refusal> {
+    fn requested(&self, settings: &BoardSettings, file: &Path) -> Result<Vec<(String, f32)>> {
         let accept = |(key, value): &(String, f64)| {
             let setting = settings.get(key)?;
             Ok((key.clone(), setting.accept(*value)?))
         };
-        let requested: Result<_, Refusal> = self.0.iter().map(accept).collect();
+        let requested: Result<_> = self.0.iter().map(accept).collect();
         requested.map_err(|refusal| refusal.at(file.display()))
     }
 }

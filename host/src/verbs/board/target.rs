@@ -9,7 +9,7 @@ use super::status::BoardStatus;
 use crate::arguments::{self, FormatArguments};
 use crate::board::{Address, BoardSettings, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::simulate::{describe, within_reach};
 
 /// Set the target of a board. Without a target, print the board's state.
@@ -32,19 +32,15 @@ pub struct Arguments {
     /// Kind of the target.
     #[arg(value_enum)]
     kind: Option<Kind>,
-
     /// Value of the target: drive cycles of a flight for gear and order (default 1), k, mm, mm/s,
     /// g/s or parts a minute.
     #[arg(allow_negative_numbers = true, value_parser = arguments::number)]
     value: Option<f64>,
-
     /// Also save it, beyond a loss of power.
     #[arg(long)]
     save: bool,
-
     #[command(flatten)]
     address: Address,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
@@ -75,8 +71,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// The target with this number.
-    pub fn target(self, value: Option<f64>) -> Result<Target, Refusal> {
+    pub fn target(self, value: Option<f64>) -> Result<Target> {
         let name = self
             .to_possible_value()
             .map_or_else(String::new, |value| value.get_name().to_string());
@@ -94,10 +89,8 @@ impl Kind {
         };
         let number = |unit: &str, example: &str| {
             value.map(|value| value as f32).ok_or_else(|| {
-                Refusal::new(
-                    format!("{name} needs a number{unit}"),
-                    format!("kband target {name} {example}"),
-                )
+                let cause = format!("{name} needs a number{unit}");
+                Refusal::new(cause, format!("kband target {name} {example}"))
             })
         };
         let alone = |target: Target| match value {
@@ -124,7 +117,7 @@ impl Kind {
 }
 
 /// Refuses a number that no settings accept, before a port is opened.
-fn in_range(target: Target) -> Result<(), Refusal> {
+fn in_range(target: Target) -> Result<()> {
     // Other limits depend on the board's settings: amplitude, mass and length of the track, length
     // of a part.
     let mut keys = Settings::KEYS.iter();
@@ -142,7 +135,7 @@ fn in_range(target: Target) -> Result<(), Refusal> {
 
 /// Refuses a target that the board would refuse, or that its drive does not reach. Returns the
 /// reason if no setpoint exists, as far as the board's `settings` show it.
-pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>, Refusal> {
+pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetpoint>> {
     let built = kband_control::Controller::build(settings, target, StartCause::Ordinary);
     let controller = built.map_err(|refused| match target {
         Target::Amplitude(_) => Refusal::from(refused).then(format!(
@@ -165,7 +158,7 @@ pub(super) fn check(target: Target, settings: &Settings) -> Result<Option<NoSetp
     Ok(controller.no_setpoint())
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let target = arguments.kind.map(|kind| kind.target(arguments.value));
     let target = target.transpose()?;
     if let Some(target) = target {
@@ -183,10 +176,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         let state = BoardStatus::request(&mut link)?.state();
         if !matches!(state, Some(State::Off | State::Fault)) {
             let name = link.name();
-            return Err(Refusal::new(
-                format!("{name} is running its drive, and keeps nothing meanwhile"),
-                "kband disable first, or leave --save out",
-            ));
+            let cause = format!("{name} is running its drive, and keeps nothing meanwhile");
+            let next = "kband disable first, or leave --save out";
+            return Err(Refusal::new(cause, next));
         }
     }
     if let Some(target) = target {

@@ -5,7 +5,7 @@ use kband_control::wire::{Pin, Request};
 use crate::arguments::pin;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 
 /// Unlock a board with its PIN. The desk may change the board until its next start or kband lock.
 #[derive(Clone, Debug, clap::Args)]
@@ -17,13 +17,12 @@ After five wrong PINs the board waits for a minute.")]
 pub struct Arguments {
     #[command(flatten)]
     address: Address,
-
     /// PIN, 4 to 8 digits.
     #[arg(value_parser = pin)]
     pin: Pin,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.command(&Request::Unlock(arguments.pin))?;
     let name = link.name();

@@ -12,7 +12,7 @@ use crate::arguments::pin;
 use crate::board::{Address, Emulated, Link, Unsolicited};
 use crate::chip::Image;
 use crate::desk::{Desk, Progress};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 
 /// Longest wait for the start of a new image: the board needs 10 to 20 s to swap the images.
 const START_TIMEOUT: Duration = Duration::from_secs(60);
@@ -45,29 +45,24 @@ pub struct Arguments {
           required_unless_present_any = ["new_key", "set_key"],
           conflicts_with_all = ["new_key", "set_key"])]
     image: Option<PathBuf>,
-
     /// File of the secret key that signs the image.
     #[arg(long, value_name = "FILE", requires = "image")]
     key: Option<PathBuf>,
-
     /// Make a key pair: FILE holds the secret key, FILE.pub the public key.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["set_key", "on", "pin"])]
     new_key: Option<PathBuf>,
-
     /// Send the public key to the board. It replaces another key only on a board with a PIN.
     #[arg(long, value_name = "FILE.pub")]
     set_key: Option<PathBuf>,
-
     /// Serial port of the board. Default: the only serial port.
     #[arg(long, value_name = "/dev/PORT")]
     on: Option<String>,
-
     /// The PIN of a locked board, 4 to 8 digits.
     #[arg(long, value_parser = pin)]
     pin: Option<Pin>,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     if let Some(path) = &arguments.new_key {
         let public = key::create(path)?;
         let (secret, public) = (path.display(), public.display());
@@ -88,8 +83,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::Done)
 }
 
-/// Updates a board; returns the result in words.
-fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result<String, Refusal> {
+fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result<String> {
     let image = Image::read(path)?;
     let bytes = image.update();
     let bytes = bytes.map_err(|refusal| refusal.at(path.display()))?;
@@ -98,12 +92,8 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
     let signature = key::sign(key, &sum)?;
     let (mut link, name) = open(arguments)?;
     if name != board {
-        return Err(Refusal::value(
-            "board of the image",
-            board,
-            &name,
-            format!("build the image of the board on {}", link.name()),
-        ));
+        let next = format!("build the image of the board on {}", link.name());
+        return Err(Refusal::value("board of the image", board, &name, next));
     }
     let before = back_up(&mut link)?;
     unlock(&mut link, arguments.pin)?;
@@ -119,7 +109,9 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
             sum: &sum,
             signature: &signature,
         };
-        await_loader(&mut link, &signed, desk)?;
+        let received = |link: &mut Link, _: &[Unsolicited]| Ok(!link.begin_update(&signed)?);
+        wait(&mut link, desk, "its loader", received)
+            .map_err(|refusal| refusal.at("the board keeps its image"))?;
         send_all(&mut link, &bytes, &signature, desk).map_err(|refusal| {
             refusal.at("the board waits for an image until it has a whole one")
         })?;
@@ -140,7 +132,7 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
 }
 
 /// The link to a board of any version that supports updates, and the board's name.
-fn open(arguments: &Arguments) -> Result<(Link, String), Refusal> {
+fn open(arguments: &Arguments) -> Result<(Link, String)> {
     let address = Address {
         on: arguments.on.clone(),
         ..Address::default()
@@ -150,14 +142,14 @@ fn open(arguments: &Arguments) -> Result<(Link, String), Refusal> {
     Ok((link, name))
 }
 
-fn unlock(link: &mut Link, pin: Option<Pin>) -> Result<(), Refusal> {
+fn unlock(link: &mut Link, pin: Option<Pin>) -> Result<()> {
     pin.map_or(Ok(()), |pin| {
         link.command_update(&UpdateRequest::Unlock(pin))
     })
 }
 
 /// Settings, target and recipes of the board; `None` if this version cannot compare them later.
-fn back_up(link: &mut Link) -> Result<Option<Backup>, Refusal> {
+fn back_up(link: &mut Link) -> Result<Option<Backup>> {
     let saved = match link.check_protocol() {
         Ok(()) => link.request(&Request::SelfTest, |response| match response {
             Response::SelfTest(result) => result.settings,
@@ -180,16 +172,7 @@ fn back_up(link: &mut Link) -> Result<Option<Backup>, Refusal> {
     }
 }
 
-/// Waits until the loader has checked the signature of the image.
-fn await_loader(link: &mut Link, signed: &UpdateRequest<'_>, desk: &Desk) -> Result<(), Refusal> {
-    wait(link, desk, "its loader", |link, _| {
-        Ok(!link.begin_update(signed)?)
-    })
-    .map_err(|refusal| refusal.at("the board keeps its image"))
-}
-
-/// Sends an image and its end.
-fn send_all(link: &mut Link, image: &[u8], signature: &[u8], desk: &Desk) -> Result<(), Refusal> {
+fn send_all(link: &mut Link, image: &[u8], signature: &[u8], desk: &Desk) -> Result<()> {
     send(link, image, desk)?;
     // Discards earlier messages: only a start after the end of the image is the new image's.
     link.listen(Duration::ZERO)?;
@@ -197,7 +180,7 @@ fn send_all(link: &mut Link, image: &[u8], signature: &[u8], desk: &Desk) -> Res
 }
 
 /// Sends an image, continuing at the number of bytes that the board reports.
-fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<(), Refusal> {
+fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<()> {
     let progress = Progress::new("sending", image.len() as u64);
     let mut sent = 0;
     let mut corrections = 0;
@@ -211,10 +194,9 @@ fn send(link: &mut Link, image: &[u8], desk: &Desk) -> Result<(), Refusal> {
             corrections += 1;
             if has == sent || has > image.len() || corrections > MAX_CORRECTIONS {
                 let name = link.name();
-                return Err(Refusal::new(
-                    format!("{name} has {has} bytes of the image, {sent} were sent"),
-                    "check that the board restarted; then start the update again",
-                ));
+                let cause = format!("{name} has {has} bytes of the image, {sent} were sent");
+                let next = "check that the board restarted; then start the update again";
+                return Err(Refusal::new(cause, next));
             }
         }
         sent = has;
@@ -227,8 +209,8 @@ fn wait(
     link: &mut Link,
     desk: &Desk,
     what: &str,
-    mut done: impl FnMut(&mut Link, &[Unsolicited]) -> Result<bool, Refusal>,
-) -> Result<(), Refusal> {
+    mut done: impl FnMut(&mut Link, &[Unsolicited]) -> Result<bool>,
+) -> Result<()> {
     let end = Instant::now() + START_TIMEOUT;
     let mut messages = Vec::new();
     while Instant::now() < end {
@@ -238,14 +220,13 @@ fn wait(
         }
         messages = link.listen(POLL_INTERVAL)?;
     }
-    Err(Refusal::new(
-        format!("{} did not start {what} within a minute", link.name()),
-        "look at the board: kband identify; then start the update again",
-    ))
+    let cause = format!("{} did not start {what} within a minute", link.name());
+    let next = "look at the board: kband identify; then start the update again";
+    Err(Refusal::new(cause, next))
 }
 
 /// Waits until the loader has started the new image.
-fn wait_for_program(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
+fn wait_for_program(link: &mut Link, desk: &Desk) -> Result<()> {
     wait(link, desk, "the new image", |link, _| {
         link.identify()?;
         // The loader has protocol version 0.
@@ -254,7 +235,7 @@ fn wait_for_program(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
 }
 
 /// Waits until the board answers with its new image, which is on trial.
-fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
+fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<()> {
     link.set_answer_timeout(ANSWER_TIMEOUT);
     let mut restarted = false;
     wait(link, desk, "the new image", |link, messages| {
@@ -272,21 +253,16 @@ fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<(), Refusal> {
 }
 
 /// Compares the board with its backup and confirms the image on trial; returns the result in words.
-fn confirm(
-    link: &mut Link,
-    before: Option<&Backup>,
-    pin: Option<Pin>,
-) -> Result<&'static str, Refusal> {
+fn confirm(link: &mut Link, before: Option<&Backup>, pin: Option<Pin>) -> Result<&'static str> {
     link.identify()?;
     unlock(link, pin)?;
     let mut compared = "its settings were not compared";
     if let (Some(before), Ok(())) = (before, link.check_protocol()) {
         let unlike = before.differences(link)?;
         if !unlike.is_empty() {
-            return Err(Refusal::new(
-                format!("settings, target or recipes differ: {}", unlike.join("; ")),
-                "report this, with settings_before_update.toml",
-            ));
+            let cause = format!("settings, target or recipes differ: {}", unlike.join("; "));
+            let next = "report this, with settings_before_update.toml";
+            return Err(Refusal::new(cause, next));
         }
         compared = "settings, target and recipes are as before";
     }

@@ -19,8 +19,6 @@ pages! {
     "theory-real-parts.md"
 }
 
-/// An entry of the glossary.
-#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Word {
     pub symbols: Vec<String>,
     pub term: String,
@@ -28,12 +26,10 @@ pub struct Word {
     pub unit: String,
     /// Names in the sources and in machine-readable output.
     pub names: Vec<String>,
-    /// Meaning, as Markdown.
     pub meaning: String,
 }
 
 impl Word {
-    /// The section that the meaning refers to, as Markdown.
     pub fn section(&self) -> Option<String> {
         let (_, link) = self.meaning.rsplit_once("](")?;
         let (page, anchor) = link.split_once(')')?.0.split_once('#')?;
@@ -52,7 +48,6 @@ pub fn words() -> impl Iterator<Item = Word> {
     glossary.lines().filter_map(word)
 }
 
-/// A row of the glossary, with five columns.
 fn word(line: &str) -> Option<Word> {
     let cells = line.strip_prefix('|')?.strip_suffix('|')?;
     let cells: Vec<&str> = cells.split('|').map(str::trim).collect();
@@ -145,7 +140,6 @@ pub fn state(name: &str) -> Option<String> {
     None
 }
 
-/// Text on an event of the log: its row.
 pub fn event(name: &str) -> Option<String> {
     let events = sections(page("faults.md")?, "## Events").concat();
     let row = events.lines().find_map(|line| {

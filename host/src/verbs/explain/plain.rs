@@ -78,7 +78,6 @@ impl Page {
         }
     }
 
-    /// Ends the present block, if any.
     fn block(&mut self, mark: &str) {
         let text = std::mem::take(&mut self.block);
         if text.trim().is_empty() {
@@ -117,7 +116,6 @@ fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
-/// Wrapped lines with the indent of the first and of the others.
 fn wrapped(text: &str, first: &str, rest: &str) -> String {
     let wrap = Wrap::new(WIDTH).initial_indent(first);
     fill(text, wrap.subsequent_indent(rest)) + "\n"
@@ -137,8 +135,7 @@ fn list_rows(rows: &[Vec<String>]) -> String {
                 format!("{name}: {cell}")
             }
         });
-        let first = fields.next().unwrap_or_default();
-        text += &wrapped(&first, "", "");
+        text += &wrapped(&fields.next().unwrap_or_default(), "", "");
         text.extend(fields.map(|line| wrapped(&line, "  ", "    ")));
     }
     text

@@ -1,24 +1,26 @@
 //! `kband bands`: bands of k and amplitude (mm) in which parts lock, order by order.
 
-mod picture;
 mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
-use kband::impact::{ContactTime, TangentialSettings};
-use kband::regime::band::{Band, BandError};
+use kband::impact::{ContactTime, TangentialSettings, Wave};
+use kband::regime::band::{Band, BandError, Margins};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
+use kband::regime::wave_band::WaveBands;
+use kband::transport::locked;
 use kband_scene::restitutions;
 
 use crate::arguments::{self, ContactArguments, DriveArguments, OutputArguments, ToneArguments};
 use crate::causes;
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{
     GEAR_B, GEAR_B_RANGE, GEAR_BAND_HIGH, GEAR_BAND_LOW, GEAR_K, IN_GEAR_EXPECTED,
 };
-use crate::report::{Printout, Value, View, fields, span};
+use crate::report::{Printout, Value, View, fields, number, span};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -40,25 +42,19 @@ pub struct Arguments {
     /// Restitution of the part, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.2", value_parser = arguments::restitution)]
     restitution: Restitution,
-
     /// Standard deviation of restitution from impact to impact (s). It adds the gear band of each
     /// order.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: Option<f64>,
-
     /// Number of orders, from 1.
     #[arg(long, value_name = "N", default_value = "3", value_parser = arguments::count(1, 20))]
     orders: usize,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     drive: DriveArguments,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -75,10 +71,8 @@ fn along(track: &Track) -> TangentialSettings {
     }
 }
 
-/// Number of k in each band at which parts start from rest.
 const SAMPLES: u32 = 400;
 
-/// Number of parts of a lot that start from rest at each k.
 const PARTS: u32 = 5;
 
 struct Row {
@@ -93,7 +87,7 @@ struct Row {
     gear: Option<GearPlan>,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let track = arguments.drive.track()?;
     let wave = arguments.tones.wave()?;
     let output = arguments.output.check()?;
@@ -105,31 +99,19 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         })?;
         report(arguments, &track, &rows, contact)
     } else if !contact.is_instant() {
-        return Err(Refusal::value(
-            "--contact",
-            arguments.contact.contact,
-            "0 with a second or third tone",
-            "leave out the tones, or ask kband gear, which has both",
-        ));
+        let value = arguments.contact.contact;
+        let accepted = "0 with a second or third tone";
+        let next = "leave out the tones, or ask kband gear, which has both";
+        return Err(Refusal::value("--contact", value, accepted, next));
     } else {
         tones::report_of(arguments, &wave, &track, desk)?
     };
-    let drawing = if output.draws() {
-        picture::compute(&wave, &track, desk)?
-    } else {
-        picture::Drawing::default()
-    };
-    output.show(&report, || {
-        picture::draw(arguments, &wave, &track, &drawing)
-    })
+    let drawing = output.draws().then(|| compute(&wave, &track, desk));
+    let drawing = drawing.transpose()?.unwrap_or_default();
+    output.show(&report, || draw(arguments, &wave, &track, &drawing))
 }
 
-fn row(
-    lot: Restitution,
-    scatter: Option<f64>,
-    order: u32,
-    contact: ContactTime,
-) -> Result<Row, Refusal> {
+fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime) -> Result<Row> {
     let (band, k2, k1, allowing) = match Band::common_with_contact(lot, order, contact) {
         Ok(band) => (Some(band), band.low(), band.high(), None),
         Err(BandError::Empty(none)) => {
@@ -140,7 +122,7 @@ fn row(
     };
     // Both apply to instantaneous impacts.
     let instant = contact.is_instant();
-    let chaos = |restitution| -> Result<Option<Estimate>, Refusal> {
+    let chaos = |restitution| -> Result<Option<Estimate>> {
         if !instant {
             return Ok(None);
         }
@@ -175,16 +157,13 @@ impl Row {
         self.band.map(|band| band.setpoint())
     }
 
-    /// The smaller margin in k at the setpoint.
-    fn margin_k(&self) -> Option<f64> {
-        let margins = self.band.map(|band| band.margins(band.setpoint()));
-        margins.map(|margins| margins.low.k.min(margins.high.k))
+    fn margins(&self) -> Option<Margins> {
+        self.band.map(|band| band.margins(band.setpoint()))
     }
 
     /// The smaller margin in amplitude at the setpoint, over the amplitude.
     fn margin(&self) -> Option<f64> {
-        let margins = self.band.map(|band| band.margins(band.setpoint()));
-        margins.map(|margins| margins.smallest())
+        self.margins().map(|margins| margins.smallest())
     }
 
     fn reached(&self) -> String {
@@ -220,7 +199,7 @@ fields! {
         data EMPTY => row.band.is_none();
         read SETPOINT => setpoint_in_words(row.setpoint());
         data SETPOINT => row.setpoint();
-        data MARGIN_K => row.margin_k();
+        data MARGIN_K => row.margins().map(|margins| margins.low.k.min(margins.high.k));
         all MARGIN.digits(3) => row.margin().map(|margin| 100.0 * margin);
         data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| millimetres(track, k) * margin);
         data CHAOS_EDGE => row.first_chaos.map(|chaos| chaos.value);
@@ -262,12 +241,10 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
         view = gear.into_iter().fold(view, View::without);
         view = view.without(IN_GEAR_EXPECTED);
     }
+    let (drive, contacts) = (arguments.drive, arguments.contact.describe());
+    let (text, frequency, incline) = (describe_lot(lot), drive.frequency, drive.incline);
     let report = view.printout(rows).folded().heading(format!(
-        "{}, {} Hz, incline {} degrees{}; the setpoint has the largest margin in amplitude",
-        describe_lot(lot),
-        arguments.drive.frequency,
-        arguments.drive.incline,
-        arguments.contact.describe()
+        "{text}, {frequency} Hz, incline {incline} degrees{contacts}; the setpoint has the largest margin in amplitude"
     ));
     let unknown = (!contact.is_instant()).then_some(
         "Chaos edge and what is reached from rest are known for impacts in no time only.",
@@ -282,6 +259,102 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
         .filter(|(reach, band)| reach.edge.is_none_or(|edge| edge < band.setpoint()))
         .map(|_| "From rest a part does not lock at these setpoints by itself: see kband capture.");
     report.notes(unknown).notes(empty).notes(unreached.take(1))
+}
+
+/// Number of restitutions at which the bands are drawn, and the largest one.
+const RESTITUTION_STEPS: usize = 71;
+const MAX_RESTITUTION: f64 = 0.7;
+
+/// Bands of order 1 of one wave: restitution, low end and high end of the widest one.
+type Bands = Vec<(f64, f64, f64)>;
+
+#[derive(Default)]
+struct Drawing {
+    one_tone: Bands,
+    wave: Option<Bands>,
+    speed: Vec<(f64, f64)>,
+}
+
+fn restitution(n: usize) -> f64 {
+    MAX_RESTITUTION * n as f64 / (RESTITUTION_STEPS - 1) as f64
+}
+
+fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing> {
+    let bands = |wave: &Wave| -> Result<Bands> {
+        desk.try_map("bands over R", RESTITUTION_STEPS, |n| {
+            let found = WaveBands::find(wave, restitution(n), 1)?;
+            let ends = found.iter().map(|band| (band.low.k, band.high.k));
+            let widest = ends.max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
+            let (low, high) = widest.unwrap_or((f64::NAN, f64::NAN));
+            Ok((restitution(n), low, high))
+        })
+    };
+    let along = along(track);
+    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
+    let speed = |r| (r, unit * locked::velocity_in_phase(1, 1.0, r, &along));
+    let tones = Some(wave).filter(|wave| !wave.is_sine());
+    Ok(Drawing {
+        one_tone: bands(&Wave::sine())?,
+        wave: tones.map(bands).transpose()?,
+        speed: (0..RESTITUTION_STEPS).map(restitution).map(speed).collect(),
+    })
+}
+
+/// Draws the bands in mm, to set a feeder, and in k, to compare feeders.
+fn draw(arguments: &Arguments, wave: &Wave, track: &Track, drawing: &Drawing) -> Picture {
+    let lot = arguments.restitution;
+    let axis = || Axis::new("restitution R", "", 0.0, MAX_RESTITUTION);
+    let second = wave.second();
+    let two_tones = format!("e = {}, th = {} rad", second.amplitude, second.angle);
+    let over = |label: &str, unit: &'static str, scale: &dyn Fn(f64) -> f64| {
+        let scaled = |bands: &Bands| -> Bands {
+            let ends = |&(r, low, high): &(f64, f64, f64)| {
+                let (one, other) = (scale(low), scale(high));
+                (r, one.min(other), one.max(other))
+            };
+            bands.iter().map(ends).collect()
+        };
+        let one_tone = scaled(&drawing.one_tone);
+        let wave = drawing.wave.as_ref().map(scaled);
+        let all = one_tone.iter().chain(wave.iter().flatten());
+        let top = all.map(|band| band.2).fold(0.0, f64::max);
+        let mut panel = Panel::new(axis(), Axis::new(label, unit, 0.0, 1.05 * top))
+            .between("one tone", 1, one_tone);
+        if let Some(wave) = wave {
+            panel = panel.between(&two_tones, 0, wave);
+        }
+        for (at, label) in [(lot.low(), "your lot"), (lot.high(), "")] {
+            panel = panel.mark(at, label);
+        }
+        panel
+    };
+    let millimetres = |k: f64| 1e3 * track.amplitude(k);
+    let mut amplitude = over("amplitude b normal to the track", "mm", &millimetres).height(330.0);
+    if let (true, Ok(band)) = (wave.is_sine(), Band::common(lot, 1)) {
+        let b = millimetres(band.setpoint());
+        amplitude = amplitude.level(b, format!("setpoint {} mm", number(b, 3)));
+    }
+    let bands = over("k = g cos α / (b ω²)", "", &|k| k).height(230.0);
+    let speeds = drawing.speed.iter().map(|point| point.1);
+    let slowest = speeds.clone().fold(0.0, f64::min);
+    let highest = 1.05 * speeds.fold(1.0, f64::max);
+    let name = if wave.is_sine() {
+        "at every amplitude of the band"
+    } else {
+        "of one tone and of two, at every amplitude"
+    };
+    let speed = Panel::new(axis(), Axis::new("speed in lock", "mm/s", slowest, highest))
+        .height(190.0)
+        .line(name, 0, drawing.speed.clone());
+    Picture::new("Bands of order 1 over restitution")
+        .caption(format!(
+            "Between these amplitudes a part locks: with more its lock doubles or touches, with less none is born. {} Hz, \
+             incline {}\u{b0}; speed with eta {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}",
+            arguments.drive.frequency, arguments.drive.incline
+        ))
+        .panel(amplitude)
+        .panel(bands)
+        .panel(speed)
 }
 
 #[cfg(test)]

@@ -15,9 +15,9 @@ use crate::arguments::{self, AmplitudeArguments, ContactArguments, NoScatter, Ou
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::{Axis, Grid, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::columns::{PHASE, REGIME, VELOCITY};
-use crate::report::{counted, fields, number};
+use crate::report::{counted, fields, number, numbers};
 
 /// Compute basins of attraction: the final regime of each start, over its phase and velocity.
 #[derive(Clone, Debug, clap::Args)]
@@ -32,37 +32,29 @@ pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, required_unless_present = "b", value_parser = arguments::within(0.001, 1000.0, ""))]
     k: Option<f64>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments,
-
     /// Restitution of the part.
     #[arg(long, value_name = "R", value_parser = arguments::within(0.0, 0.999, ""))]
     restitution: f64,
-
     /// Number of starts along each side of the grid.
     #[arg(long, value_name = "N", default_value = "200", value_parser = arguments::count(2, 4000))]
     grid: usize,
-
     /// Velocity at the upper edge of the grid, units of b w.
     #[arg(long, value_name = "PSI", default_value = "3", value_parser = arguments::within(1e-6, 1000.0, "b w"))]
     velocity: f64,
-
     /// Number of impacts after which a start without a final regime counts as undecided.
     #[arg(long, value_name = "N", default_value_t = MAX_ORBIT_IMPACTS, value_parser = arguments::count(10, 10_000_000))]
     impacts: usize,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     scatter: NoScatter,
-
     #[command(flatten)]
     output: OutputArguments,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     arguments.scatter.check(
         "with scatter the long-term motion does not depend on the start, and there is no final regime",
@@ -87,22 +79,20 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let followed = arguments.impacts;
     let row = |(end, count)| (ending::describe_regime(end, followed), share(count), count);
     let rows: Vec<Share> = counts.into_iter().map(row).collect();
-    let objects: Vec<_> = rows.iter().map(|row| shares().object(row)).collect();
     let from_rest = ending::describe_regime(endings.from_rest(), followed);
     let shared = Arc::clone(&ends);
+    let [r, highest] = numbers([arguments.restitution, top], 6);
+    let contact = arguments.contact.describe();
     let report = shares()
         .printout(&rows)
         .heading(format!(
-            "Where parts end at {drive_text}, R = {}{}: {side} x {side} starts, phase 0..2 pi, velocity 0..{} b w",
-            number(arguments.restitution, 6),
-            arguments.contact.describe(),
-            number(top, 6)
+            "Where parts end at {drive_text}, R = {r}{contact}: {side} x {side} starts, phase 0..2 pi, velocity 0..{highest} b w"
         ))
         .note(format!("A part that starts from rest: {from_rest}"))
         .json(&json!({
             "k": k,
             "restitution": arguments.restitution,
-            "shares": objects,
+            "shares": shares().objects(&rows),
             "from_rest": from_rest,
         }))?
         .csv(
@@ -120,7 +110,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     output.show(&report, || picture(arguments, &drive_text, &endings, &ends))
 }
 
-/// A regime, and the share and the number of the starts that end in it.
 type Share = (String, f64, usize);
 
 fields! {
@@ -131,7 +120,6 @@ fields! {
     }
 }
 
-/// Starts at the centres of a square grid.
 #[derive(Clone, Copy, Debug)]
 struct Starts {
     side: usize,
@@ -150,12 +138,7 @@ impl Starts {
 
 /// Final regimes of starts at the centres of `side * side` cells, row by row. Phases are 0..2 pi,
 /// velocities 0..`top`.
-pub(in crate::verbs) fn ends(
-    endings: &Endings,
-    side: usize,
-    top: f64,
-    desk: &Desk,
-) -> Result<Vec<Regime>, Refusal> {
+pub fn ends(endings: &Endings, side: usize, top: f64, desk: &Desk) -> Result<Vec<Regime>> {
     Map::state(0.0, top)?;
     let starts = Starts { side, top };
     // Long blocks keep the registers full except for the last orbits; short ones suit any number of
@@ -170,26 +153,23 @@ pub(in crate::verbs) fn ends(
 }
 
 fn picture(arguments: &Arguments, drive_text: &str, endings: &Endings, ends: &[Regime]) -> Picture {
+    let r = number(arguments.restitution, 6);
+    let contact = arguments.contact.describe();
+    let (grid, impacts) = (arguments.grid, arguments.impacts);
     let fills = ends.iter().map(|end| ending::fill(*end)).collect();
     let locks = endings.locks().map(Lock::state);
     let locks = locks.filter(|state| state.velocity <= arguments.velocity);
     let locks = locks.map(|state| (state.phase, state.velocity)).collect();
-    let panel = Panel::new(
-        Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi(),
-        Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity),
-    )
-    .height(560.0)
-    .classes(Grid::new(arguments.grid, fills), &ending::name_shares(ends))
-    .markers("the locked orbit", 1, locks);
+    let phase = Axis::new("phase t of the drive at the start", "rad", 0.0, TAU).in_pi();
+    let velocity = Axis::new("velocity ψ at the start", "b·ω", 0.0, arguments.velocity);
+    let panel = Panel::new(phase, velocity)
+        .height(560.0)
+        .classes(Grid::new(grid, fills), &ending::name_shares(ends))
+        .markers("the locked orbit", 1, locks);
     Picture::new("Where a part ends, by how it starts")
         .width(780.0)
         .panel(panel)
         .caption(format!(
-            "{drive_text}, R = {}{}; {} × {} starts, up to {} impacts each",
-            number(arguments.restitution, 6),
-            arguments.contact.describe(),
-            arguments.grid,
-            arguments.grid,
-            arguments.impacts
+            "{drive_text}, R = {r}{contact}; {grid} × {grid} starts, up to {impacts} impacts each"
         ))
 }

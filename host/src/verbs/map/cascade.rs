@@ -6,7 +6,7 @@ use super::exponent::spell;
 use crate::arguments::{self, NoScatter, OutputArguments, ToneArguments};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Printout, fields, number};
 
 /// Locate the period doublings of the locked orbit, down to chaos.
@@ -23,42 +23,33 @@ pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::number)]
     restitution: f64,
-
     /// Order of the lock that doubles: drive cycles per impact.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
-
     /// Number of period doublings to locate.
     #[arg(long, value_name = "N", default_value = "6", value_parser = arguments::count(1, MAX_DOUBLINGS))]
     doublings: usize,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     /// Scatter of restitution over its mean, 0..1. It shows which doublings remain visible.
     #[arg(long, value_name = "SIGMA", value_parser = arguments::number)]
     noise: Option<f64>,
-
     #[command(flatten)]
     scatter: NoScatter,
-
     #[command(flatten)]
     output: OutputArguments,
 }
 
-pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     arguments.scatter.check(
         "with scatter no orbit repeats, so no period can double",
         "use --noise for the doublings that remain visible, or kband exponent --scatter",
     )?;
     if let Some(noise) = arguments.noise.filter(|noise| !(0.0..=1.0).contains(noise)) {
-        return Err(Refusal::value(
-            "--noise",
-            noise,
-            "0..1, the standard deviation of restitution over its mean",
-            "0.05 is scatter by 5 %",
-        ));
+        let accepted = "0..1, the standard deviation of restitution over its mean";
+        let next = "0.05 is scatter by 5 %";
+        return Err(Refusal::value("--noise", noise, accepted, next));
     }
     let (restitution, order) = (arguments.restitution, arguments.order as u32);
     let wave = arguments.tones.wave()?;
@@ -66,10 +57,8 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit, Refusal> {
         Cascade::locate(restitution, order, arguments.doublings)?
     } else {
         Cascade::on_tones(&wave, restitution, order, arguments.doublings)?.ok_or_else(|| {
-            Refusal::new(
-                "no band of this order ends in a flip on these tones",
-                "kband bands with the same tones shows what ends them",
-            )
+            let next = "kband bands with the same tones shows what ends them";
+            Refusal::new("no band of this order ends in a flip on these tones", next)
         })?
     };
     let report = report(arguments, &cascade)?;
@@ -112,7 +101,6 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
-/// A flip, with the gap to the previous flip and the orbit that it creates.
 struct Flip {
     impacts: u32,
     k: f64,
@@ -146,7 +134,7 @@ fields! {
     }
 }
 
-fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal> {
+fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout> {
     let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled_orbits().collect();
     let visible: Vec<Option<f64>> = cascade.max_visible_scatters().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
@@ -161,14 +149,10 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         })
         .collect();
     let limit = cascade.k_infinity();
-    let orbits = doubled.iter().flatten();
-    let orbits: Vec<_> = orbits.map(|orbit| doubled_orbit().object(orbit)).collect();
-    let report = flip().printout(&flips).folded().heading(format!(
-        "R = {}, order {}: born at k1 = {:.15}",
-        arguments.restitution,
-        arguments.order,
-        cascade.birth()
-    ));
+    let orbits: Vec<_> = doubled.iter().copied().flatten().collect();
+    let (r, order, k1) = (arguments.restitution, arguments.order, cascade.birth());
+    let heading = format!("R = {r}, order {order}: born at k1 = {k1:.15}");
+    let report = flip().printout(&flips).folded().heading(heading);
     let chaos = limit.map(|limit| {
         format!(
             "chaos begins at k_infinity = {:.12} within {:.1e}; the ratios tend to {FEIGENBAUM:.5}",
@@ -180,17 +164,17 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
         let is_visible = |limit: &&Option<f64>| limit.is_some_and(|limit| noise < limit);
         visible.iter().take_while(is_visible).count()
     });
-    let scattered = arguments.noise.zip(count).map(|(noise, count)| format!(
-        "restitution scattered by {} % of its mean shows {count} of these {} doublings; each further one \
-         needs 6.62 times less, and the exponent where chaos begins grows like sigma^0.3668",
-        number(100.0 * noise, 4),
-        visible.len()
-    ));
+    let scattered = arguments.noise.zip(count).map(|(noise, count)| {
+        let (percent, all) = (number(100.0 * noise, 4), visible.len());
+        format!(
+            "restitution scattered by {percent} % of its mean shows {count} of these {all} doublings; each further one \
+             needs 6.62 times less, and the exponent where chaos begins grows like sigma^0.3668"
+        )
+    });
     let complete = cascade.end() == CascadeEnd::Complete;
     let lost = (!complete).then(|| format!(
-        "the flip after the last could not be followed: at R = {} the doubled orbit loses a flight or \
-         the gaps have come down to rounding",
-        arguments.restitution
+        "the flip after the last could not be followed: at R = {r} the doubled orbit loses a flight or \
+         the gaps have come down to rounding"
     ));
     let report = report.note(
         "Floquet multipliers and both exponents are those of the orbit born at the flip, in the middle of its window; the exponents \
@@ -199,15 +183,15 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout, Refusal>
     report
         .notes([chaos, scattered, lost].into_iter().flatten())
         .json(&serde_json::json!({
-            "restitution": arguments.restitution,
-            "order": arguments.order,
-            "k1": cascade.birth(),
+            "restitution": r,
+            "order": order,
+            "k1": k1,
             "flips": cascade.flips(),
             "ratios": ratios,
             "k_infinity": limit.map(|limit| limit.value),
             "k_infinity_error": limit.map(|limit| limit.error),
             "complete": complete,
-            "doubled": orbits,
+            "doubled": doubled_orbit().objects(&orbits),
             "visible_below": visible,
             "noise": arguments.noise,
             "visible": count,

@@ -1,22 +1,26 @@
 //! `kband diagram`: the bifurcation diagram.
 
 mod branch;
-mod over;
-mod page;
 mod regimes;
 
-use branch::{bands, follow};
-use page::Diagram;
-
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
 
+use branch::{Branch, Stretch, bands, follow};
 use clap::ValueEnum;
+use kband::feeder::Track;
+use kband::impact::{ContactTime, PartState};
+use kband::regime::Lock;
 
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, OutputArguments, Range, ScatterArguments,
 };
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
+use crate::ending::FILLS;
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::{Exit, Refusal, Result};
+use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
+use crate::report::{Column, Printout, Rows, fields, number, numbers, span};
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
@@ -35,18 +39,14 @@ pub struct Arguments {
     /// Restitution of the part, one value or a range [default: 0.2].
     #[arg(long, value_name = "R", value_parser = arguments::range_or_value((0.0, 0.999), COLUMNS))]
     restitution: Option<Range>,
-
     /// k = g cos(alpha) / (b w^2), one value or a range [default: around the first band].
     #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), COLUMNS))]
     k: Option<Range>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments<1000>,
-
     /// Quantity of the vertical axis.
     #[arg(long, value_enum, default_value_t = Show::Phase)]
     show: Show,
-
     /// Starts of the parts, one panel each.
     #[arg(
         long,
@@ -55,21 +55,16 @@ pub struct Arguments {
         default_value = "rest,up,down"
     )]
     starts: Vec<ColumnStart>,
-
     /// Number of impacts drawn in each column.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(1, 1_000_000))]
     impacts: usize,
-
     /// Number of impacts discarded first in each column.
     #[arg(long, value_name = "N", default_value = "500", value_parser = arguments::count(0, 10_000_000))]
     settle: usize,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -117,15 +112,14 @@ impl ColumnStart {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
         let map = regimes::Map::compute(arguments, contact, desk)?;
-        let report = map.report()?;
-        return output.show(&report, || map.picture());
+        return output.show(&map.report()?, || map.picture());
     }
-    let (over, range) = over::chosen(arguments)?;
+    let (over, range) = chosen(arguments)?;
     let values: Vec<f64> = range.values().collect();
     let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
     let mut starts = arguments.starts.clone();
@@ -140,6 +134,280 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         fixed: over.fixed() + &arguments.contact.describe(),
         values,
     });
-    let report = diagram.report()?;
-    output.show(&report, || diagram.picture(arguments))
+    output.show(&diagram.report()?, || diagram.picture(arguments))
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Over {
+    K { restitution: f64 },
+    Amplitude { restitution: f64, track: Track },
+    Restitution { k: f64 },
+}
+
+impl Over {
+    /// k and restitution of the column at `x`.
+    fn at(self, x: f64) -> (f64, f64) {
+        match self {
+            Self::K { restitution } => (x, restitution),
+            Self::Amplitude { restitution, track } => (track.k(x * 1e-3), restitution),
+            Self::Restitution { k } => (k, x),
+        }
+    }
+
+    fn column(self) -> Column {
+        match self {
+            Self::K { .. } => columns::K,
+            Self::Amplitude { .. } => columns::B,
+            Self::Restitution { .. } => columns::RESTITUTION,
+        }
+    }
+
+    fn axis(self, Range { low, high, .. }: Range) -> Axis {
+        match self {
+            Self::K { .. } => Axis::of_k(low, high),
+            Self::Amplitude { .. } => Axis::of_b(low, high),
+            Self::Restitution { .. } => Axis::new("restitution R", "", low, high),
+        }
+    }
+
+    fn fixed(self) -> String {
+        match self {
+            Self::K { restitution } => format!("R = {}", number(restitution, 6)),
+            Self::Amplitude { restitution, track } => {
+                let values = [restitution, track.frequency(), track.incline().to_degrees()];
+                let [r, frequency, incline] = numbers(values, 6);
+                format!("R = {r}, {frequency} Hz, incline {incline}°")
+            }
+            Self::Restitution { k } => format!("k = {}", number(k, 6)),
+        }
+    }
+}
+
+/// The option that is a range, and its quantity.
+fn chosen(arguments: &Arguments) -> Result<(Over, Range)> {
+    let lot = arguments.restitution.unwrap_or(Range::new(0.2, 0.2, 1));
+    let restitution = lot.low;
+    let wide = |range: Range| range.count > 1;
+    let track = arguments.amplitude.track()?;
+    match (arguments.k, arguments.amplitude.b, wide(lot)) {
+        (Some(k), _, false) if wide(k) => Ok((Over::K { restitution }, k)),
+        (Some(k), _, true) if !wide(k) => Ok((Over::Restitution { k: k.low }, lot)),
+        (_, Some(b), false) if wide(b) => Ok((Over::Amplitude { restitution, track }, b)),
+        (_, Some(b), true) if !wide(b) => {
+            let k = arguments::k_of(&track, b.low)?;
+            Ok((Over::Restitution { k }, lot))
+        }
+        (None, None, false) => {
+            let low = 0.8 * kband::regime::band::flip(restitution, 1)?;
+            let high = 1.05 * kband::regime::band::birth(restitution, 1)?;
+            Ok((Over::K { restitution }, Range::new(low, high, 1000)))
+        }
+        (k, b, _) => {
+            let given = [("k", k), ("b", b), ("restitution", Some(lot))];
+            let options = given.into_iter().filter_map(|(name, range)| match range? {
+                range if wide(range) => Some(format!("--{name} {range}")),
+                range => Some(format!("--{name} {}", range.low)),
+            });
+            let value = options.collect::<Vec<_>>().join(" ");
+            let accepted = "exactly one of --k, --b and --restitution as a range LO..HI";
+            let next = "for example --restitution 0.2 --k 0.3..0.5";
+            Err(Refusal::value("the range", value, accepted, next))
+        }
+    }
+}
+
+/// Neighbouring columns of one regime: start, first and last value, number, name of the regime.
+type Regimes = (&'static str, [f64; 2], usize, String);
+
+fields! {
+    fn stretches(row: Regimes, unit: &'static str) {
+        all START => row.0;
+        all FROM.in_unit(unit) => row.1[0];
+        all TO.in_unit(unit) => row.1[1];
+        all REGIME => row.3.clone();
+    }
+}
+
+struct Diagram {
+    over: Over,
+    fixed: String,
+    contact: ContactTime,
+    range: Range,
+    velocity: bool,
+    values: Vec<f64>,
+    branches: Vec<Branch>,
+    bands: Vec<Stretch>,
+}
+
+impl Diagram {
+    fn report(self: &Arc<Self>) -> Result<Printout> {
+        let (name, unit) = (self.over.column().name, self.over.column().unit);
+        let mut all: Vec<Regimes> = Vec::new();
+        for branch in &self.branches {
+            all.extend(branch.regimes().into_iter().map(|(first, last, ending)| {
+                let ends = [self.values[first], self.values[last]];
+                (branch.start.name(), ends, last - first + 1, ending.name())
+            }));
+        }
+        let regimes = stretches(&unit).objects(&all);
+        // Chaos contains many narrow windows; the text table leaves them out.
+        let count = all.len();
+        all.retain(|(_, _, columns, _)| 100 * columns >= self.values.len());
+        let left_out = count - all.len();
+        let drawn = self.branches.iter().flat_map(|branch| &branch.columns);
+        let drawn: usize = drawn.map(|column| column.states.len()).sum();
+        let (range, count) = (span(self.range.low, self.range.high, 6), self.range.count);
+        let heading = format!(
+            "Regimes over {name} = {range} ({count} columns), {}",
+            self.fixed
+        );
+        let mut report = stretches(&unit).printout(&all).heading(heading);
+        if left_out > 0 {
+            report = report.note(format!(
+                "{left_out} narrower stretches are left out here; --format json has them"
+            ));
+        }
+        let bands = self.bands.iter().map(|band| {
+            let (order, [low, high]) = (band.order, numbers([band.low, band.high], 6));
+            format!("the period-1 orbit of order {order} attracts from {low} to {high}")
+        });
+        let rows = Arc::clone(self);
+        let impact_columns = [START, self.over.column(), PHASE, VELOCITY, REGIME];
+        let count = format!("{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them");
+        report
+            .notes(bands)
+            .note(count)
+            .csv(&impact_columns, move |out| rows.impacts(out))
+            .json(&serde_json::json!({
+                "over": name,
+                "bands": self.bands,
+                "regimes": regimes,
+            }))
+    }
+
+    fn impacts(&self, rows: &mut dyn Rows) -> Result<()> {
+        for branch in &self.branches {
+            let start = branch.start.name();
+            for (x, column) in self.values.iter().zip(&branch.columns) {
+                for state in &column.states {
+                    rows.row(&[
+                        start.into(),
+                        (*x).into(),
+                        state.phase.into(),
+                        state.velocity.into(),
+                        column.ending.name().into(),
+                    ])?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Ordinate of a state: velocity in `b w`, or phase in rad, -pi..pi.
+    fn height(&self, state: PartState) -> f64 {
+        match self.velocity {
+            true => state.velocity,
+            // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
+            false if state.phase > PI => state.phase - TAU,
+            false => state.phase,
+        }
+    }
+
+    fn picture(&self, arguments: &Arguments) -> Picture {
+        let columns = self.branches.iter().flat_map(|branch| &branch.columns);
+        let states = columns.flat_map(|column| &column.states);
+        let heights = states.map(|state| self.height(*state)).chain([0.0, 0.1]);
+        let y_axis = if self.velocity {
+            Axis::over_values("velocity ψ after impact", "b·ω", heights)
+        } else if self.contact.is_instant() {
+            Axis::over_values("impact phase t", "rad", heights).in_pi()
+        } else {
+            Axis::over_values("phase t after the contact", "rad", heights).in_pi()
+        };
+        let mut picture = Picture::new(format!(
+            "Impact {} over {}",
+            if self.velocity { "velocity" } else { "phase" },
+            match self.over {
+                Over::K { .. } => "k",
+                Over::Amplitude { .. } => "amplitude",
+                Over::Restitution { .. } => "restitution",
+            }
+        ))
+        .caption(format!(
+            "{}{}; {} impacts in each of {} columns, after {} to settle",
+            self.fixed,
+            match arguments.scatter.scatter {
+                0.0 => String::new(),
+                scatter => format!(", scattering by {scatter}"),
+            },
+            arguments.impacts,
+            self.range.count,
+            arguments.settle
+        ));
+        let mut names = Vec::new();
+        for (fill, name) in FILLS {
+            let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
+            if columns.any(|column| column.ending.fill() == Some(fill)) {
+                names.push((fill, name));
+            }
+        }
+        for (place, branch) in self.branches.iter().enumerate() {
+            let named = |name: &'static str| if place == 0 { name } else { "" };
+            let heights = branch.columns.iter().map(|column| {
+                let states = column.states.iter();
+                states.map(|state| self.height(*state) as f32).collect()
+            });
+            let is_only = self.branches.len() == 1;
+            let height = if is_only { 420.0 } else { 240.0 };
+            let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
+                .heading(branch.start.describe())
+                .height(height);
+            let strip = named("band: the period-1 orbit attracts");
+            for band in &self.bands {
+                panel = panel.strip(strip, band.low, band.high);
+            }
+            panel = panel.columns(named("impacts, few to many"), heights.collect());
+            let fills = self.values.iter().zip(&branch.columns);
+            let fills = fills.filter_map(|(x, column)| Some((*x, column.ending.fill()?)));
+            let names = if place == 0 { &*names } else { &[] };
+            panel = panel.ribbon_of_points([self.range.low, self.range.high], fills, names);
+            for order in 1..=5 {
+                let [attracting, repelling] = self.period_one(order);
+                panel = panel
+                    .line(named("period-1 orbit, attracting"), 1, attracting)
+                    .line(named("period-1 orbit, repelling"), 2, repelling);
+            }
+            for band in &self.bands {
+                panel = panel.caption(0.5 * (band.low + band.high), format!("r = {}", band.order));
+                for edge in [band.low, band.high] {
+                    if self.range.low < edge && edge < self.range.high {
+                        panel = panel.mark(edge, number(edge, 4));
+                    }
+                }
+            }
+            picture = picture.panel(panel);
+        }
+        picture
+    }
+
+    /// The period-1 branch of an order over the columns: its attracting part, and the repelling
+    /// part below its flip.
+    fn period_one(&self, order: u32) -> [Vec<(f64, f64)>; 2] {
+        if !self.bands.iter().any(|band| band.order == order) {
+            return [Vec::new(), Vec::new()];
+        }
+        let on = |filter: &dyn Fn(&Lock) -> bool| {
+            let point = |x: f64| {
+                let (k, restitution) = self.over.at(x);
+                let lock = Lock::with_contact(k, restitution, order, self.contact).ok();
+                let lock = lock.flatten();
+                let stable = lock.filter(|lock| lock.is_first_return() && filter(lock));
+                let y = stable.map_or(f64::NAN, |lock| self.height(lock.state()));
+                (x, y)
+            };
+            self.values.iter().map(|x| point(*x)).collect::<Vec<_>>()
+        };
+        let below_flip = |lock: &Lock| !lock.attracts() && lock.state().phase < FRAC_PI_2;
+        [on(&Lock::attracts), on(&below_flip)]
+    }
 }

@@ -16,7 +16,7 @@ use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range, Scatter
 use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Printout, columns, fields, finite, number};
 
 /// Measure Lyapunov exponents with their statistical error.
@@ -35,41 +35,31 @@ pub struct Arguments {
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 1.0, ""))]
     restitution: f64,
-
     /// k = g cos(alpha) / (b w^2), one value or a range LO..HI[:N] [default: 0.34].
     #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 200))]
     k: Option<Range>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments,
-
     /// Number of impacts measured at each k.
     #[arg(long, value_name = "N", default_value = "200000", value_parser = arguments::count(320, 1_000_000_000))]
     impacts: usize,
-
     /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "2000", value_parser = arguments::count(0, 1_000_000_000))]
     settle: usize,
-
     /// Order of the locked orbit next to which the orbits start.
     #[arg(long, value_name = "r", default_value = "1", value_parser = arguments::count(1, 100))]
     order: usize,
-
     /// Phase of the start in rad, with --velocity.
     #[arg(long, value_name = "T", value_parser = arguments::number, requires = "velocity")]
     phase: Option<f64>,
-
     /// Velocity of the start in units of b w, with --phase.
     #[arg(long, value_name = "PSI", value_parser = arguments::within(0.0, 1000.0, "b w"), requires = "phase")]
     velocity: Option<f64>,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     /// Also measure the chaotic band below the cascade.
     #[arg(long)]
     band: bool,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -81,7 +71,7 @@ impl Arguments {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let given = arguments.amplitude.or_range(arguments.k)?;
     let values = given.unwrap_or_else(|| vec![0.34]);
@@ -109,7 +99,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
             (None, Some(_)) => measure(&map, start, settings)?,
             (None, None) => measure_several(&map, start, settings)?,
         };
-        Ok(ExponentRow {
+        Ok(Row {
             k: values[n],
             second: second(&exponent, arguments.restitution).filter(|_| !scatters),
             multipliers: lock.map(|lock| lock.multipliers()),
@@ -118,12 +108,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
         })
     })?;
     if arguments.band && arguments.scatter.scatter > 0.0 {
-        return Err(Refusal::value(
-            "--scatter",
-            arguments.scatter.scatter,
-            "0 with --band: the band is that of orbits of one restitution",
-            "leave one of the two out",
-        ));
+        let value = arguments.scatter.scatter;
+        let accepted = "0 with --band: the band is that of orbits of one restitution";
+        let next = "leave one of the two out";
+        return Err(Refusal::value("--scatter", value, accepted, next));
     }
     let band = if arguments.band {
         ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
@@ -142,11 +130,7 @@ const DEFAULT_ORBITS: usize = 8;
 ///
 /// One orbit may stay near a transient for some 100 000 impacts (k = 0.34, R = 0.2). Its own
 /// scatter does not show that. If an orbit comes to rest, the first orbit alone is measured.
-fn measure_several(
-    map: &Map,
-    start: PartState,
-    settings: ExponentSettings,
-) -> Result<Exponent, Refusal> {
+fn measure_several(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent> {
     let share = ExponentSettings {
         impacts: settings.impacts / DEFAULT_ORBITS as u32,
         ..settings
@@ -178,18 +162,17 @@ fn measure_several(
     })
 }
 
-struct ExponentRow {
+struct Row {
     k: f64,
     exponent: Exponent,
     /// The orbit's final regime; `None` if its restitution scatters or is 1.
     ending: Option<Regime>,
     /// The smaller exponent per impact, of an orbit that never rests.
     second: Option<f64>,
-    /// Floquet multipliers of the period-1 orbit, if it exists.
     multipliers: Option<Multipliers>,
 }
 
-impl ExponentRow {
+impl Row {
     fn rest_after(&self) -> Option<u32> {
         match self.exponent.dynamics {
             Dynamics::Rest { after } => Some(after),
@@ -208,7 +191,7 @@ fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
 
 /// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
 /// transient has one too, until it comes to rest.
-fn describe_motion(row: &ExponentRow) -> &'static str {
+fn describe_motion(row: &Row) -> &'static str {
     match row.exponent.dynamics {
         Dynamics::Regular => "regular",
         Dynamics::Chaotic if row.ending.is_none_or(|ending| ending == Regime::Chaotic) => "chaotic",
@@ -219,8 +202,7 @@ fn describe_motion(row: &ExponentRow) -> &'static str {
 }
 
 fields! {
-    /// The exponents at one k, and its amplitude if the track is given.
-    fn exponents(row: ExponentRow, track: Option<Track>, followed: usize) {
+    fn exponents(row: Row, track: Option<Track>, followed: usize) {
         all K => row.k;
         all B => track.map(|track| 1e3 * track.amplitude(row.k));
         all EXPONENT.titled("exponent").digits(5) => finite(row.exponent.per_impact.value);
@@ -241,11 +223,7 @@ fields! {
     }
 }
 
-fn report(
-    arguments: &Arguments,
-    rows: &[ExponentRow],
-    band: Option<ChaoticBand>,
-) -> Result<Printout, Refusal> {
+fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Result<Printout> {
     let track = arguments.amplitude.b.map(|_| arguments.amplitude.track());
     let track = track.transpose()?;
     let followed = arguments.followed();
@@ -253,15 +231,13 @@ fn report(
     if track.is_none() {
         view = view.without(columns::B);
     }
+    let (r, impacts, settle) = (arguments.restitution, arguments.impacts, arguments.settle);
+    let scatter = match arguments.scatter.scatter {
+        0.0 => String::new(),
+        scatter => format!(" scattering by {scatter}"),
+    };
     let report = view.printout(rows).heading(format!(
-        "R = {}{}, {} impacts after {} to settle; exponents per impact",
-        arguments.restitution,
-        match arguments.scatter.scatter {
-            0.0 => String::new(),
-            scatter => format!(" scattering by {scatter}"),
-        },
-        arguments.impacts,
-        arguments.settle
+        "R = {r}{scatter}, {impacts} impacts after {settle} to settle; exponents per impact"
     ));
     let only = match rows {
         [only] => only.multipliers,
@@ -300,7 +276,7 @@ pub(super) fn spell(multipliers: Multipliers) -> String {
 fn picture(
     arguments: &Arguments,
     values: &[f64],
-    rows: &[ExponentRow],
+    rows: &[Row],
     band: Option<ChaoticBand>,
 ) -> Picture {
     let point = |selection: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
@@ -314,11 +290,8 @@ fn picture(
     let shown = all.iter().map(|point| point.1.max(-3.0)).chain([-0.5, 0.5]);
     let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = values.iter().copied().fold(0.0, f64::max);
-    let mut panel = Panel::new(
-        Axis::of_k(lowest, highest),
-        Axis::over_values("Lyapunov exponent per impact", "", shown),
-    )
-    .height(360.0);
+    let exponent = Axis::over_values("Lyapunov exponent per impact", "", shown);
+    let mut panel = Panel::new(Axis::of_k(lowest, highest), exponent).height(360.0);
     if let Some(band) = band {
         panel = panel.strip("chaotic band, measured", band.low, band.high);
     }
@@ -336,15 +309,12 @@ fn picture(
         }
     }
     panel = panel.level(0.0, "neighbours part above");
+    let (r, impacts) = (number(arguments.restitution, 6), arguments.impacts);
+    let place = match values {
+        [k] => format!("k = {}", number(*k, 6)),
+        _ => format!("each of {} k", values.len()),
+    };
     Picture::new("Lyapunov exponent over k")
-        .caption(format!(
-            "R = {}, {} impacts at {}",
-            number(arguments.restitution, 6),
-            arguments.impacts,
-            match values {
-                [k] => format!("k = {}", number(*k, 6)),
-                _ => format!("each of {} k", values.len()),
-            }
-        ))
+        .caption(format!("R = {r}, {impacts} impacts at {place}"))
         .panel(panel)
 }

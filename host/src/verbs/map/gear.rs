@@ -3,7 +3,6 @@
 //! The method is Monte Carlo simulation on a grid of k and second tone (`survey`). Fresh runs then
 //! select the best points. The output is the share of time in gear, 0..1.
 
-mod page;
 mod survey;
 
 use std::f64::consts::TAU;
@@ -11,14 +10,18 @@ use std::f64::consts::TAU;
 use kband::feeder::{Restitution, Track};
 use kband::impact::{ContactTime, Tone, Wave};
 use kband::regime::band;
+use kband::regime::gear::Share;
+use serde_json::{Value as Json, json};
+use survey::{Point, Survey};
 
 use crate::arguments::{
     self, ContactArguments, DriveArguments, OutputArguments, Range, ToneArguments,
 };
 use crate::causes;
 use crate::desk::Desk;
-use crate::refusal::{Exit, Refusal};
-use survey::Survey;
+use crate::picture::{Axis, Grid, Panel, Picture};
+use crate::refusal::{Exit, Result};
+use crate::report::{Printout, Value, fields, number, numbers, span, when};
 pub(in crate::verbs) use survey::{Lot, LotSettings};
 
 /// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
@@ -43,58 +46,44 @@ pub struct Arguments {
     /// Mean restitution of the parts, or LO..HI of the lot.
     #[arg(long, value_name = "R|LO..HI", default_value = "0.3", value_parser = arguments::restitution)]
     restitution: Restitution,
-
     /// Standard deviation of a part's restitution from impact to impact. Tumbling bodies have 0.27
     /// to 0.52, which this model does not cover.
     #[arg(long, value_name = "S", default_value = "0.05", value_parser = arguments::within(0.0, 0.3, ""))]
     scatter: f64,
-
     /// Order: drive periods of a flight.
     #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::count(1, 10))]
     order: usize,
-
     /// k, one value or a range [default: 0.15 over the order, up to the birth of the lock of the
     /// highest restitution, at most 1 over the order].
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((0.005, 4.0), 41))]
     k: Option<Range>,
-
     /// Amplitude normal to the track in mm, instead of --k: one value or a range.
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 41), conflicts_with = "k")]
     b: Option<Range>,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     /// Largest second tone of the search, over the first tone.
     #[arg(long, value_name = "E", default_value = "0.15", value_parser = arguments::within(0.01, 0.5, ""))]
     largest_second_tone: f64,
-
     /// Quality of the drive's resonance. From it follows the force that the second tone needs.
     #[arg(long, value_name = "Q", default_value = "25", value_parser = arguments::within(1.0, 1000.0, ""))]
     quality: f64,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     /// Number of restitutions of a lot, its ends included.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
     parts: usize,
-
     /// Number of runs of each part at each point.
     #[arg(long, value_name = "N", default_value = "8", value_parser = arguments::count(1, 1000))]
     runs: usize,
-
     /// Duration of a run in drive periods.
     #[arg(long, value_name = "N", default_value = "250", value_parser = arguments::count(40, 1_000_000))]
     periods: usize,
-
     /// Seed of the random restitutions. Equal seeds give equal bits, with any number of threads.
     #[arg(long, value_name = "N", default_value = "1", value_parser = arguments::seed)]
     seed: u64,
-
     #[command(flatten)]
     drive: DriveArguments,
-
     #[command(flatten)]
     output: OutputArguments,
 }
@@ -114,14 +103,13 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check_or("kband-gear.svg")?;
     let survey = survey_lot(arguments, desk)?;
-    let report = page::report(arguments, &survey)?;
-    output.show(&report, || page::picture(arguments, &survey))
+    output.show(&report(arguments, &survey)?, || picture(arguments, &survey))
 }
 
-fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey, Refusal> {
+fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let lot = Lot::build(LotSettings {
@@ -158,13 +146,13 @@ fn planned(arguments: &Arguments, contact: ContactTime) -> Option<f64> {
 }
 
 /// k for a range of amplitudes in mm, evenly spaced in k, as on the map.
-fn over_amplitude(b: Range, track: &Track) -> Result<Range, Refusal> {
+fn over_amplitude(b: Range, track: &Track) -> Result<Range> {
     let [low, high] = [b.high, b.low].map(|b| arguments::k_of(track, b));
     Ok(Range::new(low?, high?, b.count))
 }
 
 /// The waves to try; the sine is the first.
-fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
+fn waves(arguments: &Arguments) -> Result<Vec<Wave>> {
     let [_, third] = arguments.tones.upper();
     let mut waves = vec![Wave::sine()];
     if arguments.tones.second_tone.is_some() {
@@ -184,6 +172,228 @@ fn waves(arguments: &Arguments) -> Result<Vec<Wave>, Refusal> {
     Ok(waves)
 }
 
+struct NamedPoint<'a> {
+    name: &'static str,
+    point: &'a Point,
+    sum: Share,
+    amplitude: f64,
+    /// Largest acceleration normal to the track in g.
+    peak: f64,
+    /// Force of the second tone over that of the first: on a resonance, and far above any.
+    force: [f64; 2],
+    third: [f64; 2],
+}
+
+impl<'a> NamedPoint<'a> {
+    fn new(name: &'static str, point: &'a Point, arguments: &Arguments) -> Result<Self> {
+        let track = arguments.drive.track()?;
+        let amplitude = track.amplitude(point.k);
+        let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
+        Ok(Self {
+            name,
+            point,
+            sum: point.shares.sum(),
+            amplitude: 1e3 * amplitude,
+            peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
+            // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
+            // and 8 at three times it. That of a mass grows as w^2.
+            force: [3.0 * arguments.quality * e, 4.0 * e],
+            third: [8.0 * arguments.quality * e3, 9.0 * e3],
+        })
+    }
+
+    /// A value of the second tone; `None` on one tone.
+    fn of_tone(&self, value: f64) -> Option<f64> {
+        (!self.point.wave.is_sine()).then_some(value)
+    }
+
+    fn until_lost(&self) -> Value {
+        match self.sum.time_to_loss() {
+            Some(periods) => periods.into(),
+            None if self.sum.in_gear > 0.0 => "not lost".into(),
+            None => Value::Missing,
+        }
+    }
+}
+
+fields! {
+    fn named_point(at: NamedPoint<'a>) {
+        read POINT => at.name;
+        all K.digits(4) => at.point.k;
+        read E.titled("e").digits(3) => at.of_tone(at.point.wave.second().amplitude);
+        read TH.digits(4) => at.of_tone(at.point.wave.second().angle);
+        json E => at.point.wave.second().amplitude;
+        json TH => at.point.wave.second().angle;
+        json E3 => at.point.wave.third().amplitude;
+        json TH3 => at.point.wave.third().angle;
+        all IN_GEAR.titled("in gear").digits(3) => at.point.shares.mean();
+        all IN_GEAR_LEAST.titled("worst part").digits(3) => at.point.shares.min_share();
+        json IN_GEAR_AFTER_CAPTURE => at.sum.share_after_capture();
+        all PERIODS_TO_CAPTURE.titled("until captured").digits(3) => at.sum.time_to_capture();
+        read IN_GEAR_AFTER_CAPTURE.titled("in gear after").digits(3) => at.sum.share_after_capture();
+        read PERIODS_TO_LOSS.titled("until lost (periods)").digits(3) => at.until_lost();
+        json PERIODS_TO_LOSS => at.sum.time_to_loss();
+        all PERIODS_TO_LOSS_ERROR.titled("error").digits(2) =>
+            at.sum.time_to_loss().map(|time| time / (at.sum.losses as f64).sqrt());
+        all B.digits(4) => at.amplitude;
+        all PEAK.digits(3) => at.peak;
+        read FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3) => at.of_tone(at.force[0]);
+        json FORCE_RATIO_ON_RESONANCE => at.force[0];
+        json FORCE_RATIO_OFF_RESONANCE => at.force[1];
+        json THIRD_FORCE_RATIO_ON_RESONANCE => at.third[0];
+        json THIRD_FORCE_RATIO_OFF_RESONANCE => at.third[1];
+    }
+}
+
+fields! {
+    fn map_point(at: (Wave, f64, [f64; 2])) {
+        table E.titled("e") => at.0.second().amplitude;
+        table TH => at.0.second().angle;
+        table E3 => at.0.third().amplitude;
+        table TH3 => at.0.third().angle;
+        table K => at.1;
+        table IN_GEAR => at.2[0];
+        table IN_GEAR_LEAST => at.2[1];
+    }
+}
+
+fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint<'a>>> {
+    let two = if survey.waves.iter().any(|wave| wave.third().amplitude > 0.0) {
+        "three tones"
+    } else {
+        "two tones"
+    };
+    let points = [
+        ("one tone", Some(&survey.one_tone)),
+        (two, survey.two_tones.as_ref()),
+        ("middle of the band", survey.band_middle.as_ref()),
+    ];
+    let named = |(name, point)| Some(NamedPoint::new(name, point?, arguments));
+    points.into_iter().filter_map(named).collect()
+}
+
+fn lot_name(arguments: &Arguments, survey: &Survey) -> String {
+    let lot = arguments.restitution;
+    let parts = survey.lot.restitutions.len();
+    let parts = when(parts > 1, || format!(" ({parts} parts)"));
+    format!("R = {}{parts}", span(lot.low(), lot.high(), 6))
+}
+
+fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
+    let named = named(survey, arguments)?;
+    let view = named_point();
+    let lot = arguments.restitution;
+    let lot_name = lot_name(arguments, survey);
+    let report = view
+        .printout(&named)
+        .folded()
+        .heading(format!(
+            "Share of time in gear of order {}, {lot_name}, scatter {}, from rest, {} Hz{}",
+            arguments.order,
+            number(arguments.scatter, 6),
+            number(arguments.drive.frequency, 6),
+            arguments.contact.describe()
+        ))
+        .note(format!(
+            "Each part was watched for {} periods at each of these points.",
+            number(survey.lot.run_periods(), 6)
+        ));
+    let unlocked = survey.band_middle.is_none().then_some(
+        "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
+    );
+    let two = named.iter().find(|named| named.name.ends_with("tones"));
+    let second = two.map(|two| {
+        let ([on, off], quality) = (numbers(two.force, 3), number(arguments.quality, 4));
+        format!("The second tone takes {on} of the first one's force on a resonance of quality {quality}, {off} off it.")
+    });
+    let three = two.filter(|two| two.point.wave.third().amplitude > 0.0);
+    let third = three.map(|three| {
+        let [on, off] = numbers(three.third, 3);
+        format!("The third tone takes {on} of it there, {off} off it.")
+    });
+    let point = |(k, share)| json!({"k": k, "in_gear": share});
+    let over_k = |wave: usize| survey.over_k(wave).map(point).collect::<Json>();
+    let number_of_two =
+        two.and_then(|two| survey.waves.iter().position(|wave| *wave == two.point.wave));
+    let of_name = |name: &str| -> Json {
+        let mut points = named.iter();
+        let matching = points.find(|named| named.name.ends_with(name));
+        matching.map_or(Json::Null, |named| view.object(named))
+    };
+    let json = json!({
+        "restitution_low": lot.low(),
+        "restitution_high": lot.high(),
+        "scatter": arguments.scatter,
+        "order": arguments.order,
+        "seed": arguments.seed,
+        "periods_watched": survey.lot.run_periods(),
+        "one_tone": of_name("one tone"),
+        "two_tones": of_name("tones"),
+        "band_middle": of_name("middle of the band"),
+        "over_k": {
+            "one_tone": over_k(0),
+            "two_tones": number_of_two.map(over_k),
+        },
+    });
+    let count = survey.k.len();
+    let points: Vec<_> = (survey.map.iter().enumerate())
+        .map(|(n, shares)| (survey.waves[n / count], survey.k[n % count], *shares))
+        .collect();
+    let csv = map_point().table_of(&points);
+    let report = report.notes(unlocked).notes(second).notes(third);
+    Ok(report.json(&json)?.csv_of(csv))
+}
+
+fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
+    let low = survey.k.first().copied().unwrap_or(0.0);
+    let high = survey.k.last().copied().unwrap_or(1.0);
+    let share = Axis::new("share of time in gear", "", 0.0, 1.0);
+    let mut over = Panel::new(Axis::new("k", "", low, high), share)
+        .heading("Over the amplitude, k = g cos α / (b ω²)")
+        .line("one tone", 0, survey.over_k(0).collect());
+    if let Some(two) = &survey.two_tones
+        && let Some(number) = survey.waves.iter().position(|wave| *wave == two.wave)
+    {
+        let best = [&survey.one_tone, two].map(|at| (at.k, at.shares.mean()));
+        over = over
+            .line(&label(&two.wave), 1, survey.over_k(number).collect())
+            .markers("best points, fresh runs", 2, best.to_vec());
+    }
+    if let Some(middle) = &survey.band_middle {
+        over = over.mark(middle.k, "middle of the band");
+    }
+    let (lot_name, scatter) = (lot_name(arguments, survey), number(arguments.scatter, 4));
+    let (order, runs, periods) = (arguments.order, arguments.runs, arguments.periods);
+    let mut picture = Picture::new("How much of the time parts are in gear")
+        .width(820.0)
+        .caption(format!(
+            "{lot_name}, scatter {scatter}, order {order}; from rest, {runs} runs of {periods} periods of each part"
+        ))
+        .panel(over);
+    if arguments.tones.second_tone.is_none() {
+        let waves = 1..survey.waves.len();
+        let shares: Vec<f64> = waves.map(|wave| survey.best_over_k(wave)).collect();
+        let (from, to, count) = angles(arguments);
+        let half = 0.5 * (to - from) / f64::from(count - 1);
+        let step = arguments.largest_second_tone / f64::from(SECOND_TONE_AMPLITUDES);
+        let angle = Axis::new("angle th of the second tone", "rad", from - half, to + half);
+        let top = arguments.largest_second_tone + 0.5 * step;
+        let amplitude = Axis::new("amplitude e of the second tone", "", 0.5 * step, top);
+        let share = Axis::over_values("in gear", "", shares.iter().copied());
+        let best = Panel::new(angle, amplitude)
+            .heading("Over the second tone, each at its best k")
+            .heat(Grid::new(count as usize, shares), share);
+        picture = picture.panel(best);
+    }
+    picture
+}
+
+fn label(wave: &Wave) -> String {
+    let second = wave.second();
+    let [e, th] = numbers([second.amplitude, second.angle], 4);
+    format!("e = {e}, th = {th}")
+}
+
 #[cfg(test)]
 mod tests {
     use kband_control::Settings;
@@ -193,15 +403,9 @@ mod tests {
     /// On one tone the amplitude is equal to that of `bands` and of the controller in `simulate`.
     #[test]
     fn gear_names_the_amplitude_of_the_controller() {
-        #[derive(clap::Parser)]
-        struct CommandLine {
-            #[command(flatten)]
-            arguments: Arguments,
-        }
-        let line = "gear --restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
+        let options = "--restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
                     --second-tone 0.1,2.4 --parts 2 --runs 1 --periods 40";
-        let args = line.split_whitespace();
-        let arguments = <CommandLine as clap::Parser>::parse_from(args).arguments;
+        let arguments: Arguments = crate::verbs::read(options).unwrap();
         let desk = Desk::new(Some(1)).unwrap();
         let survey = survey_lot(&arguments, &desk).unwrap();
         let track = arguments.drive.track().unwrap();

@@ -2,16 +2,17 @@
 //!
 //! A row has phase and flight in rad, and the velocity after the impact in `b w`.
 
-mod portrait;
 pub mod rows;
 
-use std::path::{Path, PathBuf};
+use std::f64::consts::{PI, TAU};
+use std::path::PathBuf;
 
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::{
     ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
 };
+use rows::{LaunchFile, Row, check_rows, compute_rows};
 
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, FileArguments, Output, ScatterArguments,
@@ -19,12 +20,11 @@ use crate::arguments::{
 };
 use crate::desk::{Desk, Progress};
 use crate::file;
-use crate::refusal::{Exit, Refusal};
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
 use crate::report::rows_file::row_bytes;
-use crate::report::{self, Column, Format, Rows, Value, print_rows};
-use portrait::{States, portrait};
-use rows::{LaunchFile, Row, check_rows, compute_rows};
+use crate::report::{self, Column, Format, Rows, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,47 +49,35 @@ pub struct Arguments {
     /// k = g cos(alpha) / (b w^2).
     #[arg(long, value_parser = arguments::number, required_unless_present_any = ["from", "b"])]
     k: Option<f64>,
-
     #[command(flatten)]
     amplitude: AmplitudeArguments,
-
     /// Restitution of the part, 0..1.
     #[arg(long, value_name = "R", value_parser = arguments::number, required_unless_present = "from")]
     restitution: Option<f64>,
-
     /// Phase of the drive just after an impact in rad.
     #[arg(long, value_name = "T", value_parser = arguments::number, required_unless_present = "from")]
     phase: Option<f64>,
-
     /// Velocity relative to the track just after an impact, in units of b w, at least 0.
     #[arg(long, value_name = "PSI", value_parser = arguments::number, required_unless_present = "from")]
     velocity: Option<f64>,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     /// Number of consecutive impacts; memory does not grow with it.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, usize::MAX), default_value = "1", conflicts_with = "from")]
     count: usize,
-
     /// CSV file with the columns k,restitution,phase,velocity; `-` for standard input.
     #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["k", "b", "restitution", "phase", "velocity"])]
     from: Option<PathBuf>,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     /// Number system of the map.
     #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
     arithmetic: Arithmetic,
-
     /// Form of the result on standard output.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
-
     #[command(flatten)]
     drawn: FileArguments,
 }
@@ -113,7 +101,7 @@ impl Arithmetic {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.drawn.check(Format::Table, true)?;
     let tones = arguments.tones.upper();
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
@@ -143,7 +131,7 @@ struct Task<'a> {
     output: &'a Output,
 }
 
-fn on_one_tone(task: &Task) -> Result<States, Refusal> {
+fn on_one_tone(task: &Task) -> Result<States> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.compute(Map::build, impact),
         Arithmetic::F32 => task.compute(Single::build, impact),
@@ -151,7 +139,7 @@ fn on_one_tone(task: &Task) -> Result<States, Refusal> {
     }
 }
 
-fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States, Refusal> {
+fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States> {
     match task.arguments.arithmetic {
         Arithmetic::F64 => task.compute(build_on::<WaveMap>(tones), impact),
         Arithmetic::F32 => task.compute(build_on::<Single>(tones), impact),
@@ -166,14 +154,11 @@ fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, O
     move |k, restitution| K::on_tones(tones, k, restitution)
 }
 
-/// Impacts with a contact time, also on several tones.
-fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States, Refusal> {
+fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States> {
     let arithmetic = task.arguments.arithmetic;
     if arithmetic != Arithmetic::F64 {
-        return Err(arithmetic.refuse(
-            "f64 with --contact",
-            "leave out --arithmetic, or leave out --contact",
-        ));
+        let next = "leave out --arithmetic, or leave out --contact";
+        return Err(arithmetic.refuse("f64 with --contact", next));
     }
     task.compute(build_on::<WaveMap>(tones), |Row { kernel, state }| {
         let (k, restitution) = (kernel.k(), kernel.restitution());
@@ -191,27 +176,15 @@ impl Task<'_> {
         &self,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
-        match &self.arguments.from {
-            Some(path) => self.compute_file(path, build, impact),
-            None => self.compute_orbit(build, impact),
-        }
-    }
-
-    fn compute_file<K: Kernel>(
-        &self,
-        path: &Path,
-        build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
-        impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
+    ) -> Result<States> {
+        let Some(path) = &self.arguments.from else {
+            return self.compute_orbit(build, impact);
+        };
         let scatter = self.arguments.scatter.scatter;
         if scatter > 0.0 {
-            return Err(Refusal::value(
-                "--scatter",
-                scatter,
-                "0 with --from: each row has a restitution of its own",
-                "draw the restitutions in the file",
-            ));
+            let accepted = "0 with --from: each row has a restitution of its own";
+            let next = "draw the restitutions in the file";
+            return Err(Refusal::value("--scatter", scatter, accepted, next));
         }
         let launches = LaunchFile::open(path)?;
         let progress = Progress::beside_rows("checking rows", launches.size()?);
@@ -235,7 +208,7 @@ impl Task<'_> {
         &self,
         build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
         impact: impl Fn(&Row<K>) -> Impact<K::State>,
-    ) -> Result<States, Refusal> {
+    ) -> Result<States> {
         let arguments = self.arguments;
         // clap requires all four.
         let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
@@ -245,34 +218,28 @@ impl Task<'_> {
             state: K::state(or_nan(arguments.phase), or_nan(arguments.velocity))?,
         };
         let mut scatter = arguments.scatter.stream(or_nan(arguments.restitution), 0)?;
-        self.write(
-            &[N, PHASE, VELOCITY, FLIGHT],
-            arguments.count as u64,
-            |sink| {
-                for n in 1..=arguments.count {
-                    if let Some(scatter) = &mut scatter {
-                        row.kernel = build(k, scatter.draw())?;
-                    }
-                    let impact = impact(&row);
-                    let next = K::observe(impact.next);
-                    // A state out of the kernel's range ends the orbit.
-                    K::state(next.phase, next.velocity).map_err(|refused| {
-                        Refusal::value(
-                            refused.parameter,
-                            refused.value,
-                            format!("{} (arithmetic {})", refused.accepted, K::NAME),
-                            "ask for fewer impacts, or choose another --arithmetic",
-                        )
-                        .at(format!("after impact {n}"))
-                    })?;
-                    row.state = impact.next;
-                    let [phase, velocity, flight] =
-                        [next.phase, next.velocity, impact.flight].map(Value::from);
-                    sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+        let count = arguments.count as u64;
+        self.write(&[N, PHASE, VELOCITY, FLIGHT], count, |sink| {
+            for n in 1..=count {
+                if let Some(scatter) = &mut scatter {
+                    row.kernel = build(k, scatter.draw())?;
                 }
-                Ok(())
-            },
-        )
+                let impact = impact(&row);
+                let next = K::observe(impact.next);
+                // A state out of the kernel's range ends the orbit.
+                K::state(next.phase, next.velocity).map_err(|refused| {
+                    let accepted = format!("{} (arithmetic {})", refused.accepted, K::NAME);
+                    let next = "ask for fewer impacts, or choose another --arithmetic";
+                    Refusal::value(refused.parameter, refused.value, accepted, next)
+                        .at(format!("after impact {n}"))
+                })?;
+                row.state = impact.next;
+                let values = [next.phase, next.velocity, impact.flight].map(Value::from);
+                let [phase, velocity, flight] = values;
+                sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+            }
+            Ok(())
+        })
     }
 
     /// Calls `work` with the receiver of its rows, about as many as `rows`.
@@ -280,8 +247,8 @@ impl Task<'_> {
         &self,
         columns: &[Column],
         rows: u64,
-        work: impl FnOnce(&mut Sink) -> Result<(), Refusal>,
-    ) -> Result<States, Refusal> {
+        work: impl FnOnce(&mut Sink) -> Result<()>,
+    ) -> Result<States> {
         let columns: Vec<Column> = columns.iter().map(|one| one.digits(17).plain()).collect();
         self.output.rows(&columns, |file| {
             print_rows(self.arguments.format, &columns, |printed| {
@@ -302,7 +269,6 @@ impl Task<'_> {
     }
 }
 
-/// Receiver of the rows: standard output, a file, and the picture.
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
     columns: &'a [Column],
@@ -319,7 +285,7 @@ struct Sink<'a, 'p, 'f> {
 const ROWS_AT_ONCE: u64 = 1024;
 
 impl Sink<'_, '_, '_> {
-    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<()> {
         if let Some(printed) = &mut self.printed
             && let Err(error) = printed.row(row)
         {
@@ -357,4 +323,47 @@ impl Sink<'_, '_, '_> {
             report::state_size(target.path().display(), bytes(&target.ending()));
         }
     }
+}
+
+const MAX_DRAWN: usize = 1 << 17;
+
+/// Phase and velocity after each impact; of many, those after the first impacts.
+#[derive(Default)]
+struct States {
+    drawn: Vec<(f64, f64)>,
+    impacts: u64,
+}
+
+impl States {
+    fn add(&mut self, state: (f64, f64)) {
+        if self.drawn.len() < MAX_DRAWN {
+            self.drawn.push(state);
+        }
+        self.impacts += 1;
+    }
+}
+
+/// Phase portrait: the state after each impact, with phases within -pi..pi.
+fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
+    let (mut states, impacts) = (states.drawn, states.impacts);
+    for (phase, _) in &mut states {
+        if *phase > PI {
+            *phase -= TAU;
+        }
+    }
+    let phases = states.iter().map(|state| state.0);
+    let velocities = states.iter().map(|state| state.1);
+    let phase = Axis::over_values("phase t of the drive after the impact", "rad", phases).in_pi();
+    let velocity = Axis::over_values("velocity ψ after the impact", "b·ω", velocities);
+    let panel = Panel::new(phase, velocity).height(460.0);
+    let contact = arguments.contact.describe();
+    let map = match arguments.restitution {
+        Some(r) => format!("{drive_text}, R = {}{contact}; ", number(r, 6)),
+        None => String::new(),
+    };
+    let all_drawn = impacts == states.len() as u64;
+    let drawn = when(!all_drawn, || format!(", the first {} drawn", states.len()));
+    Picture::new("Phase portrait")
+        .caption(format!("{map}{impacts} impacts{drawn}"))
+        .panel(panel.markers("impacts", 0, states))
 }

@@ -8,7 +8,7 @@ use kband_control::{LoopMargins, Settings};
 use crate::arguments::OutputArguments;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::{Printout, fields};
 
 /// Compute the stability margins of the amplitude loop, on drives at their resonance and beside it.
@@ -40,7 +40,6 @@ fn detunings() -> Vec<f32> {
     parts.map(|part| 0.2 * part * part.abs()).collect()
 }
 
-/// Margins over the detuning, at one quality and one ratio of true to configured gain.
 struct Line {
     quality: f32,
     gain_ratio: f32,
@@ -48,7 +47,7 @@ struct Line {
 }
 
 impl Line {
-    fn new(quality: f32, gain_ratio: f32) -> Result<Self, Refusal> {
+    fn new(quality: f32, gain_ratio: f32) -> Result<Self> {
         let margins = detunings().into_iter().map(|detuning| {
             let configured = Settings {
                 quality,
@@ -64,11 +63,10 @@ impl Line {
         Ok(Self {
             quality,
             gain_ratio,
-            margins: margins.collect::<Result<_, Refusal>>()?,
+            margins: margins.collect::<Result<_>>()?,
         })
     }
 
-    /// Smallest value of one of the margins, and its detuning.
     fn min_margin(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f64) {
         let min_margin = (self.margins.iter())
             .map(|(detuning, margins)| (margin(margins), f64::from(*detuning)))
@@ -77,14 +75,13 @@ impl Line {
     }
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
         .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
     let lines = desk.try_map("margins", all.len(), |n| Line::new(all[n].0, all[n].1))?;
-    let report = report(&lines);
-    output.show(&report, || picture(&lines))
+    output.show(&report(&lines), || picture(&lines))
 }
 
 fields! {

@@ -6,19 +6,20 @@ mod figures;
 mod flight;
 mod hopping;
 mod lock;
-mod motion;
-mod page;
 
 use std::path::PathBuf;
+
+use engine::{Check, Row};
 
 use crate::arguments::{self, FormatArguments};
 use crate::desk::Desk;
 use crate::file::Destination;
+use crate::page::escaped;
 use crate::picture::Theme;
-use crate::refusal::{Exit, Refusal};
-use crate::report::{Printout, fields};
-
-use engine::{Check, Row};
+use crate::provenance;
+use crate::refusal::{Exit, Result};
+use crate::report::{Printout, fields, number, when};
+use crate::verbs::map::transport;
 
 /// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
 /// recomputed, verdict.
@@ -37,20 +38,17 @@ pub struct Arguments {
     /// Restitution of the part in the pictures of the page.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
     restitution: f64,
-
     /// Also write one self-contained page with table and pictures; the name ends in .html.
     #[arg(long, value_name = "FILE.html")]
     out: Option<PathBuf>,
-
     /// Colours of the pictures.
     #[arg(long, value_enum, default_value_t = Theme::Light)]
     theme: Theme,
-
     #[command(flatten)]
     printed: FormatArguments,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let out = arguments.out.as_deref();
     let target = out.map(|path| Destination::output(path, "html"));
     let target = target.transpose()?;
@@ -61,9 +59,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     let failed = rows.iter().filter(|row| !row.holds);
     let failed = failed.map(|row| format!("{} {}", row.equation, row.subject));
     let failed: Vec<String> = failed.collect();
-    report(&rows)?.print(arguments.printed.format)?;
+    report(&rows).print(arguments.printed.format)?;
     if let Some(target) = target {
-        let page = page::page(&rows, arguments.restitution, arguments.theme, desk)?;
+        let page = page(&rows, arguments.restitution, arguments.theme, desk)?;
         target.write_bytes(page.as_bytes())?;
         eprintln!("{}", target.describe_write());
     }
@@ -75,7 +73,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
     Ok(Exit::CheckFailed)
 }
 
-fn recompute(desk: &Desk) -> Result<Vec<Row>, Refusal> {
+fn recompute(desk: &Desk) -> Result<Vec<Row>> {
     let checks: [&[Check]; 4] = [
         flight::CHECKS,
         lock::CHECKS,
@@ -87,33 +85,29 @@ fn recompute(desk: &Desk) -> Result<Vec<Row>, Refusal> {
 
 fn summarize(rows: &[Row]) -> String {
     let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
+    let verdicts = ["agrees", "corrected", "refuted", "own finding"];
+    let ([agree, corrected, refuted, own], all) = (verdicts.map(count), rows.len());
     format!(
-        "{} rows: {} agree, {} corrected, {} refuted, {} findings of our own",
-        rows.len(),
-        count("agrees"),
-        count("corrected"),
-        count("refuted"),
-        count("own finding"),
+        "{all} rows: {agree} agree, {corrected} corrected, {refuted} refuted, {own} findings of our own"
     )
 }
 
 fields! {
-    /// A row of the table; the JSON is that of [`Row`].
     fn lines(row: Row) {
-        table EQUATION => row.equation.clone();
-        table SUBJECT => row.subject.clone();
-        table PRINTED => row.printed.clone();
-        table RECOMPUTED => row.recomputed.clone();
-        table VERDICT => row.verdict.clone();
-        table RESIDUAL.digits(2) => row.residual;
-        table TOLERANCE.digits(2) => row.tolerance;
-        table PRINTED_ERROR.digits(2) => row.printed_error;
-        table CASES => row.cases;
-        table HOLDS => row.holds;
+        all EQUATION => row.equation.clone();
+        all SUBJECT => row.subject.clone();
+        all PRINTED => row.printed.clone();
+        all RECOMPUTED => row.recomputed.clone();
+        all VERDICT => row.verdict.clone();
+        all RESIDUAL.digits(2) => row.residual;
+        all TOLERANCE.digits(2) => row.tolerance;
+        all PRINTED_ERROR.digits(2) => row.printed_error;
+        all CASES => row.cases;
+        all HOLDS => row.holds;
     }
 }
 
-fn report(rows: &[Row]) -> Result<Printout, Refusal> {
+fn report(rows: &[Row]) -> Printout {
     let end = match rows.iter().filter(|row| !row.holds).count() {
         0 => "every recomputation agrees with its reference".into(),
         failed => format!("{failed} recomputations DISAGREE with their reference"),
@@ -123,7 +117,109 @@ fn report(rows: &[Row]) -> Result<Printout, Refusal> {
         .printout(rows)
         .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
         .note(format!("{}; {cases} cases; {end}", summarize(rows)))
-        .json(&rows)
+}
+
+const STYLE: &str = "
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
+body.dark { background: #14181d; color: #ececec; }
+table { border-collapse: collapse; width: 100%; font-size: 13px; }
+th, td { text-align: left; vertical-align: top; padding: 4px 8px; border-bottom: 1px solid #8886; }
+td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+td.verdict { white-space: nowrap; font-weight: 600; }
+tr.fails td { background: #b03a00; color: #fff; }
+figure { margin: 2em 0; } figure svg { max-width: 100%; height: auto; }
+figcaption { font-size: 14px; }
+";
+
+fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<String> {
+    let r = number(restitution, 4);
+    let conveying = |options: &str| transport::picture(options, desk);
+    let pictures = [
+        (
+            figures::model(restitution)?,
+            "Fig. 1, the model: a part on a track that swings by b normal to itself and by a along itself, \
+             on an incline.",
+        ),
+        (
+            figures::motion(restitution)?,
+            "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.",
+        ),
+        (
+            figures::regimes(restitution, desk)?,
+            &format!(
+                "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
+                 rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
+            ),
+        ),
+        (
+            conveying(&format!("--restitution {r}"))?,
+            "Conveying speed over k. Locked parts travel at one speed whatever the amplitude; elsewhere the \
+             speed grows with it.",
+        ),
+        (
+            conveying("--restitution 0.9 --k 0.02..0.9:90 --amplitude-ratio 2")?,
+            "Wide chaos, R = 0.9: the time mean grows like the amplitude and exceeds the bound (37) of the \
+             impact mean.",
+        ),
+    ];
+    let dark = when(theme == Theme::Dark, || " class=\"dark\"");
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width\">\
+         <meta name=\"provenance\" content=\"{}\">\
+         <title>The paper, recomputed</title><style>{STYLE}</style></head><body{dark}>\n\
+         <h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
+         vibratory feeders</em>, Helv. Phys. Acta (1989). Each row is recomputed from the exact map and compared \
+         with a reference of its own; the residual is the largest deviation over all cases.</p>\n\
+         <p><strong>{}. {}</strong></p>\n{}",
+        escaped(&provenance::line()),
+        summarize(rows),
+        match rows.iter().filter(|row| !row.holds).count() {
+            0 => "Every recomputation agrees with its reference.".into(),
+            failed => format!("{failed} recomputations disagree with their reference."),
+        },
+        table(rows),
+    );
+    for (n, (picture, caption)) in pictures.iter().enumerate() {
+        page.push_str(&format!(
+            "<figure>\n{}\n<figcaption>{}</figcaption></figure>\n",
+            picture.to_svg_element(theme, &format!("p{n}")),
+            escaped(caption)
+        ));
+    }
+    page.push_str("</body></html>\n");
+    Ok(page)
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut table = String::from(
+        "<table><thead><tr><th>equation</th><th>subject</th><th>printed</th><th>recomputed</th>\
+         <th>verdict</th><th>residual</th><th>allowed</th><th>printed is off by</th><th>cases</th></tr></thead>\
+         <tbody>\n",
+    );
+    for row in rows {
+        let (begin, verdict) = if row.holds {
+            ("<tr>", row.verdict.as_str())
+        } else {
+            ("<tr class=\"fails\">", "recomputation fails")
+        };
+        table.push_str(begin);
+        for word in [&row.equation, &row.subject, &row.printed, &row.recomputed] {
+            table.push_str(&format!("<td>{}</td>", escaped(word)));
+        }
+        table.push_str(&format!("<td class=\"verdict\">{verdict}</td>"));
+        let off = row.printed_error.map(|off| number(off, 2));
+        for value in [
+            number(row.residual, 2),
+            number(row.tolerance, 2),
+            off.unwrap_or_default(),
+            row.cases.to_string(),
+        ] {
+            table.push_str(&format!("<td class=\"number\">{value}</td>"));
+        }
+        table.push_str("</tr>\n");
+    }
+    table + "</tbody></table>\n"
 }
 
 #[cfg(test)]
@@ -133,7 +229,7 @@ mod tests {
     use super::*;
 
     /// The rows, recomputed once for all tests, on two threads.
-    pub(in crate::verbs::map::paper) fn rows() -> &'static [Row] {
+    fn rows() -> &'static [Row] {
         static ROWS: OnceLock<Vec<Row>> = OnceLock::new();
         ROWS.get_or_init(|| recompute(&Desk::new(Some(2)).unwrap()).unwrap())
     }
@@ -190,5 +286,27 @@ mod tests {
         let exact = |row: &&Row| row.cases > 0 && row.tolerance < 1e-3;
         let failed = off.iter().filter(exact).filter(|row| !row.holds).count();
         assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());
+    }
+
+    #[test]
+    fn a_page_links_to_nothing_marks_failures_and_repeats_no_id() {
+        let rows = rows();
+        let text = table(rows);
+        assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
+        assert!(!text.contains("class=\"fails\""));
+        let mut broken = rows[0].clone();
+        broken.holds = false;
+        assert!(table(&[broken]).contains("class=\"fails\""));
+        let page = page(rows, 0.2, Theme::Light, &Desk::new(Some(2)).unwrap()).unwrap();
+        assert!(!page.contains("href=\"http"));
+        let after = |mark| {
+            let rests = page.split(mark).skip(1);
+            rests.filter_map(|rest| rest.split(['"', ')']).next())
+        };
+        let ids: Vec<&str> = after(" id=\"").collect();
+        let unique: std::collections::BTreeSet<&str> = ids.iter().copied().collect();
+        assert!(ids.len() >= 7, "{ids:?}");
+        assert_eq!(ids.len(), unique.len(), "an id stands twice: {ids:?}");
+        assert!(after("url(#").all(|id| unique.contains(id)));
     }
 }

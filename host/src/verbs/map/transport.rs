@@ -4,7 +4,7 @@ mod friction;
 mod speed;
 
 use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
-use kband::impact::{ContactTime, PartState, TangentialSettings};
+use kband::impact::{ContactTime, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
 
@@ -13,8 +13,9 @@ use crate::arguments::{
 };
 use crate::desk::Desk;
 use crate::picture::Picture;
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Result};
 use crate::report::{Printout, number};
+use crate::verbs::read;
 pub use friction::Row;
 
 /// Compute the conveying speed in every regime, over k or amplitude.
@@ -37,131 +38,99 @@ pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.0, 0.999, ""))]
     restitution: f64,
-
     /// k = g cos(alpha) / (b w^2), one value or a range [default: from high bounces to beyond the
     /// first band].
     #[arg(long, value_parser = arguments::range_or_value((0.001, 1000.0), 121), conflicts_with = "b")]
     k: Option<Range>,
-
     /// Amplitude of the track normal to itself in mm, one value or a range.
     #[arg(long, value_name = "MM", value_parser = arguments::range_or_value((1e-6, 1e3), 121))]
     b: Option<Range>,
-
     /// Throw number (1/k), one value or a range, with --friction [default: 0.3..3.5].
     #[arg(long, value_name = "G", value_parser = arguments::range_or_value((1e-3, 1e3), 129), conflicts_with_all = ["k", "b"], requires = "friction")]
     throw: Option<Range>,
-
     /// Coefficient of friction of parts on the track: one for both, or those of sliding and
     /// sticking.
     #[arg(long, value_name = "MU[,MU_S]", value_parser = arguments::friction, conflicts_with_all = ["tangential_restitution", "scatter"])]
     friction: Option<(f64, f64)>,
-
     #[command(flatten)]
     tones: ToneArguments,
-
     /// Quantity of the horizontal axis, with --friction [default: the throw number].
     #[arg(long, value_enum, requires = "friction")]
     over: Option<friction::Over>,
-
     /// The values of incline, friction or phase lead for --over.
     #[arg(long, value_name = "LO..HI[:N]", value_parser = arguments::range_or_value((-180.0, 180.0), 81), allow_hyphen_values = true, requires = "over")]
     values: Option<Range>,
-
     /// Restitution along the track, 0..1, 1 excluded; the paper's model, without friction.
     #[arg(long, value_name = "RT", default_value = "0.3", value_parser = arguments::within(0.0, 0.999, ""))]
     tangential_restitution: f64,
-
     /// Amplitude parallel to the track over amplitude normal to it (eta).
     #[arg(long, value_name = "ETA", default_value = "1.5", value_parser = arguments::within(0.0, 100.0, ""))]
     amplitude_ratio: f64,
-
     /// Phase lead of the parallel motion (gamma) in degrees.
     #[arg(long, value_name = "DEG", default_value = "0",
           value_parser = arguments::within(-180.0, 180.0, "degrees"))]
     phase_lead: f64,
-
     #[command(flatten)]
     drive: DriveArguments,
-
     /// Length of a part in mm. It adds the number of parts in an hour, end to end.
     #[arg(long, value_name = "MM", value_parser = arguments::within(1e-3, 1e4, "mm"))]
     part_length: Option<f64>,
-
     /// Number of starts for each k, besides rest and the locks.
     #[arg(long, value_name = "N", default_value = "12", value_parser = arguments::count(2, 10_000))]
     starts: usize,
-
     /// Number of impacts measured from each start.
     #[arg(long, value_name = "N", default_value = "3000", value_parser = arguments::count(100, 100_000_000))]
     impacts: usize,
-
     /// Number of impacts discarded first.
     #[arg(long, value_name = "N", default_value = "1000", value_parser = arguments::count(0, 100_000_000))]
     settle: usize,
-
     #[command(flatten)]
     contact: ContactArguments,
-
     #[command(flatten)]
     scatter: ScatterArguments,
-
     #[command(flatten)]
     output: OutputArguments,
 }
 
-pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit, Refusal> {
+pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let (report, picture) = compute(arguments, desk)?;
     output.show(&report, picture)
 }
 
 /// The picture for these options, for a page with several pictures.
-pub fn picture(options: &str, desk: &Desk) -> Result<Picture, Refusal> {
-    let (_, picture) = compute(&read(options)?, desk)?;
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
+    let arguments = read(options)?;
+    let (_, picture) = compute(&arguments, desk)?;
     Ok(picture())
 }
 
 /// Regimes from rest for these options, with friction, for a page with many.
-pub fn from_rest(options: &str, desk: &Desk) -> Result<Vec<Row>, Refusal> {
+pub fn from_rest(options: &str, desk: &Desk) -> Result<Vec<Row>> {
     let arguments = read(options)?;
-    friction::from_rest(&Feeder::build(&arguments)?, &arguments, desk)
+    friction::from_rest(Feeder::build(&arguments)?, desk)
 }
 
-fn read(options: &str) -> Result<Arguments, Refusal> {
-    #[derive(clap::Parser)]
-    struct CommandLine {
-        #[command(flatten)]
-        arguments: Arguments,
-    }
-    let args = std::iter::once("transport").chain(options.split_whitespace());
-    let line = <CommandLine as clap::Parser>::try_parse_from(args)
-        .map_err(|error| Refusal::new(error.to_string(), "see kband transport --help"))?;
-    Ok(line.arguments)
-}
+type Computed<'a> = (Printout, Box<dyn FnOnce() -> Picture + 'a>);
 
-/// A report, and its picture, drawn only on request.
-type Computed = (Printout, Box<dyn FnOnce() -> Picture>);
-
-fn compute(arguments: &Arguments, desk: &Desk) -> Result<Computed, Refusal> {
+fn compute<'a>(arguments: &'a Arguments, desk: &Desk) -> Result<Computed<'a>> {
     let feeder = Feeder::build(arguments)?;
-    if arguments.friction.is_some() {
-        return friction::compute(feeder, arguments, desk);
+    match arguments.friction {
+        Some(_) => friction::compute(feeder, desk),
+        None => speed::compute(feeder, desk),
     }
-    speed::compute(feeder, arguments, desk)
 }
 
-/// Quantities that do not depend on k.
 #[derive(Clone, Copy, Debug)]
-struct Feeder {
-    restitution: f64,
+struct Feeder<'a> {
+    arguments: &'a Arguments,
     contact: ContactTime,
-    milliseconds: ContactArguments,
     track: Track,
     settings: TangentialSettings,
 }
 
-impl Feeder {
-    fn build(arguments: &Arguments) -> Result<Self, Refusal> {
+impl<'a> Feeder<'a> {
+    fn build(arguments: &'a Arguments) -> Result<Self> {
         let track = Track::build(TrackSettings {
             frequency: arguments.drive.frequency,
             incline: arguments.drive.incline,
@@ -170,16 +139,15 @@ impl Feeder {
             gravity: STANDARD_GRAVITY,
         })?;
         Ok(Self {
-            restitution: arguments.restitution,
+            arguments,
             contact: arguments.contact.time(arguments.drive.frequency)?,
-            milliseconds: arguments.contact,
             track,
             settings: TangentialSettings::on(&track, arguments.tangential_restitution),
         })
     }
 
     fn lock(&self, k: f64, order: u32) -> Option<Lock> {
-        Lock::with_contact(k, self.restitution, order, self.contact).ok()?
+        Lock::with_contact(k, self.arguments.restitution, order, self.contact).ok()?
     }
 
     fn amplitude(&self, k: f64) -> f64 {
@@ -194,48 +162,31 @@ impl Feeder {
     fn describe(&self) -> String {
         format!(
             "R = {}, Rt = {}, η = {}, γ = {}°, incline {}°, {} Hz{}",
-            number(self.restitution, 6),
+            number(self.arguments.restitution, 6),
             number(self.settings.restitution, 6),
             number(self.settings.amplitude_ratio, 6),
             number(self.settings.phase_lead.to_degrees(), 6),
             number(self.track.incline().to_degrees(), 6),
             number(self.track.frequency(), 6),
-            self.milliseconds.describe(),
+            self.arguments.contact.describe(),
         )
+    }
+
+    /// Starts on the locks that attract at `k` and are first returns.
+    fn locked(&self, k: f64) -> impl Iterator<Item = Origin> {
+        let locks = ORDERS.filter_map(move |order| self.lock(k, order));
+        let persists = |lock: &Lock| lock.attracts() && lock.is_first_return();
+        let locks = locks.filter(persists);
+        locks.map(|lock| Origin::Hop(lock.state()))
+    }
+
+    fn effort(&self) -> Effort {
+        Effort {
+            settle: self.arguments.settle as u64,
+            impacts: self.arguments.impacts as u64,
+        }
     }
 }
 
 /// Lock orders that are searched at every k.
 const ORDERS: std::ops::RangeInclusive<u32> = 1..=8;
-
-/// Locks that attract at `k` and are first returns.
-fn locks(k: f64, feeder: &Feeder) -> Vec<Lock> {
-    let locks = ORDERS.filter_map(|order| feeder.lock(k, order));
-    let persists = |lock: &Lock| lock.attracts() && lock.is_first_return();
-    locks.filter(persists).collect()
-}
-
-/// Starts of parts at `k`: at rest, on each attracting lock, and `count` starts spread evenly over
-/// phase and velocity. The method is the additive recurrence of the plastic number. Velocities
-/// extend slightly beyond the launch velocity of the highest bounces, `2.5 R/(1-R)`.
-fn starts(k: f64, feeder: &Feeder, count: usize) -> Vec<Origin> {
-    const PLASTIC: f64 = 1.324_717_957_244_746;
-    let highest = 1.0 + 2.5 * feeder.restitution / (1.0 - feeder.restitution);
-    let mut starts = vec![Origin::Rest];
-    let locks = locks(k, feeder);
-    starts.extend(locks.iter().map(|lock| Origin::Hop(lock.state())));
-    starts.extend((0..count).map(|n| {
-        let n = n as f64 + 1.0;
-        let phase = (0.5 + n / PLASTIC).fract() * std::f64::consts::TAU;
-        let velocity = (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest;
-        Origin::Hop(PartState::new(phase, velocity))
-    }));
-    starts
-}
-
-fn effort(arguments: &Arguments) -> Effort {
-    Effort {
-        settle: arguments.settle as u64,
-        impacts: arguments.impacts as u64,
-    }
-}

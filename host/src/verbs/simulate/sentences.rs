@@ -8,26 +8,22 @@ use serde_json::{Value as Json, json};
 
 use super::summary::Observed;
 use crate::causes;
-use crate::refusal::Refusal;
-use crate::report::{Field, Printout, View, columns, fields, finite, number, when};
+use crate::refusal::Result;
+use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, when};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describe, regime_text};
 
 /// Smallest amplitude of the second tone, over the first, that is reported.
 const MIN_TONE_RATIO: f64 = 0.01;
 
-pub(super) struct Written<'a> {
-    pub picture: &'a Path,
-    pub trace: Option<&'a Path>,
-    pub scope: Option<&'a Path>,
-}
+/// The kind of a written file, and its path.
+pub(super) type Written<'a> = (&'static str, Option<&'a Path>);
 
-/// The timeline, the result in sentences, and the same as JSON.
 pub(super) fn report(
     outcome: &Outcome,
     fidelity: &str,
     unmet: Option<&[String]>,
-    written: &Written<'_>,
-) -> Result<Printout, Refusal> {
+    written: &[Written<'_>; 3],
+) -> Result<Printout> {
     let observed = Observed::from_outcome(outcome);
     let summary = observed.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
@@ -62,7 +58,6 @@ pub(super) fn report(
 type TimedEvent = (f64, String, Report);
 
 fields! {
-    /// An event with the resulting state and drive.
     fn state_after(at: TimedEvent) {
         all TIME.digits(4) => at.0;
         all EVENT => at.1.clone();
@@ -73,7 +68,6 @@ fields! {
 }
 
 fields! {
-    /// The measured regime after the event.
     fn regime_after(at: TimedEvent) {
         all IN_GEAR_ESTIMATED.titled("in gear (estimated)").digits(2) => f64::from(at.2.in_gear);
         all FLIP_ESTIMATED.titled("margin (to the flip)").digits(2) =>
@@ -85,7 +79,6 @@ fn is_moving(report: &Report) -> bool {
     f64::from(report.amplitude) > RESTING_AMPLITUDE
 }
 
-/// Events with the state, the drive and the measured regime after each.
 fn timeline(outcome: &Outcome) -> Printout {
     let mut tones = Vec::new();
     let upper = outcome.file().scene.settings.upper_tones();
@@ -129,15 +122,12 @@ fn describe_scene(outcome: &Outcome) -> String {
     let settings = &scene.settings;
     let widest = scene.scatter.iter().copied().fold(0.0, f32::max);
     let scatter = || format!(" scattering by {widest}");
+    let scatter = when(outcome.file().scatters(), scatter);
+    let (target, frequency) = (describe(outcome.target()), settings.frequency);
+    let (incline, quality) = (settings.incline, settings.quality);
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
     format!(
-        "target {}; {} Hz, incline {} degrees, restitution {}..{}{}, Q {}",
-        describe(outcome.target()),
-        settings.frequency,
-        settings.incline,
-        settings.restitution_low,
-        settings.restitution_high,
-        when(outcome.file().scatters(), scatter),
-        settings.quality
+        "target {target}; {frequency} Hz, incline {incline} degrees, restitution {low}..{high}{scatter}, Q {quality}"
     )
 }
 
@@ -184,31 +174,22 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
     let gear = outcome.last().gear_band.map(|band| {
         let [low, high] = band.map(f64::from);
         let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
-        let amplitudes = || format!(" (b {} .. {} mm)", mm(high), mm(low));
-        format!(
-            "gear band        k {} .. {}{}{}",
-            number(low, 4),
-            number(high, 4),
-            when(is_moving, amplitudes),
-            place((low..=high).contains(&k))
-        )
+        let b = when(is_moving, || format!(" (b {} .. {} mm)", mm(high), mm(low)));
+        let place = place((low..=high).contains(&k));
+        let [low, high] = numbers([low, high], 4);
+        format!("gear band        k {low} .. {high}{b}{place}")
     });
     let lock = match outcome.band() {
         Some(band) => {
-            let scatters = outcome.file().scatters();
-            format!(
-                "band             k {} .. {} (order {}{}){}",
-                number(band.low(), 4),
-                number(band.high(), 4),
-                band.order(),
-                when(scatters, || ", of a lock without scatter"),
-                when(gear.is_none(), || place(band.contains(k)))
-            )
+            let scatter = when(outcome.file().scatters(), || ", of a lock without scatter");
+            let place = when(gear.is_none(), || place(band.contains(k)));
+            let ([low, high], order) = (numbers([band.low(), band.high()], 4), band.order());
+            format!("band             k {low} .. {high} (order {order}{scatter}){place}")
         }
-        None => {
-            let why = outcome.no_band().unwrap_or_default();
-            format!("band             none: {why}")
-        }
+        None => format!(
+            "band             none: {}",
+            outcome.no_band().unwrap_or_default()
+        ),
     };
     gear.into_iter().chain([lock]).collect()
 }
@@ -221,15 +202,13 @@ fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
         Some(periods) => format!("lost after {} cycles in the mean", number(periods, 3)),
         None => "never lost".into(),
     };
+    let (share, order) = (number(share, 3), outcome.gear_order());
     let mut lines = vec![format!(
-        "in gear          {} of the time from {STATISTICS_START} s on (order {}), {lost}",
-        number(share, 3),
-        outcome.gear_order()
+        "in gear          {share} of the time from {STATISTICS_START} s on (order {order}), {lost}"
     )];
     let record = outcome.record();
-    let estimated = (record.in_gear_estimated(), record.in_gear_error());
-    if let (Some(coverage), estimated) = (record.in_gear_coverage(), estimated) {
-        lines.push(match estimated {
+    if let Some(coverage) = record.in_gear_coverage() {
+        lines.push(match (record.in_gear_estimated(), record.in_gear_error()) {
             (Some(estimate), Some(error)) => {
                 let part = || format!(", over {} of that time", number(coverage, 3));
                 let part = when(coverage != 1.0, part);
@@ -289,14 +268,14 @@ fn list_causes(observed: &Observed) -> Vec<String> {
 fn describe_strays(outcome: &Outcome) -> Option<String> {
     let settings = &outcome.file().scene.settings;
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
-    (!strays.is_empty()).then(|| {
+    let (low, high) = (settings.restitution_low, settings.restitution_high);
+    let all = strays.join(", ");
+    let text = || {
         format!(
-            "parts            R {} outside the lot {}..{} of the settings (part.actual)",
-            strays.join(", "),
-            settings.restitution_low,
-            settings.restitution_high
+            "parts            R {all} outside the lot {low}..{high} of the settings (part.actual)"
         )
-    })
+    };
+    (!strays.is_empty()).then(text)
 }
 
 fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
@@ -324,26 +303,21 @@ fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
 fn describe_identification(outcome: &Outcome) -> Option<String> {
     let identified = outcome.identified()?;
     let scatter = || format!(", scattering by {}", number(identified.scatter, 2));
+    let scatter = when(identified.scatter > 0.0, scatter);
+    let [r, k] = numbers([identified.restitution, identified.k], 3);
+    let (error, hops) = (number(identified.deviation, 1), identified.hops);
     Some(format!(
-        "restitution      {} identified{}, standard error {}, {} hops at k {}",
-        number(identified.restitution, 3),
-        when(identified.scatter > 0.0, scatter),
-        number(identified.deviation, 1),
-        identified.hops,
-        number(identified.k, 3)
+        "restitution      {r} identified{scatter}, standard error {error}, {hops} hops at k {k}"
     ))
 }
 
 fn describe_margin(outcome: &Outcome) -> Option<String> {
     let margin = outcome.last().margin?;
+    let [flip, trace, scatter] = numbers([margin.flip, margin.trace, margin.scatter], 2);
+    let (r, error) = (number(margin.restitution, 3), number(margin.error, 1));
+    let lost = margin.to_loss.round();
     Some(format!(
-        "estimated margin {} to the flip (trace {}), R {} +- {} scattering by {}; gear lost after {} cycles or more",
-        number(margin.flip, 2),
-        number(margin.trace, 2),
-        number(margin.restitution, 3),
-        number(margin.error, 1),
-        number(margin.scatter, 2),
-        margin.to_loss.round()
+        "estimated margin {flip} to the flip (trace {trace}), R {r} +- {error} scattering by {scatter}; gear lost after {lost} cycles or more"
     ))
 }
 
@@ -351,12 +325,13 @@ fn describe_load(outcome: &Outcome) -> Option<String> {
     let last = outcome.last();
     if let Some(load) = last.load {
         let flow = || format!(", {} g/s", number(load.flow, 3));
-        Some(format!(
-            "weighed          {} g on the track ({} g are) at {} mm/s{}",
-            number(load.mass, 3),
+        let flow = when(load.flow != 0.0, flow);
+        let ([weighed, speed], mass) = (
+            numbers([load.mass, load.speed], 3),
             number(outcome.mass(), 3),
-            number(load.speed, 3),
-            when(load.flow != 0.0, flow)
+        );
+        Some(format!(
+            "weighed          {weighed} g on the track ({mass} g are) at {speed} mm/s{flow}"
         ))
     } else {
         let unknown = outcome.file().scene.settings.track_mass > 0.0
@@ -385,10 +360,9 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
     } else {
         format!("measured {} rad", number(last.phase, 3))
     };
+    let (phase, expected) = (number(phase, 3), expected.unwrap_or_default());
     let mut lines = vec![format!(
-        "lock phase       {} rad, {measured}{}",
-        number(phase, 3),
-        expected.unwrap_or_default()
+        "lock phase       {phase} rad, {measured}{expected}"
     )];
     let quiet = "                 the parts are locked, but too quiet for the controller: \
                  [sensor] ringing against noise";
@@ -407,12 +381,9 @@ fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
     }
 }
 
-fn list_files(written: &Written<'_>) -> Vec<String> {
-    let picture = ("picture", Some(written.picture));
-    let files = [picture, ("trace", written.trace), ("scope", written.scope)].into_iter();
-    let line =
-        |(name, file): (&str, Option<&Path>)| Some(format!("{name:<16} {}", file?.display()));
-    files.filter_map(line).collect()
+fn list_files(written: &[Written<'_>; 3]) -> Vec<String> {
+    let line = |(name, file): &Written<'_>| Some(format!("{name:<16} {}", (*file)?.display()));
+    written.iter().filter_map(line).collect()
 }
 
 fn as_json(
@@ -420,10 +391,10 @@ fn as_json(
     observed: &Observed,
     fidelity: &str,
     unmet: Option<&[String]>,
-    written: &Written<'_>,
+    written: &[Written<'_>; 3],
 ) -> Json {
     let (last, lot) = (outcome.last(), planned_lot(outcome));
-    let path = |path: &Path| path.display().to_string();
+    let [picture, trace, scope] = written.map(|(_, path)| Some(path?.display().to_string()));
     let event = |at: kband_scene::TimedEvent| json!({"time": at.time, "event": at.event.name(), "state": at.report.state.name()});
     json!({
         "summary": observed.lines(),
@@ -459,9 +430,9 @@ fn as_json(
         "flow_weighed": last.load.map(|load| load.flow).filter(|flow| *flow != 0.0),
         "restitution_identified": outcome.identified().map(|identified| identified.restitution),
         "not_as_expected": unmet,
-        "picture": path(written.picture),
-        "trace": written.trace.map(path),
-        "scope": written.scope.map(path),
+        "picture": picture,
+        "trace": trace,
+        "scope": scope,
         "fidelity": fidelity,
         "times_real_time": outcome.times_real_time(),
     })

@@ -6,7 +6,7 @@ use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
 
 use crate::causes::{BestSetpoint, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
-use crate::report::number;
+use crate::report::{number, numbers};
 use crate::simulate::Outcome;
 
 /// Relative difference below which two amplitudes count as equal.
@@ -18,7 +18,6 @@ const MIN_TIME_IN_AIR: f64 = 0.9;
 /// bowl changes more.
 const THIN_MARGIN: f64 = 0.01;
 
-#[derive(Clone, Debug)]
 pub(super) struct Observed {
     /// Amplitude in mm, and the track's peak acceleration over gravity.
     amplitude: f64,
@@ -36,7 +35,6 @@ pub(super) struct Observed {
     best: Option<BestSetpoint>,
     /// Causes why the lot is out of gear at its best setpoint, the most likely one first.
     pub causes: Vec<Cause>,
-    /// Share of the time in the air.
     in_air: f64,
     /// Time in gear until its loss, in s.
     loss: Option<f64>,
@@ -121,7 +119,6 @@ impl Observed {
         }
     }
 
-    /// Whether successive flights alternate, as measured.
     fn doubled(&self) -> bool {
         let measured = self.last.regime;
         measured.is_some_and(|measured| matches!(measured.regime, Regime::Doubled { .. }))
@@ -197,25 +194,21 @@ impl Observed {
         if best.share < 0.5 || (ratio - 1.0).abs() < SAME_AMPLITUDE {
             return None;
         }
+        let fault = if ratio < 1.0 { "little" } else { "much" };
+        let [present, chosen] = numbers([self.amplitude, best.amplitude], 3);
+        let (lot, percent) = (&self.lot, number(100.0 * best.share, 2));
         Some(format!(
-            "{} mm is too {} for parts of R {}: {} mm keeps them in gear for {} % of the time ([target] gear = 1)",
-            number(self.amplitude, 3),
-            if ratio < 1.0 { "little" } else { "much" },
-            self.lot,
-            number(best.amplitude, 3),
-            number(100.0 * best.share, 2)
+            "{present} mm is too {fault} for parts of R {lot}: {chosen} mm keeps them in gear for {percent} % of the time ([target] gear = 1)"
         ))
     }
 
     fn margin(&self) -> Option<String> {
         if let Some(share) = self.in_gear {
-            let lost = self.loss?;
-            (share > 0.0).then(|| {
-                format!(
-                    "They lose it after {} s in the mean, and fall back into it by themselves.",
-                    number(lost, 2)
-                )
-            })
+            let lost = number(self.loss?, 2);
+            let text = format!(
+                "They lose it after {lost} s in the mean, and fall back into it by themselves."
+            );
+            (share > 0.0).then_some(text)
         } else if self.locked {
             let margin = self.margin?;
             let [percent, mm] = [100.0, self.amplitude].map(|scale| number(scale * margin, 2));
@@ -262,37 +255,25 @@ impl Observed {
                 return "no restitution was identified: see which parts and sensor it needs in the manual's commissioning".into();
             }
         }
-        if self.strays
-            && matches!(
-                self.last.state,
-                State::Holding | State::Locked | State::Capturing | State::Lost
-            )
-        {
-            return "some parts are outside the configured lot: widen part.restitution to all of them. \
-                    Kick and amplitude are chosen for the configured lot only"
-                .into();
-        }
-        if self.last.state == State::Locked && self.resting > 0 {
-            let (locked, all) = (self.parts - self.resting, self.parts);
-            let rest =
-                format!("the lock is of {locked} of the {all} parts, the others lie at rest");
-            return if self.k >= 1.0 {
-                format!(
-                    "{rest}: above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: \
-                     kband bands --restitution {}",
-                    self.lot
-                )
-            } else {
-                format!("{rest}: [target] gear = 1 throws them")
-            };
-        }
-        if self.last.state == State::Locked && self.doubled() {
-            return format!(
-                "the flights have doubled, as of parts livelier than the lot: kband bands --restitution {}",
-                self.lot
-            );
-        }
+        let bands = format!("kband bands --restitution {}", self.lot);
         match self.last.state {
+            State::Holding | State::Locked | State::Capturing | State::Lost if self.strays => {
+                "some parts are outside the configured lot: widen part.restitution to all of them. \
+                 Kick and amplitude are chosen for the configured lot only"
+                    .into()
+            }
+            State::Locked if self.resting > 0 => {
+                let (locked, all) = (self.parts - self.resting, self.parts);
+                let remedy = if self.k >= 1.0 {
+                    format!("above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: {bands}")
+                } else {
+                    "[target] gear = 1 throws them".into()
+                };
+                format!("the lock is of {locked} of the {all} parts, the others lie at rest: {remedy}")
+            }
+            State::Locked if self.doubled() => {
+                format!("the flights have doubled, as of parts livelier than the lot: {bands}")
+            }
             State::Off => "the enable input starts the drive: kband explain off".into(),
             State::Starting => format!("the setpoint is not reached yet: --duration {longer} gives it time"),
             State::Capturing => format!("the parts are not in lock yet: --duration {longer} gives it time"),
@@ -300,7 +281,7 @@ impl Observed {
             State::Lost => "the lock is lost; parts that scatter stay in gear where they do not stay locked: [target] gear = 1".into(),
             State::Fault | State::Limiting => format!("kband explain {}", self.last.state.name()),
             State::Locked if self.margin.is_some_and(|margin| margin < THIN_MARGIN) => {
-                format!("a lot of less width has more margin: kband bands --restitution {}", self.lot)
+                format!("a lot of less width has more margin: {bands}")
             }
             State::Locked => "the lock holds; kband explain margin describes its margin".into(),
             State::Holding => self.held(),

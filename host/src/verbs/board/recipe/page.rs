@@ -5,7 +5,7 @@ use kband_control::{Recipe, RecipeName, Settings, Shape, Target, UpperTone};
 use kband_scene::toml_number as real;
 
 use super::super::target::Kind;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 const NEXT: &str = "correct this line; kband recipe export shows a whole file";
 
@@ -32,7 +32,7 @@ impl Entry {
     ///
     /// # Errors
     /// Names the line and the accepted values.
-    pub fn parse(text: &str) -> Result<Vec<Self>, Refusal> {
+    pub fn parse(text: &str) -> Result<Vec<Self>> {
         let table = kband_scene::toml_table(text, NEXT)?;
         let lines = lines(text);
         let tables = match table.get("recipe") {
@@ -64,7 +64,7 @@ impl Entry {
         Ok(entries)
     }
 
-    fn from_toml(item: &toml::Value, lines: Vec<(String, usize)>) -> Result<Self, Refusal> {
+    fn from_toml(item: &toml::Value, lines: Vec<(String, usize)>) -> Result<Self> {
         let numbers = format!("a whole number from 1 to {}", Recipe::COUNT);
         let number = value(item, &lines, "number", &numbers, |value| {
             let number = u8::try_from(value.as_integer()?).ok()?;
@@ -132,7 +132,7 @@ fn value<T>(
     key: &str,
     accepted: &str,
     read: impl FnOnce(&toml::Value) -> Option<T>,
-) -> Result<T, Refusal> {
+) -> Result<T> {
     let raw = item.get(key);
     raw.and_then(read).ok_or_else(|| {
         let stated = raw.map_or("nothing".to_string(), ToString::to_string);
@@ -141,7 +141,7 @@ fn value<T>(
 }
 
 /// The target of a recipe: word and number as for `kband target`, or upper tones.
-fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target, Refusal> {
+fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
     let names = Kind::value_variants().iter().filter_map(|kind| {
         let value = kind.to_possible_value()?;
         Some(value.get_name().to_string())
@@ -296,20 +296,10 @@ mod tests {
             ("number = 2", "number = 1", 21, "each number once"),
             ("scatter = 0.07", "scatter = 0.4", 16, "0.0..0.3"),
             ("soft_stop = 0.4", "soft_stop = ''", 13, "0.02..60.0 s"),
-            (
-                "target = \"gear\"",
-                "target = \"gears\"",
-                9,
-                "gear, order, k, mm",
-            ),
+            ("\"gear\"", "\"gears\"", 9, "gear, order, k, mm"),
             ("value = 2", "value = 9", 10, "1..8"),
             ("scatter = 0.07", "scater = 0.07", 6, "0.0..0.3"),
-            (
-                "name = 'parts \"1\"'",
-                "name = 'a name too long'",
-                8,
-                "1 to 14",
-            ),
+            ("'parts \"1\"'", "'a name too long'", 8, "1 to 14"),
         ] {
             assert!(text.contains(old), "{old}: {text}");
             let refusal = Entry::parse(&text.replacen(old, new, 1)).unwrap_err();

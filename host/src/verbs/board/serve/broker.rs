@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use rumqttc::{Client, Event, LastWill, MqttOptions, Packet, QoS};
 
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 /// Time before a new attempt to connect to an absent broker.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
@@ -26,7 +26,7 @@ pub struct Broker {
 impl Broker {
     /// Connects to a broker, and reconnects after each loss. The topic `status` is online or, as
     /// the last will, offline.
-    pub fn begin(host: &str, port: u16, status: String) -> Result<Self, Refusal> {
+    pub fn begin(host: &str, port: u16, status: String) -> Result<Self> {
         let name = format!("kband-{}", std::process::id());
         let mut options = MqttOptions::new(name, host, port);
         options.set_keep_alive(KEEP_ALIVE_INTERVAL);
@@ -73,15 +73,11 @@ impl Broker {
 impl Drop for Broker {
     /// Publishes that the client is offline, as the last will would.
     fn drop(&mut self) {
-        let Self {
-            client,
-            status,
-            connected,
-        } = self;
-        let published = client.try_publish(&*status, QoS::AtLeastOnce, true, "offline");
+        let client = &self.client;
+        let published = client.try_publish(&self.status, QoS::AtLeastOnce, true, "offline");
         if published.is_ok() && client.try_disconnect().is_ok() {
             let end = Instant::now() + FAREWELL_TIMEOUT;
-            while connected.load(Ordering::Relaxed) && Instant::now() < end {
+            while self.connected.load(Ordering::Relaxed) && Instant::now() < end {
                 std::thread::sleep(Duration::from_millis(10));
             }
         }

@@ -12,7 +12,7 @@ use kband_plant::{Change, ClosedLoop, Scene};
 
 use super::Feeder;
 use crate::board::BoardMessage;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 /// Time after power-on at which the enable input turns on, s. An input that is on earlier starts
 /// nothing.
@@ -28,10 +28,7 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// The feeder of a scene at power-on.
-    ///
-    /// # Errors
-    /// A value of the scene is out of range.
+    /// The feeder of a scene at power-on; refused if a value of the scene is out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         Ok(Self {
             drive: Drive::build(scene)?,
@@ -52,12 +49,12 @@ impl Feeder for Simulated {
         answered
     }
 
-    fn advance(&mut self, passed: Duration) -> Result<(), Refusal> {
+    fn advance(&mut self, passed: Duration) -> Result<()> {
         self.drive.advance(passed.as_secs_f64());
         Ok(())
     }
 
-    fn news(&mut self) -> Result<Vec<BoardMessage>, Refusal> {
+    fn news(&mut self) -> Result<Vec<BoardMessage>> {
         let drive = &self.drive;
         let mut news = vec![
             BoardMessage::Setting("frequency".into(), drive.settings().frequency),
@@ -110,7 +107,6 @@ impl Drive {
         })
     }
 
-    /// Simulates the next `seconds`.
     fn advance(&mut self, seconds: f64) {
         self.due += seconds;
         while self.time < self.due {

@@ -7,7 +7,7 @@ use kband_control::wire::{Access, Request, Response};
 
 use super::Feeder;
 use crate::board::{Address, BoardMessage, Emulated, Link, Unsolicited};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Longest wait for the board; then the client receives an exception.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
@@ -23,11 +23,8 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// Opens the link.
-    ///
-    /// # Errors
-    /// No board answers, or it runs another firmware.
-    pub fn open(address: &Address) -> Result<Self, Refusal> {
+    /// Opens the link; refused if no board answers, or if it runs another firmware.
+    pub fn open(address: &Address) -> Result<Self> {
         let mut link = address.open(Emulated::Running)?;
         link.set_answer_timeout(ANSWER_TIMEOUT);
         Ok(Self {
@@ -39,10 +36,7 @@ impl Gateway {
     }
 
     /// Reason why clients can only read, and its remedy; `None` if they can command.
-    ///
-    /// # Errors
-    /// The board does not answer.
-    pub fn reads_only(&mut self) -> Result<Option<&'static str>, Refusal> {
+    pub fn reads_only(&mut self) -> Result<Option<&'static str>> {
         let access = self.link.status()?.map(|status| status.access);
         let mut controls = true;
         for key in ["bus", "bus_address"] {
@@ -59,7 +53,7 @@ impl Gateway {
         })
     }
 
-    fn request_news(&mut self, news: &mut Vec<BoardMessage>) -> Result<(), Refusal> {
+    fn request_news(&mut self, news: &mut Vec<BoardMessage>) -> Result<()> {
         let request = Request::Get("frequency");
         let frequency = self.link.request(&request, |response| match response {
             Response::Setting(setting) => setting.value,
@@ -118,11 +112,11 @@ impl Feeder for Gateway {
         }
     }
 
-    fn advance(&mut self, _passed: Duration) -> Result<(), Refusal> {
+    fn advance(&mut self, _passed: Duration) -> Result<()> {
         self.failure.take().map_or(Ok(()), Err)
     }
 
-    fn news(&mut self) -> Result<Vec<BoardMessage>, Refusal> {
+    fn news(&mut self) -> Result<Vec<BoardMessage>> {
         let mut news = Vec::new();
         match self.request_news(&mut news) {
             Err(refusal) if self.link.is_over() => Err(refusal),

@@ -8,7 +8,7 @@ use serde_json::Value as Json;
 use super::Feeder;
 use super::broker::Broker;
 use crate::board::BoardMessage;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::Value;
 use crate::stream;
 use crate::verbs::board::monitor::{Row, columns};
@@ -27,18 +27,14 @@ pub struct Publisher {
 
 impl Publisher {
     /// Connects to the broker at `address` (HOST:PORT), and reconnects after each loss.
-    ///
-    /// # Errors
-    /// Address or topic is invalid.
-    pub fn begin(address: &str, topic: &str) -> Result<Self, Refusal> {
+    /// Refused if address or topic is invalid.
+    pub fn begin(address: &str, topic: &str) -> Result<Self> {
         let (host, port) = split(address)?;
         if topic.is_empty() || topic.contains(['+', '#', '\0']) {
-            return Err(Refusal::value(
-                "--topic",
-                format!("{topic:?}"),
-                "a name with levels, without + and #",
-                "--topic line3/feeder",
-            ));
+            let value = format!("{topic:?}");
+            let accepted = "a name with levels, without + and #";
+            let next = "--topic line3/feeder";
+            return Err(Refusal::value("--topic", value, accepted, next));
         }
         let broker = Broker::begin(host, port, format!("{topic}/status"))?;
         Ok(Self {
@@ -51,10 +47,7 @@ impl Publisher {
     }
 
     /// Publishes a reading, at most once a second, and new events.
-    ///
-    /// # Errors
-    /// The connection to the feeder is lost.
-    pub fn publish(&mut self, feeder: &mut dyn Feeder) -> Result<(), Refusal> {
+    pub fn publish(&mut self, feeder: &mut dyn Feeder) -> Result<()> {
         if self.last.is_some_and(|last| last.elapsed() < INTERVAL) {
             return Ok(());
         }
@@ -99,7 +92,7 @@ fn object(row: &[Value]) -> Json {
     stream::object(&columns(), row)
 }
 
-fn split(address: &str) -> Result<(&str, u16), Refusal> {
+fn split(address: &str) -> Result<(&str, u16)> {
     let parts = address.rsplit_once(':');
     let parts = parts.and_then(|(host, port)| Some((host, port.parse().ok()?)));
     match parts {

@@ -1,7 +1,7 @@
 //! The client of an MQTT broker without the feature `mqtt`: the functions of mqtt.rs, which refuse
 //! every connection.
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// A client that cannot exist.
 pub enum Broker {}
@@ -9,11 +9,9 @@ pub enum Broker {}
 impl Broker {
     /// Connects; `status_topic` gets "online" and "offline". Always refused; the message names the
     /// feature to build with.
-    pub fn begin(_host: &str, _port: u16, _status_topic: String) -> Result<Self, Refusal> {
-        Err(Refusal::new(
-            "this kband was built without MQTT",
-            "install it with: cargo install --path host --features mqtt",
-        ))
+    pub fn begin(_host: &str, _port: u16, _status_topic: String) -> Result<Self> {
+        let next = "install it with: cargo install --path host --features mqtt";
+        Err(Refusal::new("this kband was built without MQTT", next))
     }
 
     /// Publishes a message; whether it was accepted. Never called, because no client exists.

@@ -8,11 +8,10 @@ use std::time::{Duration, Instant};
 use kband_control::wire::{Request, Response};
 use kband_control::{Identification, Identified, Target, Unidentified};
 
-use super::drive::why_off;
-use super::offer::Commissioning;
+use super::offer::{Commissioning, why_off};
 use crate::board::Link;
 use crate::desk::{Desk, Progress};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::{fields, shortest};
 
 /// Half-width of the narrowest proposed interval: the accuracy of the identification.
@@ -21,7 +20,6 @@ const MIN_HALF_WIDTH: f32 = 0.02;
 const RESULT_HOPS: u64 = 64;
 
 fields! {
-    /// Result of the identification, and the proposed interval.
     fn identified(row: (Identified, [f32; 2])) {
         all RESTITUTION.digits(3) => shortest(row.0.restitution);
         all DEVIATION.digits(2) => shortest(row.0.deviation);
@@ -32,8 +30,7 @@ fields! {
     }
 }
 
-/// Starts the identification on the board, and proposes the interval of restitution.
-pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let target = link.target()?;
     link.command(&Request::Target(Target::Identify))?;
@@ -54,7 +51,7 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     commissioning.conclude((link, settings), &offer, vec![note], identified(), result)
 }
 
-fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, Refusal> {
+fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified> {
     let progress = Progress::new("listening", RESULT_HOPS);
     let start = Instant::now();
     let mut hops_counted = 0;
@@ -70,30 +67,29 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
                 return Ok(result);
             }
             Some(Identification::NotFound(why)) => {
-                return Err(Refusal::new(
-                    format!(
-                        "the restitution was not identified: {}",
-                        match why {
-                            Unidentified::Quiet =>
-                                "no impact was detected that repeats in every cycle",
-                            Unidentified::Dead => {
-                                "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
-                            }
-                            Unidentified::Scattered =>
-                                "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part",
-                            Unidentified::Unsteady =>
-                                "the drive did not hold the required amplitudes in time",
-                            Unidentified::Unlike =>
-                                "the detected impacts are not the chatter of parts of one restitution",
-                        }
-                    ),
-                    match why {
-                        Unidentified::Scattered | Unidentified::Dead => {
-                            "put a single part on the track and try again: for one part the scatter is estimated too"
-                        }
-                        _ => "put parts of one kind on the track, a dozen or so, and try again",
-                    },
-                ));
+                let cause = match why {
+                    Unidentified::Quiet => "no impact was detected that repeats in every cycle",
+                    Unidentified::Dead => {
+                        "the parts bounce so little, or so unevenly, that the ringing of an impact hides the next"
+                    }
+                    Unidentified::Scattered => {
+                        "only the parts' first landing repeats: their restitution scatters, from impact to impact or from part to part"
+                    }
+                    Unidentified::Unsteady => {
+                        "the drive did not hold the required amplitudes in time"
+                    }
+                    Unidentified::Unlike => {
+                        "the detected impacts are not the chatter of parts of one restitution"
+                    }
+                };
+                let next = match why {
+                    Unidentified::Scattered | Unidentified::Dead => {
+                        "put a single part on the track and try again: for one part the scatter is estimated too"
+                    }
+                    _ => "put parts of one kind on the track, a dozen or so, and try again",
+                };
+                let cause = format!("the restitution was not identified: {cause}");
+                return Err(Refusal::new(cause, next));
             }
             Some(Identification::Listening { hops }) => {
                 let more = u64::from(hops).saturating_sub(hops_counted);
@@ -106,13 +102,11 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified, 
             return Err(off);
         }
     }
-    Err(Refusal::new(
-        format!(
-            "after {} s the board has detected {hops_counted} hops and has no result",
-            within.as_secs()
-        ),
-        "raise --within S; it needs up to 80 s of its own time",
-    ))
+    let seconds = within.as_secs();
+    let cause =
+        format!("after {seconds} s the board has detected {hops_counted} hops and has no result");
+    let next = "raise --within S; it needs up to 80 s of its own time";
+    Err(Refusal::new(cause, next))
 }
 
 /// Proposed interval, rounded outwards to hundredths.

@@ -9,12 +9,11 @@ use kband::feeder::STANDARD_GRAVITY;
 use kband_control::wire::{Request, Status, Telemetry};
 use kband_control::{Settings, State, Target};
 
-use super::drive::{gather, rest, why_off};
-use super::offer::Commissioning;
+use super::offer::{Commissioning, gather, rest, why_off};
 use crate::board::Link;
 use crate::desk::Desk;
-use crate::refusal::Refusal;
-use crate::report::{Column, Field, View};
+use crate::refusal::{Refusal, Result};
+use crate::report::{Column, Field, View, when};
 
 /// Number of averaged measurements at rest, and time between two of them.
 const REST_READINGS: u32 = 20;
@@ -69,20 +68,16 @@ fn response(settings: &Settings) -> f64 {
     1.0 / (quality * (1.0 - x * x).hypot(x / quality))
 }
 
-/// Track amplitude in m for full output at the drive's frequency, by the settings.
-fn strength(settings: &Settings) -> f64 {
-    f64::from(settings.gain) * 1e-3 * response(settings)
-}
-
 /// The ratio over the last steady cycles; `None` for too few.
 fn ratio(settings: &Settings, cycles: &[Telemetry]) -> Option<Ratio> {
     let last = cycles.get(cycles.len().checked_sub(BLOCK_CYCLES * BLOCKS)?..)?;
     let sum = |block: &[Telemetry], value: fn(&Telemetry) -> f32| -> f64 {
         block.iter().map(|cycle| f64::from(value(cycle))).sum()
     };
+    // Track amplitude in m for full output at the drive's frequency, by the settings.
+    let strength = f64::from(settings.gain) * 1e-3 * response(settings);
     let average = |block: &[Telemetry]| {
-        sum(block, |cycle| cycle.amplitude)
-            / (strength(settings) * sum(block, |cycle| cycle.output))
+        sum(block, |cycle| cycle.amplitude) / (strength * sum(block, |cycle| cycle.output))
     };
     let blocks = || last.chunks(BLOCK_CYCLES).map(average);
     Some(Ratio {
@@ -111,7 +106,7 @@ const PROPOSED_SETTINGS: [Column; 5] = [
 
 /// Measures the accelerometer at rest and while the drive runs, and proposes settings for the
 /// start-up tests.
-pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let (within, desk) = (commissioning.within, commissioning.desk);
     let configured = settings.configured();
@@ -120,10 +115,9 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     }
     let target = link.target()?;
     if target == Target::Amplitude(0.0) {
-        return Err(Refusal::new(
-            "the board's target is an amplitude of 0 mm, at which nothing can be measured",
-            "request the working target first, for example kband target gear 1 --save",
-        ));
+        let cause = "the board's target is an amplitude of 0 mm, at which nothing can be measured";
+        let next = "request the working target first, for example kband target gear 1 --save";
+        return Err(Refusal::new(cause, next));
     }
     rest(&mut link)?;
     let mean = average(&mut link, desk, |status| status.mean);
@@ -146,11 +140,8 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
     let tolerance = |factor: f64| digits((TOLERANCE_MARGIN * factor).min(2.5), 100.0);
     let swing = tolerance(quiet.factor(quiet.mean));
     let run = tolerance(loaded.factor(quiet.mean).max(by_current));
-    let current_gain = if wired {
-        digits(1e3 * quiet_per_ampere / response(&configured), 1e5)
-    } else {
-        0.0
-    };
+    let per_ampere = 1e3 * quiet_per_ampere / response(&configured);
+    let current_gain = when(wired, || digits(per_ampere, 1e5));
     let values = [voltage, gain, swing, run, current_gain];
     let pairs = PROPOSED_SETTINGS.map(|column| column.name);
     let pairs: Vec<_> = pairs.into_iter().zip(values).collect();
@@ -179,15 +170,13 @@ pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
 }
 
 /// Mean of a measured quantity of the board's status over 1 s.
-fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64, Refusal> {
+fn average(link: &mut Link, desk: &Desk, value: fn(&Status) -> f32) -> Result<f64> {
     let mut sum = 0.0;
     for _ in 0..REST_READINGS {
         desk.check_stop()?;
         let status = link.status()?.ok_or_else(|| {
-            Refusal::new(
-                "the board does not send its status",
-                "kband flash writes the firmware of this desk",
-            )
+            let cause = "the board does not send its status";
+            Refusal::new(cause, "kband flash writes the firmware of this desk")
         })?;
         sum += f64::from(value(&status));
         link.listen(READING_INTERVAL)?;
@@ -201,7 +190,7 @@ fn measure(
     configured: &Settings,
     within: Duration,
     desk: &Desk,
-) -> Result<(Ratio, f64), Refusal> {
+) -> Result<(Ratio, f64)> {
     let required = BLOCK_CYCLES * BLOCKS;
     // The last steady cycles in sequence.
     let take = |cycles: &mut Vec<Telemetry>, cycle: Telemetry| {
@@ -217,19 +206,16 @@ fn measure(
     link.command(&Request::Telemetry(0))?;
     let cycles = cycles?;
     let ratio = ratio(configured, &cycles).ok_or_else(|| {
-        Refusal::new(
-            format!("the drive did not hold its amplitude for {required} cycles"),
-            "kband monitor shows the limit; raise --within S",
-        )
+        let cause = format!("the drive did not hold its amplitude for {required} cycles");
+        Refusal::new(cause, "kband monitor shows the limit; raise --within S")
     })?;
     let amplitudes = cycles.iter().map(|cycle| f64::from(cycle.amplitude));
     let amplitude = amplitudes.sum::<f64>() / cycles.len() as f64;
     let current = average(link, desk, |status| status.current)?;
     if configured.current_sensitivity > 0.0 && current <= 0.0 {
-        return Err(Refusal::new(
-            "the current sensor measures no current of a running drive",
-            "check its wire; without one set current_sensitivity to 0",
-        ));
+        let cause = "the current sensor measures no current of a running drive";
+        let next = "check its wire; without one set current_sensitivity to 0";
+        return Err(Refusal::new(cause, next));
     }
     Ok((ratio, amplitude / current))
 }

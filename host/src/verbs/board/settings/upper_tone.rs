@@ -11,11 +11,10 @@ use num_complex::Complex64 as Complex;
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Shape, Target, UpperTone};
 
-use super::drive::{gather, why_off};
-use super::offer::Commissioning;
+use super::offer::{Commissioning, gather, why_off};
 use crate::board::Link;
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::{Column, Field, View, columns};
 
 /// k of the trial: the track throws no part.
@@ -24,7 +23,6 @@ const TRIAL_K: f32 = 1.3;
 const TRIAL_RATIO: f32 = 0.05;
 /// Phases of the second and third tone in rad, near the best ones of the map.
 const TRIAL_PHASES: [f32; 2] = [2.356, 5.3];
-/// Number of cycles in the average of the response.
 const AVERAGED_CYCLES: usize = 50;
 /// Delay from an output to its measurement, in cycles.
 const OUTPUT_DELAY: usize = 2;
@@ -33,9 +31,7 @@ const SETTLING_CYCLES: usize = 300;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Upper {
-    /// At twice the drive's frequency.
     Second,
-    /// At three times the drive's frequency.
     Third,
 }
 
@@ -48,7 +44,6 @@ impl Upper {
         }
     }
 
-    /// Tone of the output in a cycle: cosine and sine part.
     fn output(self, telemetry: &Telemetry) -> [f32; 2] {
         telemetry.overtones[self as usize]
     }
@@ -63,7 +58,6 @@ impl Upper {
     }
 }
 
-/// Response of the track at a multiple of the frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Answer {
     /// Track amplitude for full output, mm.
@@ -97,7 +91,7 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
 }
 
 /// Makes the board drive a small upper tone, measures the response and proposes its settings.
-pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(), Refusal> {
+pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let (name, key, keys) = upper.names();
     let configured = settings.configured();
@@ -125,10 +119,9 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(),
     link.command(&Request::Telemetry(0))?;
     link.command(&Request::Target(target))?;
     let Some(answer) = answer(upper, &cycles?) else {
-        return Err(Refusal::new(
-            format!("no {name} was made for {AVERAGED_CYCLES} cycles"),
-            "kband monitor shows the limit; raise --within S",
-        ));
+        let cause = format!("no {name} was made for {AVERAGED_CYCLES} cycles");
+        let next = "kband monitor shows the limit; raise --within S";
+        return Err(Refusal::new(cause, next));
     };
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(answer.gain, 1e4), digits(answer.lag, 10.0));
@@ -150,12 +143,7 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<(),
 }
 
 /// Collects cycles until the tone has settled or was abandoned.
-fn follow(
-    upper: Upper,
-    link: &mut Link,
-    within: Duration,
-    desk: &Desk,
-) -> Result<Vec<Telemetry>, Refusal> {
+fn follow(upper: Upper, link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetry>> {
     if let Some(off) = why_off(link)? {
         return Err(off);
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use salty::{Keypair, Sha512};
 
 use crate::file::{self, Destination};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// First word in the file of a secret key.
 const SECRET: &str = "kband-secret-key";
@@ -17,13 +17,11 @@ const PUBLIC: &str = "kband-public-key";
 
 /// Makes a key pair. The secret key is in a new file readable only by its owner, the public key in
 /// a file with the ending `.pub`. Returns the path of the public key.
-pub fn create(path: &Path) -> Result<PathBuf, Refusal> {
+pub fn create(path: &Path) -> Result<PathBuf> {
     let mut seed = [0; 32];
     getrandom::fill(&mut seed).map_err(|error| {
-        Refusal::new(
-            format!("the system gives no random numbers: {error}"),
-            "make the key on another machine",
-        )
+        let cause = format!("the system gives no random numbers: {error}");
+        Refusal::new(cause, "make the key on another machine")
     })?;
     let mut name = path.as_os_str().to_owned();
     name.push(".pub");
@@ -31,10 +29,9 @@ pub fn create(path: &Path) -> Result<PathBuf, Refusal> {
     for path in [path, &public] {
         Destination::check(path)?;
         if path.exists() {
-            return Err(Refusal::new(
-                format!("{} is there already", path.display()),
-                "give another name: a key is never overwritten",
-            ));
+            let cause = format!("{} is there already", path.display());
+            let next = "give another name: a key is never overwritten";
+            return Err(Refusal::new(cause, next));
         }
     }
     let pair = Keypair::from(&seed);
@@ -52,16 +49,15 @@ pub fn sum(image: &[u8], board: &str) -> [u8; 64] {
 }
 
 /// Signature of a sum by the secret key in a file.
-pub fn sign(key: &Path, sum: &[u8; 64]) -> Result<[u8; 64], Refusal> {
-    let pair = Keypair::from(&read(key, SECRET)?);
-    Ok(pair.sign(sum).to_bytes())
+pub fn sign(key: &Path, sum: &[u8; 64]) -> Result<[u8; 64]> {
+    Ok(Keypair::from(&read(key, SECRET)?).sign(sum).to_bytes())
 }
 
-pub fn read_public(path: &Path) -> Result<[u8; 32], Refusal> {
+pub fn read_public(path: &Path) -> Result<[u8; 32]> {
     read(path, PUBLIC)
 }
 
-fn read(path: &Path, kind: &str) -> Result<[u8; 32], Refusal> {
+fn read(path: &Path, kind: &str) -> Result<[u8; 32]> {
     let text = file::read_text(path)?;
     let key = text.trim().strip_prefix(kind).map(str::trim_start);
     key.and_then(bytes).ok_or_else(|| {
@@ -88,7 +84,7 @@ fn bytes(digits: &str) -> Option<[u8; 32]> {
 }
 
 /// Writes a key to a new file with these permissions; a failed attempt leaves no file.
-fn write(path: &Path, kind: &str, key: &[u8; 32], mode: u32) -> Result<(), Refusal> {
+fn write(path: &Path, kind: &str, key: &[u8; 32], mode: u32) -> Result<()> {
     let mut text = format!("{kind} ");
     for byte in key {
         // Writing to a String cannot fail.

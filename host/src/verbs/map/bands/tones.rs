@@ -10,13 +10,11 @@ use super::{
     millimetres, setpoint_in_words,
 };
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::report::{Printout, fields, span, when};
 
-/// Number of k in each band at which parts start from rest.
 const K_SAMPLES: u32 = 60;
 
-/// Number of impacts within which a part from rest must lock.
 const MAX_IMPACTS_TO_LOCK: usize = 600;
 
 /// A band of one order, and its part in which all parts lock from rest.
@@ -32,7 +30,7 @@ pub(super) fn report_of(
     wave: &Wave,
     track: &Track,
     desk: &Desk,
-) -> Result<Printout, Refusal> {
+) -> Result<Printout> {
     let rows = desk.try_map("bands", arguments.orders, |n| {
         rows(wave, arguments.restitution, n as u32 + 1)
     })?;
@@ -40,7 +38,7 @@ pub(super) fn report_of(
     Ok(report(arguments, wave, track, &rows))
 }
 
-fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>, Refusal> {
+fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     for band in WaveBands::common(wave, lot, order)?.iter() {
         rows.push(Row {
@@ -64,7 +62,7 @@ fn from_rest(
     lot: Restitution,
     order: u32,
     band: &WaveBand,
-) -> Result<Option<([f64; 2], f64)>, Refusal> {
+) -> Result<Option<([f64; 2], f64)>> {
     let parts = if lot.low() == lot.high() { 1 } else { PARTS };
     let mut reached: Vec<f64> = Vec::new();
     for n in 0..K_SAMPLES {
@@ -121,7 +119,6 @@ impl Row {
     }
 }
 
-/// The lot, and the track with its tones.
 struct Feeder<'a> {
     lot: Restitution,
     track: &'a Track,
@@ -138,11 +135,6 @@ impl Feeder<'_> {
     fn speeds(&self, order: u32) -> String {
         let (low, high) = (self.lot.low(), self.lot.high());
         span(self.speed(order, high), self.speed(order, low), 4)
-    }
-
-    /// Largest acceleration of the track in g.
-    fn peak(&self, k: f64) -> f64 {
-        self.track.acceleration(self.track.amplitude(k)) * self.wave.peak_acceleration()
     }
 }
 
@@ -165,7 +157,9 @@ fields! {
         data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
         read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
         all THROW.digits(4) => row.setpoint().map(throw_number);
-        all PEAK.digits(4) => row.setpoint().map(|k| feeder.peak(k));
+        all PEAK.digits(4) => row.setpoint().map(|k| {
+            feeder.track.acceleration(feeder.track.amplitude(k)) * feeder.wave.peak_acceleration()
+        });
         read ENDS => row.map_band(|band| [band.low, band.high].map(|end| name(end.bifurcation)).join(", "));
         read REACHED_FROM_REST.titled("locks from rest") => row.map_band(|_| row.reached());
         read SPEEDS.titled("speed (mm/s)") => row.map_band(|_| feeder.speeds(row.order));

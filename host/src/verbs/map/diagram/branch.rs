@@ -9,14 +9,12 @@ use kband::regime::Lock;
 use kband::regime::classify::Regime;
 use serde::Serialize;
 
-use super::over::Over;
-use super::{Arguments, ColumnStart};
+use super::{Arguments, ColumnStart, Over};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::Fill;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
-/// The impacts of one start, column by column.
 pub(super) struct Branch {
     pub(super) start: ColumnStart,
     pub(super) columns: Vec<Column>,
@@ -36,18 +34,15 @@ impl Branch {
     }
 }
 
-/// The impacts of one column, and its ending.
 pub(super) struct Column {
     /// Start of the part; `None` from rest.
     from: Option<PartState>,
-    /// States after the drawn impacts.
     pub(super) states: Vec<PartState>,
     pub(super) ending: Ending,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Ending {
-    /// A regime, for constant restitution.
     Regime(Regime),
     /// Share of time in gear, for restitution that scatters.
     InGear(Option<InGear>),
@@ -102,7 +97,7 @@ pub(super) fn follow(
     contact: ContactTime,
     starts: &[ColumnStart],
     desk: &Desk,
-) -> Result<Vec<Branch>, Refusal> {
+) -> Result<Vec<Branch>> {
     let columns = tracks.len();
     let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
     for start in starts {
@@ -117,7 +112,7 @@ pub(super) fn follow(
         ColumnStart::Rest => 1,
         ColumnStart::Down => 2,
     });
-    let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_, Refusal> {
+    let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_> {
         let (start, column) = tasks[task];
         let mut order: Vec<usize> = (0..columns).collect();
         match start {
@@ -157,13 +152,12 @@ pub(super) fn follow(
     Ok(branches)
 }
 
-/// Decides the final regimes of all columns.
 fn classify(
     tracks: &[(f64, f64)],
     contact: ContactTime,
     branches: &mut [Branch],
     desk: &Desk,
-) -> Result<(), Refusal> {
+) -> Result<()> {
     let columns = tracks.len();
     let endings = desk.spread("regimes", columns, ORBITS_PER_BLOCK, |places| {
         let group: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
@@ -198,7 +192,7 @@ fn simulate_column(
     contact: ContactTime,
     stream: u64,
     state: &mut Option<PartState>,
-) -> Result<Column, Refusal> {
+) -> Result<Column> {
     let map = Map::build(k, restitution)?;
     let from = *state;
     let mut orbit = match from {
@@ -215,26 +209,17 @@ fn simulate_column(
     let scatters = arguments.scatter.scatter > 0.0;
     let mut gears = scatters.then(Gears::start_now).transpose()?;
     let mut take = |before: PartState, event: OrbitEvent| {
-        count += usize::from(matches!(event, OrbitEvent::Impact(_)));
-        match event {
-            OrbitEvent::Impact(impact) => {
-                last = Some(impact.next);
-                if count > arguments.settle {
-                    states.push(impact.next);
-                    if let Some(gears) = &mut gears {
-                        gears.impact(before, &impact);
-                    }
-                }
-            }
-            OrbitEvent::Rest { chatter, phase } => {
-                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
-                    gears.rest(before, chatter, phase);
-                }
-            }
-            OrbitEvent::LiftOff { wait, phase } => {
-                if let Some(gears) = gears.as_mut().filter(|_| count >= arguments.settle) {
-                    gears.lift_off(wait, phase);
-                }
+        let is_settled = count >= arguments.settle;
+        if let OrbitEvent::Impact(impact) = event {
+            count += 1;
+            last = Some(impact.next);
+            states.extend(is_settled.then_some(impact.next));
+        }
+        if let Some(gears) = gears.as_mut().filter(|_| is_settled) {
+            match event {
+                OrbitEvent::Impact(impact) => gears.impact(before, &impact),
+                OrbitEvent::Rest { chatter, phase } => gears.rest(before, chatter, phase),
+                OrbitEvent::LiftOff { wait, phase } => gears.lift_off(wait, phase),
             }
         }
         count

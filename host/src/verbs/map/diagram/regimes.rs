@@ -10,14 +10,13 @@ use crate::arguments::{ContactArguments, Range};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::{Axis, Grid, Panel, Picture};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::columns::{FROM_LOCK, FROM_REST, K, RESTITUTION};
-use crate::report::{Printout, Table, fields, number};
+use crate::report::{Printout, Table, fields, numbers};
 
 /// Largest number of points of a map; it takes some minutes on one core.
 const MAX_MAP_POINTS: usize = 250_000;
 
-/// Final regimes over k and restitution.
 pub(super) struct Map {
     k: Range,
     restitution: Range,
@@ -26,7 +25,6 @@ pub(super) struct Map {
     ends: [Vec<Regime>; 2],
 }
 
-/// A start, a regime, and the share and the number of the points that end in it.
 type Share = (&'static str, &'static str, f64, usize);
 
 fields! {
@@ -38,7 +36,6 @@ fields! {
     }
 }
 
-/// Names of the starts in tables and headings.
 const STARTS: [(&str, &str); 2] = [
     ("rest", "from rest"),
     (
@@ -48,11 +45,7 @@ const STARTS: [(&str, &str); 2] = [
 ];
 
 impl Map {
-    pub(super) fn compute(
-        arguments: &Arguments,
-        contact: ContactTime,
-        desk: &Desk,
-    ) -> Result<Self, Refusal> {
+    pub fn compute(arguments: &Arguments, contact: ContactTime, desk: &Desk) -> Result<Self> {
         let (k, restitution) = ranges(arguments)?;
         let of_row = |restitution| k.values().map(move |k| (k, restitution));
         let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();
@@ -73,14 +66,18 @@ impl Map {
         })
     }
 
-    pub(super) fn report(&self) -> Result<Printout, Refusal> {
+    pub fn report(&self) -> Result<Printout> {
         let mut rows: Vec<Share> = Vec::new();
         for (&(start, _), ends) in STARTS.iter().zip(&self.ends) {
             for (_, regime, points) in ending::count_fills(ends) {
                 rows.push((start, regime, points as f64 / ends.len() as f64, points));
             }
         }
-        let objects: Vec<_> = rows.iter().map(|row| shares().object(row)).collect();
+        let [k, restitution] = [self.k, self.restitution].map(|Range { low, high, count }| {
+            let [low, high] = numbers([low, high], 6);
+            format!("{low}..{high} ({count})")
+        });
+        let contact = self.contact.describe();
         let mut full = Table::new(&[K, RESTITUTION, FROM_REST, FROM_LOCK]);
         let places = self.restitution.values();
         let places = places.flat_map(|r| self.k.values().map(move |k| (k, r)));
@@ -91,39 +88,27 @@ impl Map {
         }
         shares()
             .printout(&rows)
-            .heading(format!(
-                "Where a part ends: k = {}..{} ({}), R = {}..{} ({}){}",
-                number(self.k.low, 6),
-                number(self.k.high, 6),
-                self.k.count,
-                number(self.restitution.low, 6),
-                number(self.restitution.high, 6),
-                self.restitution.count,
-                self.contact.describe()
-            ))
+            .heading(format!("Where a part ends: k = {k}, R = {restitution}{contact}"))
             .note("--out FILE.svg draws the map, FILE.csv lists its points")
             .csv_of(full)
             .json(&serde_json::json!({
                 "k": [self.k.low, self.k.high, self.k.count],
                 "restitution": [self.restitution.low, self.restitution.high, self.restitution.count],
                 "followed": MAX_ORBIT_IMPACTS,
-                "shares": objects,
+                "shares": shares().objects(&rows),
             }))
     }
 
-    pub(super) fn picture(&self) -> Picture {
-        let mut picture = Picture::new("Regimes over k and restitution")
+    pub fn picture(&self) -> Picture {
+        let (columns, rows) = (self.k.count, self.restitution.count);
+        let contact = self.contact.describe();
+        let picture = Picture::new("Regimes over k and restitution")
             .width(780.0)
             .caption(format!(
-                "{} × {} parts, each followed for up to {MAX_ORBIT_IMPACTS} impacts{}",
-                self.k.count,
-                self.restitution.count,
-                self.contact.describe()
+                "{columns} × {rows} parts, each followed for up to {MAX_ORBIT_IMPACTS} impacts{contact}"
             ));
-        for start in 0..STARTS.len() {
-            picture = picture.panel(self.panel(start));
-        }
-        picture
+        let panels = (0..STARTS.len()).map(|start| self.panel(start));
+        panels.fold(picture, Picture::panel)
     }
 
     fn panel(&self, start: usize) -> Panel {
@@ -134,13 +119,11 @@ impl Map {
             let half = 0.5 * (range.high - range.low) / (range.count - 1) as f64;
             Axis::new(label, "", range.low - half, range.high + half)
         };
-        let mut panel = Panel::new(
-            axis("k = g cos α / (b ω²)", self.k),
-            axis("restitution R", self.restitution),
-        )
-        .heading(STARTS[start].1)
-        .height(380.0)
-        .classes(Grid::new(self.k.count, fills), &ending::name_shares(ends));
+        let k = axis("k = g cos α / (b ω²)", self.k);
+        let mut panel = Panel::new(k, axis("restitution R", self.restitution))
+            .heading(STARTS[start].1)
+            .height(380.0)
+            .classes(Grid::new(self.k.count, fills), &ending::name_shares(ends));
         for order in 1..=3 {
             let ends = |bound: fn(f64, u32) -> Result<f64, OutOfRange>| {
                 let place = |r: f64| (bound(r, order).unwrap_or(f64::NAN), r);
@@ -155,7 +138,7 @@ impl Map {
     }
 }
 
-fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
+fn ranges(arguments: &Arguments) -> Result<(Range, Range)> {
     let k = arguments.k.unwrap_or(Range::new(0.1, 0.8, 200));
     let restitution = arguments.restitution.unwrap_or(Range::new(0.0, 0.9, 150));
     // A range without a count gets as many values as the limit allows.
@@ -176,10 +159,9 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
             fitted(restitution, default_range(k)),
         ),
         _ => {
-            return Err(Refusal::new(
-                "--show regimes needs both --k and --restitution as a range",
-                "for example --k 0.1..0.8:200 --restitution 0..0.9:150",
-            ));
+            let cause = "--show regimes needs both --k and --restitution as a range";
+            let next = "for example --k 0.1..0.8:200 --restitution 0..0.9:150";
+            return Err(Refusal::new(cause, next));
         }
     };
     if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS {
@@ -192,12 +174,9 @@ fn ranges(arguments: &Arguments) -> Result<(Range, Range), Refusal> {
     }
     let scatter = arguments.scatter.scatter;
     if scatter > 0.0 {
-        return Err(Refusal::value(
-            "--scatter",
-            scatter,
-            "0 with --show regimes: with scatter there is no final regime",
-            "kband gear --scatter computes the share of time in gear",
-        ));
+        let accepted = "0 with --show regimes: with scatter there is no final regime";
+        let next = "kband gear --scatter computes the share of time in gear";
+        return Err(Refusal::value("--scatter", scatter, accepted, next));
     }
     Ok((k, restitution))
 }

@@ -11,9 +11,8 @@ use kband::regime::gear::{Share, shares_from_rest};
 use kband_scene::restitutions;
 
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
-/// A lot of parts and the length of its simulation.
 #[derive(Clone, Copy)]
 pub(in crate::verbs) struct LotSettings {
     pub restitution: Restitution,
@@ -51,17 +50,13 @@ impl Stage {
     }
 }
 
-/// Shares in gear of a lot's parts at one point.
-#[derive(Clone, Debug)]
 pub(super) struct Shares(pub Vec<Share>);
 
 impl Shares {
-    /// Mean share of time in gear.
     pub fn mean(&self) -> f64 {
         self.0.iter().map(Share::share).sum::<f64>() / self.0.len() as f64
     }
 
-    /// Smallest share of a part.
     pub fn min_share(&self) -> f64 {
         self.0.iter().map(Share::share).fold(1.0, f64::min)
     }
@@ -93,7 +88,7 @@ pub(super) struct Survey {
 const REFINED_POINTS: usize = 16;
 
 impl Lot {
-    pub fn build(settings: LotSettings) -> Result<Self, Refusal> {
+    pub fn build(settings: LotSettings) -> Result<Self> {
         let restitutions = restitutions(settings.restitution, settings.parts);
         for &restitution in &restitutions {
             Scatter::build(restitution, settings.scatter, 0)?;
@@ -106,7 +101,7 @@ impl Lot {
 
     /// Simulates every part at one point. The seed depends only on part, run and stage (common
     /// random numbers), to compare points.
-    fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares, Refusal> {
+    fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares> {
         let settings = &self.settings;
         let runs = settings.runs * stage.effort();
         let mut scatters = Vec::with_capacity(runs * self.restitutions.len());
@@ -125,8 +120,7 @@ impl Lot {
         Ok(Shares(shares))
     }
 
-    /// Mean and smallest share of the parts at one point.
-    pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2], Refusal> {
+    pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2]> {
         let shares = self.simulate(wave, k, Stage::Map)?;
         Ok([shares.mean(), shares.min_share()])
     }
@@ -137,7 +131,7 @@ impl Lot {
     }
 
     /// k in the middle of the lot's band; `None` without a band.
-    fn middle_of_band(&self) -> Result<Option<f64>, Refusal> {
+    fn middle_of_band(&self) -> Result<Option<f64>> {
         let settings = &self.settings;
         let (lot, order, contact) = (settings.restitution, settings.order, settings.contact);
         match Band::common_with_contact(lot, order, contact) {
@@ -157,17 +151,17 @@ impl Survey {
         waves: &[Wave],
         planned: Option<f64>,
         desk: &Desk,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self> {
         let place = |n: usize| (&waves[n / k.len()], k[n % k.len()]);
         let map = desk.try_map("gear", waves.len() * k.len(), |n| {
             let (wave, k) = place(n);
             lot.at(wave, k)
         })?;
-        let verdict = |wave: Wave, k: f64| -> Result<Point, Refusal> {
+        let verdict = |wave: Wave, k: f64| -> Result<Point> {
             let shares = lot.simulate(&wave, k, Stage::Verdict)?;
             Ok(Point { wave, k, shares })
         };
-        let named = |from: usize, to: usize| -> Result<Option<Point>, Refusal> {
+        let named = |from: usize, to: usize| -> Result<Option<Point>> {
             let mut order: Vec<usize> = (from..to).collect();
             order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]).then(a.cmp(&b)));
             order.truncate(REFINED_POINTS);
@@ -201,13 +195,11 @@ impl Survey {
         })
     }
 
-    /// Mean share of a wave over k.
     pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let count = self.k.len();
         (0..count).map(move |n| (self.k[n], self.map[wave * count + n][0]))
     }
 
-    /// The best share of a wave over all k of the map.
     pub fn best_over_k(&self, wave: usize) -> f64 {
         let shares = self.over_k(wave).map(|(_, share)| share);
         shares.fold(0.0, f64::max)

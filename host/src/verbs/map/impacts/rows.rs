@@ -8,7 +8,7 @@ use kband::feeder::OutOfRange;
 use kband::impact::{Kernel, Map};
 
 use crate::file;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// A map and an initial state.
 pub struct Row<K: Kernel> {
@@ -28,7 +28,7 @@ pub(super) struct LaunchFile<'a> {
 
 impl<'a> LaunchFile<'a> {
     /// Opens a file. A pipe is copied to the disk, because it can be read only once.
-    pub fn open(path: &'a Path) -> Result<Self, Refusal> {
+    pub fn open(path: &'a Path) -> Result<Self> {
         let refuse = |error: std::io::Error| unread(path, &error);
         let mut file = file::open(path, NEXT_READABLE_FILE)?;
         if !file.metadata().map_err(refuse)?.is_file() {
@@ -39,14 +39,12 @@ impl<'a> LaunchFile<'a> {
         Ok(Self { path, file })
     }
 
-    /// Size in bytes.
-    pub fn size(&self) -> Result<u64, Refusal> {
+    pub fn size(&self) -> Result<u64> {
         let data = self.file.metadata();
         Ok(data.map_err(|error| unread(self.path, &error))?.len())
     }
 
-    /// A reader from the first row on.
-    pub fn reader(&self) -> Result<BufReader<&File>, Refusal> {
+    pub fn reader(&self) -> Result<BufReader<&File>> {
         let mut file = &self.file;
         let start = file.seek(SeekFrom::Start(0));
         start.map_err(|error| unread(self.path, &error))?;
@@ -76,9 +74,9 @@ fn unread(path: &Path, error: &std::io::Error) -> Refusal {
 fn each_row(
     path: &Path,
     mut reader: impl BufRead,
-    mut check_stop: impl FnMut(u64) -> Result<(), Refusal>,
-    mut each: impl FnMut(usize, [f64; 4]) -> Result<(), Refusal>,
-) -> Result<(), Refusal> {
+    mut check_stop: impl FnMut(u64) -> Result<()>,
+    mut each: impl FnMut(usize, [f64; 4]) -> Result<()>,
+) -> Result<()> {
     const COLUMNS: [&str; 4] = ["k", "restitution", "phase", "velocity"];
     let name = path.display();
     let mut places = None;
@@ -110,12 +108,10 @@ fn each_row(
             for (place, column) in indices.iter_mut().zip(COLUMNS) {
                 let found = names.iter().position(|name| *name == column);
                 *place = found.ok_or_else(|| {
-                    Refusal::value(
-                        format!("header of {name}"),
-                        format!("'{text}'"),
-                        "the columns k,restitution,phase,velocity in any order",
-                        format!("add the column {column}"),
-                    )
+                    let value = format!("'{text}'");
+                    let accepted = "the columns k,restitution,phase,velocity in any order";
+                    let next = format!("add the column {column}");
+                    Refusal::value(format!("header of {name}"), value, accepted, next)
                 })?;
             }
             places = Some(indices);
@@ -150,8 +146,8 @@ fn launch<K: Kernel>(
 pub fn check_rows(
     path: &Path,
     reader: impl BufRead,
-    check_stop: impl FnMut(u64) -> Result<(), Refusal>,
-) -> Result<u64, Refusal> {
+    check_stop: impl FnMut(u64) -> Result<()>,
+) -> Result<u64> {
     let mut rows = 0;
     each_row(path, reader, check_stop, |line, values| {
         rows += 1;
@@ -162,10 +158,9 @@ pub fn check_rows(
         Ok(())
     })?;
     if rows == 0 {
-        return Err(Refusal::new(
-            format!("{} has no rows", path.display()),
-            "give at least one row below the header k,restitution,phase,velocity",
-        ));
+        let cause = format!("{} has no rows", path.display());
+        let next = "give at least one row below the header k,restitution,phase,velocity";
+        return Err(Refusal::new(cause, next));
     }
     Ok(rows)
 }
@@ -176,8 +171,8 @@ pub fn compute_rows<K: Kernel>(
     path: &Path,
     reader: impl BufRead,
     build: impl Fn(f64, f64) -> Result<K, OutOfRange>,
-    mut each: impl FnMut(Option<Row<K>>) -> Result<(), Refusal>,
-) -> Result<(), Refusal> {
+    mut each: impl FnMut(Option<Row<K>>) -> Result<()>,
+) -> Result<()> {
     let mut left_empty: Option<(u64, usize)> = None;
     let compute = |line, values| {
         let row = launch(values, &build).ok();

@@ -19,7 +19,7 @@ use super::engine::{Cases, Check, Ledger, convey, estimate};
 use super::hopping::{CHAOS, run_wide_chaos};
 use super::lock::lock;
 use crate::ending::Endings;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 pub(super) const CHECKS: &[Check] = &[
     lyapunov,
@@ -44,7 +44,7 @@ const fn effort(settle: u32, impacts: u32) -> ExponentSettings {
 }
 
 /// Whether chaos below the accumulation point has a positive Lyapunov exponent.
-fn lyapunov(rows: &mut Ledger) -> Result<(), Refusal> {
+fn lyapunov(rows: &mut Ledger) -> Result<()> {
     const IMPACTS: u32 = 40_000;
     // docs/theory-reference.md#t11.3, with an error of 0.003.
     let references = [
@@ -67,7 +67,7 @@ fn lyapunov(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Starts near the period-1 orbits of orders 1 to 3, and `spread` starts over phase and velocity.
-fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<PartState>, Refusal> {
+fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<PartState>> {
     let mut starts = Vec::new();
     for order in 1..=3 {
         if let Some(lock) = Lock::build(k, restitution, order)? {
@@ -86,7 +86,7 @@ fn starts(k: f64, restitution: f64, spread: u32) -> Result<Vec<PartState>, Refus
 
 /// Claim: chaos has wide ranges of k between narrow strips of locks. Chaos is a positive exponent
 /// without a rest in 3000 impacts: a part in wide chaos rests once in some 40 000.
-fn chaotic_ranges(rows: &mut Ledger, key: &'static str, restitution: f64) -> Result<(), Refusal> {
+fn chaotic_ranges(rows: &mut Ledger, key: &'static str, restitution: f64) -> Result<()> {
     const COLUMNS: u32 = 96;
     let settings = effort(2000, 960);
     // Numbers of columns with chaos, with a lock, and with hopping and resting.
@@ -127,7 +127,7 @@ fn chaotic_ranges(rows: &mut Ledger, key: &'static str, restitution: f64) -> Res
 }
 
 /// Claim: between k1 and 1 parts hop and slide; without friction this is hopping and resting.
-fn hop_and_rest(rows: &mut Ledger) -> Result<(), Refusal> {
+fn hop_and_rest(rows: &mut Ledger) -> Result<()> {
     for restitution in [0.2, 0.3, 0.5] {
         let birth = band::birth(restitution, 1)?;
         for n in 0..30 {
@@ -144,7 +144,7 @@ fn hop_and_rest(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: dead parts have the cascade of a quadratic map.
-fn dead_cascade(rows: &mut Ledger) -> Result<(), Refusal> {
+fn dead_cascade(rows: &mut Ledger) -> Result<()> {
     const COLUMNS: u32 = 600;
     let mut rests = 0_u32;
     for n in 0..COLUMNS {
@@ -166,11 +166,11 @@ fn dead_cascade(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: chaos makes the conveying speed insensitive to the amplitude. It holds only in gear.
-fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
+fn robustness(rows: &mut Ledger) -> Result<()> {
     const RUNS: u32 = 20;
     const WIDE_IMPACTS: u64 = 6000;
     const NARROW_IMPACTS: u64 = 20_000;
-    let time_mean = |k: f64| -> Result<(f64, f64, f64), Refusal> {
+    let time_mean = |k: f64| -> Result<(f64, f64, f64)> {
         let runs = run_wide_chaos(k, RUNS, WIDE_IMPACTS)?;
         let means = runs.iter().filter_map(Conveyed::time_mean);
         let (mean, error) = estimate(&SampleMean::from_values(means));
@@ -210,7 +210,7 @@ fn robustness(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// `Var(x - V t)/(2 t)` over blocks of 1 and of 300 flights, in `b^2 w`.
-fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2], Refusal> {
+fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2]> {
     const FLIGHTS: u64 = 60_000;
     let map = Map::build(k, restitution)?;
     let mut conveying = Conveying::new(Tangential::build(k, CHAOS)?, &map);
@@ -239,7 +239,7 @@ fn dispersions(k: f64, restitution: f64, start: PartState) -> Result<[f64; 2], R
 }
 
 /// Claim in the paper's last paragraph: chaos spreads parts as diffusion does.
-fn diffusion(rows: &mut Ledger) -> Result<(), Refusal> {
+fn diffusion(rows: &mut Ledger) -> Result<()> {
     let [one, many] = dispersions(0.35, 0.2, Map::state(0.8, 0.36)?)?;
     let [wide_one, wide_many] = dispersions(0.05, 0.9, Map::state(0.5, 4.0)?)?;
     for key in ["claim diffusion", "finding dispersion"] {
@@ -255,7 +255,7 @@ fn diffusion(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: noise truncates the cascade.
-fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
+fn noise(rows: &mut Ledger) -> Result<()> {
     // Between the third and the fourth flip the orbit repeats after eight impacts; with noise it
     // never repeats.
     let (k, restitution) = (0.3595, 0.2);
@@ -281,7 +281,7 @@ fn noise(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: a second tone shifts the cascade and keeps its ratio.
-fn two_tones(rows: &mut Ledger) -> Result<(), Refusal> {
+fn two_tones(rows: &mut Ledger) -> Result<()> {
     let key = "claim tones";
     let single = band::flip(0.2, 1)?;
     let mut flips = vec![(single, 4)];
@@ -301,7 +301,7 @@ fn two_tones(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: impacts do not alter the motion of the track.
-fn impacts_on_track(rows: &mut Ledger) -> Result<(), Refusal> {
+fn impacts_on_track(rows: &mut Ledger) -> Result<()> {
     for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
         let launch = lock(k, restitution, 1)?.state();
         let impact = Map::build(k, restitution)?.impact(launch);
@@ -322,7 +322,7 @@ fn impacts_on_track(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: inertia conveys parts in contact if the track's force is asymmetric.
-fn sliding(rows: &mut Ledger) -> Result<(), Refusal> {
+fn sliding(rows: &mut Ledger) -> Result<()> {
     // References of docs/theory-real-parts.md#t10.4, from stepwise integrations.
     for (throw, friction, incline, reference) in [
         (0.6, 0.8, 3.0_f64, 0.386_499),

@@ -8,19 +8,19 @@ use kband::impact::{
     Impact, Kernel, Map, Observer, Orbit, PartState, Tangential, TangentialSettings,
 };
 use kband::transport::{Conveyed, Effort, SampleMean, measure};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use toml::Spanned;
 
-use super::motion::Flight;
+use super::flight::Flight;
 use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::number;
 
 /// Texts, verdicts and tolerances of all rows, in the order of the page.
 const TABLE: &str = include_str!("rows.toml");
 
 /// One equation, number or claim, with its numerical evidence.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 pub(super) struct Row {
     /// Number of the equation as printed, or `example`, `claim`, `finding`.
     #[serde(default)]
@@ -34,10 +34,8 @@ pub(super) struct Row {
     /// Largest deviation of the recomputed form from its reference, over all cases.
     #[serde(default)]
     pub residual: f64,
-    /// Tolerance for rounding and statistics.
     pub tolerance: f64,
     /// Largest deviation of the printed form in the same measure, if it can be evaluated.
-    #[serde(default)]
     pub printed_error: Option<f64>,
     #[serde(default)]
     pub cases: u64,
@@ -64,10 +62,8 @@ fn max_or_nan(largest: f64, deviation: f64) -> f64 {
     }
 }
 
-/// A computation that gives the evidence for one or several rows.
-pub(super) type Check = fn(&mut Ledger) -> Result<(), Refusal>;
+pub(super) type Check = fn(&mut Ledger) -> Result<()>;
 
-/// Evidence by the key of the row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Ledger {
     evidence: BTreeMap<&'static str, Evidence>,
@@ -86,7 +82,6 @@ impl Ledger {
         row.cases += 1;
     }
 
-    /// Compares a recomputed value with its reference.
     pub(super) fn compare(&mut self, key: &'static str, ours: f64, reference: f64) {
         self.compare_in(key, ours, reference, 1.0);
     }
@@ -148,7 +143,7 @@ impl Ledger {
 }
 
 /// Runs the checks on the desk's threads and fills the table, in the order of the page.
-pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec<Row>, Refusal> {
+pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec<Row>> {
     let table: BTreeMap<String, Spanned<Row>> = toml::from_str(TABLE)
         .map_err(|error| Refusal::new(format!("table of the paper: {error}"), "report this"))?;
     let ledgers = desk.try_map("the paper", checks.len(), |n| {
@@ -207,7 +202,6 @@ impl Observer for Flights {
     }
 }
 
-/// Conveyance of a part from a launch, after a transient.
 pub(super) fn convey(
     map: &Map,
     along: TangentialSettings,

@@ -8,7 +8,7 @@ use kband::regime::{Lock, band};
 use super::lock::lock;
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::report::number;
 
 /// The track of Figs. 1 and 2: that of the default feeder.
@@ -19,7 +19,6 @@ const TRACK: TangentialSettings = TangentialSettings {
     incline_tangent: 0.052_407_779_283_041_2,
 };
 
-/// Path of a part in the laboratory, in units of b, and its times of impact.
 struct Trajectory {
     k: f64,
     /// Time, position along and normal to the track, and height of the track.
@@ -35,7 +34,7 @@ impl Trajectory {
 
 /// Path of `flights` flights near the lock in the middle of the first band, with an initial phase
 /// error of `phase_offset`.
-fn trajectory(restitution: f64, phase_offset: f64, flights: usize) -> Result<Trajectory, Refusal> {
+fn trajectory(restitution: f64, phase_offset: f64, flights: usize) -> Result<Trajectory> {
     const STEPS: u32 = 60;
     let k = 0.5 * (band::flip(restitution, 1)? + band::birth(restitution, 1)?);
     let map = Map::build(k, restitution)?;
@@ -68,14 +67,13 @@ fn trajectory(restitution: f64, phase_offset: f64, flights: usize) -> Result<Tra
     })
 }
 
-/// Largest height of these points, at least 1.
 fn max_height(points: &[(f64, f64)]) -> f64 {
     points.iter().map(|point| point.1).fold(1.0, f64::max)
 }
 
 /// Fig. 1: the model. The track at the ends of its stroke, the stroke, and the path of a part, in
 /// the laboratory frame.
-pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
+pub(super) fn model(restitution: f64) -> Result<Picture> {
     let trajectory = trajectory(restitution, 0.0, 4)?;
     let slope = TRACK.incline_tangent.atan();
     // From coordinates along and normal to the track to horizontal and vertical ones.
@@ -117,7 +115,7 @@ pub(super) fn model(restitution: f64) -> Result<Picture, Refusal> {
 }
 
 /// Fig. 2: the motion in time. Track and part, the times of impact and the flights between them.
-pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
+pub(super) fn motion(restitution: f64) -> Result<Picture> {
     let trajectory = trajectory(restitution, 0.4, 6)?;
     let track = trajectory.points(|[time, .., track]| (*time, *track));
     let part = trajectory.points(|[time, _, normal, _]| (*time, *normal));
@@ -151,11 +149,11 @@ pub(super) fn motion(restitution: f64) -> Result<Picture, Refusal> {
 }
 
 /// Fig. 3: phases of impact over k, with the bands.
-pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal> {
+pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture> {
     const COLUMNS: usize = 840;
     let (low, high) = (0.05, 1.1 * band::birth(restitution, 1)?);
     // Points of parts that hop, and of parts that rest.
-    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<_, Refusal> {
+    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<_> {
         let k = low + (high - low) * (column as f64 + 0.5) / COLUMNS as f64;
         let map = Map::build(k, restitution)?;
         let mut orbits = vec![Orbit::from_rest(&map)];
@@ -174,11 +172,8 @@ pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture, Refusal>
         }
         Ok(series)
     })?;
-    let mut panel = Panel::new(
-        Axis::of_k(low, high),
-        Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi(),
-    )
-    .height(460.0);
+    let phase = Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi();
+    let mut panel = Panel::new(Axis::of_k(low, high), phase).height(460.0);
     for order in 1..=3 {
         let flip = band::flip(restitution, order)?;
         let birth = band::birth(restitution, order)?;

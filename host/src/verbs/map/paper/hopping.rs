@@ -10,7 +10,7 @@ use kband::transport::{Conveyed, Conveying, SampleMean, locked};
 
 use super::engine::{Cases, Check, Flights, Ledger, convey, estimate};
 use super::lock::bands;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 pub(super) const CHECKS: &[Check] = &[
     velocities,
@@ -33,7 +33,6 @@ pub(super) const CHAOS: TangentialSettings = TangentialSettings {
 
 const IMPACTS: u64 = 4000;
 
-/// A run in a hopping regime.
 struct Run {
     k: f64,
     restitution: f64,
@@ -64,7 +63,7 @@ impl Run {
 
 /// Runs of a part in hopping regimes. A run with a rest, which is rare in wide chaos, has no impact
 /// mean and is left out.
-fn hop(settings: TangentialSettings) -> Result<Vec<Run>, Refusal> {
+fn hop(settings: TangentialSettings) -> Result<Vec<Run>> {
     let mut runs = Vec::new();
     for (k, restitution) in [
         (0.05, 0.9),
@@ -114,7 +113,7 @@ fn weighted(base: f64, start: f64, times: &[f64], term: impl Fn(f64, f64) -> f64
 }
 
 /// (26) to (28): both velocities after n impacts, as sums over all earlier impacts.
-fn velocities(rows: &mut Ledger) -> Result<(), Refusal> {
+fn velocities(rows: &mut Ledger) -> Result<()> {
     let mut cases = Cases(14);
     for _ in 0..200 {
         let k = cases.within(0.1, 0.6);
@@ -160,7 +159,7 @@ fn velocities(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// (34) and the stationary means at gamma = 0.
-fn in_phase(rows: &mut Ledger) -> Result<(), Refusal> {
+fn in_phase(rows: &mut Ledger) -> Result<()> {
     let count = IMPACTS as f64;
     let (eta, tangent) = (CHAOS.amplitude_ratio, CHAOS.incline_tangent);
     for run in hop(CHAOS)? {
@@ -211,7 +210,7 @@ fn share_of_bounds(k: f64, r: f64, launch_squared: f64, interval: f64) -> f64 {
 }
 
 /// (29): the impact mean with a phase lead, from means over the impacts.
-fn with_lead(rows: &mut Ledger) -> Result<(), Refusal> {
+fn with_lead(rows: &mut Ledger) -> Result<()> {
     let leading = TangentialSettings {
         restitution: 0.3,
         amplitude_ratio: 1.7,
@@ -235,14 +234,13 @@ fn with_lead(rows: &mut Ledger) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Mean cosine of the launch phase over flights.
 fn mean_cosine(flights: &Flights) -> f64 {
     let cosines = flights.0.iter().map(|(launch, _)| launch.phase.cos());
     cosines.sum::<f64>() / flights.0.len() as f64
 }
 
 /// (30), and the correlation of the flights at k = 0.05, R = 0.9.
-fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
+fn correlated(rows: &mut Ledger) -> Result<()> {
     const RUNS: u32 = 24;
     const IMPACTS: u64 = 5000;
     const BINS: f64 = 200.0;
@@ -326,7 +324,7 @@ fn correlated(rows: &mut Ledger) -> Result<(), Refusal> {
 
 /// (31) to (33), which assume independent intervals: (9) and (10) averaged over all sequences of
 /// two interval lengths.
-fn independent(rows: &mut Ledger) -> Result<(), Refusal> {
+fn independent(rows: &mut Ledger) -> Result<()> {
     const N: usize = 9;
     let mut cases = Cases(15);
     for _ in 0..60 {
@@ -392,7 +390,7 @@ fn largest_launch(k: f64, restitution: f64) -> f64 {
 }
 
 /// (35): the largest psi, in units of its bound.
-fn highest_launch(rows: &mut Ledger) -> Result<(), Refusal> {
+fn highest_launch(rows: &mut Ledger) -> Result<()> {
     let mut cases = Cases(10);
     for _ in 0..400 {
         let k = cases.within(0.02, 1.0);
@@ -410,8 +408,7 @@ fn highest_launch(rows: &mut Ledger) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Runs in wide chaos at R = 0.9.
-pub(super) fn run_wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conveyed>, Refusal> {
+pub(super) fn run_wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conveyed>> {
     let map = Map::build(k, 0.9)?;
     let run = |n| {
         let n = f64::from(n);
@@ -423,7 +420,7 @@ pub(super) fn run_wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conv
 
 /// (36), (37): longest mean interval and bound of the impact mean, both attained at the birth of
 /// the lock. The time mean may exceed the bound.
-fn bounds(rows: &mut Ledger) -> Result<(), Refusal> {
+fn bounds(rows: &mut Ledger) -> Result<()> {
     for (restitution, order, _, k) in bands()? {
         if restitution > 0.91 {
             break;
@@ -455,7 +452,7 @@ fn bounds(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// (38): dead parts.
-fn dead(rows: &mut Ledger) -> Result<(), Refusal> {
+fn dead(rows: &mut Ledger) -> Result<()> {
     let mut cases = Cases(11);
     for _ in 0..500 {
         let k = cases.within(0.05, 0.95);

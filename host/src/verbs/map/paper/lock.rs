@@ -8,14 +8,14 @@ use kband::regime::{Lock, Multipliers, band};
 use kband::transport::locked;
 
 use super::engine::{Cases, Check, Ledger, convey};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 pub(super) const CHECKS: &[Check] = &[
     period_one, edges, examples, above_one, cascade, velocity, phase_lead,
 ];
 
 /// Restitutions 0.05 to 0.95 and orders 1 to 5, each with k of the flip and of the birth.
-pub(super) fn bands() -> Result<Vec<(f64, u32, f64, f64)>, Refusal> {
+pub(super) fn bands() -> Result<Vec<(f64, u32, f64, f64)>> {
     let mut bands = Vec::new();
     for n in 1..20 {
         let restitution = 0.05 * f64::from(n);
@@ -27,7 +27,7 @@ pub(super) fn bands() -> Result<Vec<(f64, u32, f64, f64)>, Refusal> {
     Ok(bands)
 }
 
-pub(super) fn lock(k: f64, restitution: f64, order: u32) -> Result<Lock, Refusal> {
+pub(super) fn lock(k: f64, restitution: f64, order: u32) -> Result<Lock> {
     Lock::build(k, restitution, order)?.ok_or_else(|| {
         let cause = format!("no lock of order {order} at k = {k}");
         Refusal::new(cause, "report this")
@@ -35,7 +35,7 @@ pub(super) fn lock(k: f64, restitution: f64, order: u32) -> Result<Lock, Refusal
 }
 
 /// Trace of the tangent map of the lock, and the size of its larger multiplier.
-fn multiplier(k: f64, restitution: f64, order: u32) -> Result<(f64, f64), Refusal> {
+fn multiplier(k: f64, restitution: f64, order: u32) -> Result<(f64, f64)> {
     let map = Map::build(k, restitution)?;
     let state = lock(k, restitution, order)?.state();
     let tangent = Tangent::build(&map, state, &map.impact(state));
@@ -45,7 +45,7 @@ fn multiplier(k: f64, restitution: f64, order: u32) -> Result<(f64, f64), Refusa
 }
 
 /// (13), (14): the orbit that returns to itself after r drive periods.
-fn period_one(rows: &mut Ledger) -> Result<(), Refusal> {
+fn period_one(rows: &mut Ledger) -> Result<()> {
     for (restitution, order, low, high) in bands()? {
         for part in [0.1, 0.5, 0.9] {
             let k = low + part * (high - low);
@@ -72,7 +72,7 @@ fn period_one(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// (15) to (18): the edges of the band, and attraction within.
-fn edges(rows: &mut Ledger) -> Result<(), Refusal> {
+fn edges(rows: &mut Ledger) -> Result<()> {
     for (restitution, order, low, high) in bands()? {
         let square = restitution * restitution;
         let multiplier = |k| multiplier(k, restitution, order);
@@ -107,7 +107,7 @@ fn edges(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// The worked example at R = 0.2, printed with four digits, and its listed numbers.
-fn examples(rows: &mut Ledger) -> Result<(), Refusal> {
+fn examples(rows: &mut Ledger) -> Result<()> {
     for (key, order, low, high) in [
         ("example band-1", 1, 0.3928, 0.4774),
         ("example band-2", 2, 0.2213, 0.2387),
@@ -137,7 +137,7 @@ fn examples(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Claim: parts always come to rest at k > 1.
-fn above_one(rows: &mut Ledger) -> Result<(), Refusal> {
+fn above_one(rows: &mut Ledger) -> Result<()> {
     let lowest = (PI - 1.0) / (PI + 1.0);
     for n in 1..40 {
         let restitution = lowest + (0.98 - lowest) * f64::from(n) / 40.0;
@@ -157,7 +157,7 @@ fn above_one(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// (19): the cascade and its constant.
-fn cascade(rows: &mut Ledger) -> Result<(), Refusal> {
+fn cascade(rows: &mut Ledger) -> Result<()> {
     // Restitution, order, and k of the doublings by a 40-digit continuation, rounded to f64.
     for (restitution, order, flips) in [
         (
@@ -196,11 +196,7 @@ fn cascade(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// A lock at a k in each band, and tangential settings with a phase lead of at most `lead`.
-fn draw(
-    seed: u64,
-    lead: f64,
-    inclines: (f64, f64),
-) -> Result<Vec<(Lock, TangentialSettings)>, Refusal> {
+fn draw(seed: u64, lead: f64, inclines: (f64, f64)) -> Result<Vec<(Lock, TangentialSettings)>> {
     let mut cases = Cases(seed);
     let draw = |(restitution, order, low, high)| {
         let k = low + cases.within(0.05, 0.95) * (high - low);
@@ -216,24 +212,20 @@ fn draw(
 }
 
 /// Time mean of the velocity, measured on the map after a transient.
-fn measured(lock: &Lock, along: TangentialSettings) -> Result<f64, Refusal> {
+fn measured(lock: &Lock, along: TangentialSettings) -> Result<f64> {
     let map = Map::build(lock.k(), lock.restitution())?;
     let conveyed = convey(&map, along, lock.state(), [300, 20])?;
     Ok(conveyed.time_mean().unwrap_or(f64::NAN))
 }
 
 /// (20) to (23): the velocity of locked parts.
-fn velocity(rows: &mut Ledger) -> Result<(), Refusal> {
+fn velocity(rows: &mut Ledger) -> Result<()> {
     for (lock, mut along) in draw(8, 3.0, (-0.3, 0.3))? {
         let (k, order, restitution) = (lock.k(), lock.order(), lock.restitution());
         let velocity = measured(&lock, along)?;
         rows.compare("(20)", locked::velocity(&lock, k, &along), velocity);
-        let TangentialSettings {
-            restitution: rt,
-            amplitude_ratio: eta,
-            phase_lead: gamma,
-            incline_tangent: tangent,
-        } = along;
+        let (rt, eta) = (along.restitution, along.amplitude_ratio);
+        let (gamma, tangent) = (along.phase_lead, along.incline_tangent);
         let flight = PI * f64::from(order) * k;
         let loss = (1.0 - restitution) / (1.0 + restitution);
         let printed = flight * (eta * gamma.cos() * loss - tangent * (1.0 + rt) / (1.0 - rt))
@@ -249,7 +241,7 @@ fn velocity(rows: &mut Ledger) -> Result<(), Refusal> {
 }
 
 /// Critical slope and best phase lead of locked parts.
-fn phase_lead(rows: &mut Ledger) -> Result<(), Refusal> {
+fn phase_lead(rows: &mut Ledger) -> Result<()> {
     for (lock, mut along) in draw(9, 1.5, (0.0, 0.2))? {
         let best = -lock.state().phase;
         let velocity = |phase_lead| {

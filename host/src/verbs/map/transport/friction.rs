@@ -14,12 +14,12 @@ use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS, effort, locks};
+use super::{Arguments, Computed, Feeder, ORDERS};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
-use crate::refusal::Refusal;
-use crate::report::{Column, Field, Printout, View, columns, fields, number};
+use crate::refusal::{Refusal, Result};
+use crate::report::{Column, Field, Printout, View, columns, fields, finite, number};
 
 /// Quantity of the horizontal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -88,7 +88,7 @@ struct Shape {
 }
 
 impl Shape {
-    fn from_arguments(arguments: &Arguments) -> Result<Self, Refusal> {
+    fn from_arguments(arguments: &Arguments) -> Result<Self> {
         let wave = arguments.tones.wave()?;
         let mut bands = Vec::new();
         if !wave.is_sine() {
@@ -109,22 +109,21 @@ impl Shape {
         }
     }
 
-    fn describe(&self) -> Vec<String> {
-        let (second, third) = (self.wave.second(), self.wave.third());
-        let named = [(second, "e", "th"), (third, "e3", "th3")];
-        let given = named.iter().filter(|(tone, ..)| tone.amplitude > 0.0);
-        let tone = |(Tone { amplitude, angle }, e, th): &(Tone, &str, &str)| {
-            let (amplitude, angle) = (number(*amplitude, 4), number(*angle, 5));
+    fn describe(&self) -> impl Iterator<Item = String> {
+        let named = [
+            (self.wave.second(), "e", "th"),
+            (self.wave.third(), "e3", "th3"),
+        ];
+        let given = named.into_iter().filter(|(tone, ..)| tone.amplitude > 0.0);
+        given.map(|(Tone { amplitude, angle }, e, th)| {
+            let (amplitude, angle) = (number(amplitude, 4), number(angle, 5));
             format!("{e} = {amplitude} at {th} = {angle}")
-        };
-        given.map(tone).collect()
+        })
     }
 }
 
-/// One computation: the requested feeder over an axis.
 struct Task<'a> {
-    feeder: Feeder,
-    arguments: &'a Arguments,
+    feeder: Feeder<'a>,
     shape: Shape,
     over: Over,
     range: Range,
@@ -133,12 +132,11 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    fn new(feeder: &Feeder, arguments: &'a Arguments, over: Over) -> Result<Self, Refusal> {
-        let (range, amplitude) = requested_range(feeder, arguments, over)?;
+    fn new(feeder: Feeder<'a>, over: Over) -> Result<Self> {
+        let (range, amplitude) = requested_range(&feeder, over)?;
         Ok(Self {
-            feeder: *feeder,
-            arguments,
-            shape: Shape::from_arguments(arguments)?,
+            feeder,
+            shape: Shape::from_arguments(feeder.arguments)?,
             over,
             range,
             amplitude,
@@ -146,8 +144,8 @@ impl<'a> Task<'a> {
     }
 
     /// The feeder at a value of a quantity.
-    fn point(&self, over: Over, value: f64) -> Result<Point, Refusal> {
-        let arguments = self.arguments;
+    fn point(&self, over: Over, value: f64) -> Result<Point> {
+        let arguments = self.feeder.arguments;
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
         let mut settings = TrackSettings {
             frequency: arguments.drive.frequency,
@@ -181,11 +179,10 @@ impl<'a> Task<'a> {
     }
 
     /// Starts on the locks that attract at `k`.
-    fn locked(&self, k: f64) -> Result<Vec<Origin>, Refusal> {
-        let restitution = self.arguments.restitution;
+    fn locked(&self, k: f64) -> Result<Vec<Origin>> {
+        let restitution = self.feeder.arguments.restitution;
         if self.shape.wave.is_sine() {
-            let starts = locks(k, &self.feeder).into_iter();
-            return Ok(starts.map(|lock| Origin::Hop(lock.state())).collect());
+            return Ok(self.feeder.locked(k).collect());
         }
         let mut starts = Vec::new();
         for (order, band) in &self.shape.bands {
@@ -195,9 +192,9 @@ impl<'a> Task<'a> {
         Ok(starts)
     }
 
-    fn measured(&self, point: &Point, start: Origin) -> Result<Measured, Refusal> {
-        let (k, restitution) = (point.k, self.arguments.restitution);
-        let (wave, effort) = (&self.shape.wave, effort(self.arguments));
+    fn measured(&self, point: &Point, start: Origin) -> Result<Measured> {
+        let (k, restitution) = (point.k, self.feeder.arguments.restitution);
+        let (wave, effort) = (&self.shape.wave, self.feeder.effort());
         let along = Friction::on(wave, k, point.settings)?;
         if wave.is_sine() {
             let map = Map::build(k, restitution)?;
@@ -209,19 +206,18 @@ impl<'a> Task<'a> {
         Ok(measure_on_tones(orbit, along, effort))
     }
 
-    /// The regime at a value of the axis from one start.
-    fn row(&self, value: f64, start: Origin) -> Result<Row, Refusal> {
+    fn row(&self, value: f64, start: Origin) -> Result<Row> {
         let point = self.point(self.over, value)?;
         Ok(Row {
             value,
-            point,
             from_rest: start == Origin::Rest,
             measured: self.measured(&point, start)?,
+            point,
         })
     }
 
     /// Regimes at one value: from rest, and from each attracting lock with another regime.
-    fn rows(&self, value: f64) -> Result<Vec<Row>, Refusal> {
+    fn rows(&self, value: f64) -> Result<Vec<Row>> {
         let from_rest = self.row(value, Origin::Rest)?;
         let starts = self.locked(from_rest.point.k)?;
         let mut rows = vec![from_rest];
@@ -241,13 +237,11 @@ impl<'a> Task<'a> {
     }
 
     /// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
-    fn notes(&self, rows: &[Row]) -> Result<Vec<(f64, String)>, Refusal> {
+    fn notes(&self, rows: &[Row]) -> Result<Vec<(f64, String)>> {
         let over = self.over;
         let mut notes = Vec::new();
         // In `b w`; `None` where friction cannot hold the part.
-        let velocity = |value: f64| -> Result<Option<f64>, Refusal> {
-            Ok(self.row(value, Origin::Rest)?.mean())
-        };
+        let velocity = |value: f64| Ok(self.row(value, Origin::Rest)?.mean());
         if matches!(over, Over::Throw | Over::Amplitude) {
             let unit = match over {
                 Over::Throw => 1.0,
@@ -267,25 +261,24 @@ impl<'a> Task<'a> {
             }
         }
         let rest = rows.iter().filter(|row| row.from_rest);
-        let rest = rest.map(|row| (row.value, row.mean()));
-        let rest: Vec<(f64, Option<f64>)> = rest.collect();
+        let rest: Vec<_> = rest.map(|row| (row.value, row.mean())).collect();
         for pair in rest.windows(2) {
             let [(low, Some(at_low)), (high, Some(at_high))] = *pair else {
                 continue;
             };
-            let changes_sign = at_low * at_high < 0.0;
-            let root = changes_sign.then(|| bisect(velocity, low, high, at_low));
             let text = match over {
                 Over::Incline => "just climbs",
                 _ => "reverses",
             };
-            if let Some(root) = root.transpose()?.flatten() {
+            if at_low * at_high < 0.0
+                && let Some(root) = bisect(velocity, low, high, at_low)?
+            {
                 notes.push((root, text.to_string()));
             }
         }
         let moving = rest
             .iter()
-            .filter_map(|(value, mean)| mean.map(|mean| (*value, mean)));
+            .filter_map(|(value, mean)| Some((*value, (*mean)?)));
         if over == Over::PhaseLead
             && let Some((best, _)) = moving.max_by(|a, b| a.1.total_cmp(&b.1))
         {
@@ -299,9 +292,10 @@ impl<'a> Task<'a> {
     }
 
     fn describe(&self) -> String {
-        let (feeder, arguments, over) = (&self.feeder, self.arguments, self.over);
+        let (feeder, over) = (&self.feeder, self.over);
+        let arguments = feeder.arguments;
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
-        let mut terms = vec![format!("R = {}", number(feeder.restitution, 6))];
+        let mut terms = vec![format!("R = {}", number(arguments.restitution, 6))];
         if over != Over::Friction {
             terms.push(format!("μ = {}", number(sliding, 6)));
             let at_rest = || format!("at rest {}", number(sticking, 6));
@@ -320,21 +314,19 @@ impl<'a> Task<'a> {
             let [b, throw] = [self.amplitude, throw].map(|value| number(value, 4));
             terms.push(format!("b = {b} mm (throw number {throw})"));
         }
-        let (frequency, contact) = (feeder.track.frequency(), feeder.milliseconds.describe());
+        let (frequency, contact) = (feeder.track.frequency(), arguments.contact.describe());
         terms.push(format!("{} Hz{contact}", number(frequency, 6)));
         terms.extend(self.shape.describe());
         terms.join(", ")
     }
 }
 
-#[derive(Clone, Copy, Debug)]
 struct Point {
     track: Track,
     settings: FrictionSettings,
     k: f64,
 }
 
-/// A regime that some start reached.
 pub struct Row {
     value: f64,
     point: Point,
@@ -365,18 +357,11 @@ impl Row {
         self.mean().map(|mean| 1e3 * mean * unit)
     }
 
-    /// Regime: S, H-S or H.
     pub fn regime(&self) -> &'static str {
         regime(self.measured.motion).0
     }
 
-    /// One of the shares of time; `None` if no time passes.
-    fn share(&self, part: usize) -> Option<f64> {
-        let share = self.shares()[part];
-        share.is_finite().then_some(share)
-    }
-
-    /// Shares of the time in flight, sliding up, sliding down, lying still.
+    /// Shares of the time in flight, sliding up, sliding down, lying still; NaN if no time passes.
     fn shares(&self) -> [f64; 4] {
         let conveyed = &self.measured.conveyed;
         let time = conveyed.flying + conveyed.resting;
@@ -395,29 +380,20 @@ impl Row {
 }
 
 /// Regimes from rest over the throw number.
-pub(super) fn from_rest(
-    feeder: &Feeder,
-    arguments: &Arguments,
-    desk: &Desk,
-) -> Result<Vec<Row>, Refusal> {
-    let task = Task::new(feeder, arguments, Over::Throw)?;
+pub(super) fn from_rest(feeder: Feeder, desk: &Desk) -> Result<Vec<Row>> {
+    let task = Task::new(feeder, Over::Throw)?;
     let values: Vec<f64> = task.range.values().collect();
-    desk.try_map("conveying", values.len(), |n| {
-        task.row(values[n], Origin::Rest)
-    })
+    let row = |n: usize| task.row(values[n], Origin::Rest);
+    desk.try_map("conveying", values.len(), row)
 }
 
-pub(super) fn compute(
-    feeder: Feeder,
-    arguments: &Arguments,
-    desk: &Desk,
-) -> Result<Computed, Refusal> {
-    let over = match (arguments.over, arguments.b) {
+pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
+    let over = match (feeder.arguments.over, feeder.arguments.b) {
         (Some(over), _) => over,
         (None, Some(_)) => Over::Amplitude,
         (None, None) => Over::Throw,
     };
-    let task = Task::new(&feeder, arguments, over)?;
+    let task = Task::new(feeder, over)?;
     let values: Vec<f64> = task.range.values().collect();
     let blocks = desk.try_map("conveying", values.len(), |n| task.rows(values[n]))?;
     let rows: Vec<Row> = blocks.into_iter().flatten().collect();
@@ -430,11 +406,11 @@ pub(super) fn compute(
 /// Root of a function between `low` and `high`, by 40 bisections; `at_low` is its value at `low`.
 /// `None` if the function has no value at some point.
 fn bisect(
-    function: impl Fn(f64) -> Result<Option<f64>, Refusal>,
+    function: impl Fn(f64) -> Result<Option<f64>>,
     mut low: f64,
     mut high: f64,
     at_low: f64,
-) -> Result<Option<f64>, Refusal> {
+) -> Result<Option<f64>> {
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
         let Some(value) = function(middle)? else {
@@ -452,9 +428,9 @@ fn bisect(
 /// Maximum of a function of one maximum, by 30 steps of the golden-section search (Kiefer 1953).
 /// `None` if the function has no value at some point.
 fn golden_section_maximum(
-    function: impl Fn(f64) -> Result<Option<f64>, Refusal>,
+    function: impl Fn(f64) -> Result<Option<f64>>,
     [mut low, mut high]: [f64; 2],
-) -> Result<Option<f64>, Refusal> {
+) -> Result<Option<f64>> {
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     let [mut a, mut b] = [high - golden * (high - low), low + golden * (high - low)];
     let (mut at_a, mut at_b) = (function(a)?, function(b)?);
@@ -476,12 +452,8 @@ fn golden_section_maximum(
 }
 
 /// Requested values of the axis, and the amplitude in mm for the other axes.
-fn requested_range(
-    feeder: &Feeder,
-    arguments: &Arguments,
-    over: Over,
-) -> Result<(Range, f64), Refusal> {
-    let unit = feeder.amplitude(1.0);
+fn requested_range(feeder: &Feeder, over: Over) -> Result<(Range, f64)> {
+    let (unit, arguments) = (feeder.amplitude(1.0), feeder.arguments);
     let throws = match (arguments.throw, arguments.k, arguments.b) {
         (Some(throw), ..) => Some(throw),
         (_, Some(k), _) => Some(Range::new(1.0 / k.high, 1.0 / k.low, k.count)),
@@ -507,12 +479,9 @@ fn requested_range(
         (_, None) => 1.5 * unit,
         (_, Some(range)) if range.count == 1 => range.low * unit,
         (_, Some(range)) => {
-            return Err(Refusal::value(
-                "--throw, --k or --b",
-                range,
-                "one value with --over incline, friction or phase-lead",
-                "for example --throw 1.5",
-            ));
+            let accepted = "one value with --over incline, friction or phase-lead";
+            let next = "for example --throw 1.5";
+            return Err(Refusal::value("--throw, --k or --b", range, accepted, next));
         }
     };
     Ok((range, amplitude))
@@ -525,25 +494,17 @@ fields! {
         all REGIME => row.regime();
         all SPEED.digits(5) => row.speed();
         all VELOCITY.digits(6) => row.mean();
-        all IN_FLIGHT.digits(3) => row.share(0);
-        all SLIDING_UP.digits(3) => row.share(1);
-        all SLIDING_DOWN.digits(3) => row.share(2);
-        all STILL.digits(3) => row.share(3);
+        all IN_FLIGHT.digits(3) => finite(row.shares()[0]);
+        all SLIDING_UP.digits(3) => finite(row.shares()[1]);
+        all SLIDING_DOWN.digits(3) => finite(row.shares()[2]);
+        all STILL.digits(3) => finite(row.shares()[3]);
     }
 }
 
-fn report(
-    over: Over,
-    rows: &[Row],
-    notes: &[(f64, String)],
-    text: &str,
-) -> Result<Printout, Refusal> {
-    let axis = |axis: Over, value: fn(&Row) -> f64| {
-        if axis == over {
-            Field::json(axis.column(), value)
-        } else {
-            Field::all(axis.column(), value)
-        }
+fn report(over: Over, rows: &[Row], notes: &[(f64, String)], text: &str) -> Result<Printout> {
+    let axis = |axis: Over, value: fn(&Row) -> f64| match axis == over {
+        true => Field::json(axis.column(), value),
+        false => Field::all(axis.column(), value),
     };
     let view = View::from_fields(vec![
         Field::table(over.column(), |row: &Row| row.value),
@@ -552,17 +513,16 @@ fn report(
         axis(Over::Amplitude, Row::amplitude),
     ])
     .and(motions());
-    let json: Vec<_> = rows.iter().map(|row| view.object(row)).collect();
-    let unheld = rows.iter().any(|row| row.speed().is_none());
-    let unheld = unheld
-        .then_some("no speed where friction cannot hold the part: it slides down ever faster");
+    let unheld = "no speed where friction cannot hold the part: it slides down ever faster";
+    let is_unheld = rows.iter().any(|row| row.speed().is_none());
     let in_words = |(value, what): &(f64, String)| format!("{what} at {}", number(*value, 6));
     let in_json = |(value, what): &(f64, String)| json!({"value": value, "what": what});
-    let report = view.printout(rows);
-    let report = report.heading(format!("Conveying speed with friction; {text}"));
-    let report = report.notes(notes.iter().map(in_words)).notes(unheld);
-    let notes: Vec<_> = notes.iter().map(in_json).collect();
-    report.json(&json!({"rows": json, "notes": notes}))
+    let in_json: Vec<_> = notes.iter().map(in_json).collect();
+    view.printout(rows)
+        .heading(format!("Conveying speed with friction; {text}"))
+        .notes(notes.iter().map(in_words))
+        .notes(is_unheld.then_some(unheld))
+        .json(&json!({"rows": view.objects(rows), "notes": in_json}))
 }
 
 fn picture(over: Over, range: Range, rows: &[Row], notes: &[(f64, String)], text: &str) -> Picture {
@@ -601,10 +561,10 @@ mod tests {
     use super::*;
 
     fn run(options: &str) -> Vec<Row> {
-        let arguments = super::super::read(options).unwrap();
+        let arguments = crate::verbs::read(options).unwrap();
         let feeder = Feeder::build(&arguments).unwrap();
         let over = arguments.over.unwrap_or(Over::Throw);
-        let task = Task::new(&feeder, &arguments, over).unwrap();
+        let task = Task::new(feeder, over).unwrap();
         let values = task.range.values();
         values.flat_map(|value| task.rows(value).unwrap()).collect()
     }
@@ -631,22 +591,19 @@ mod tests {
         }
     }
 
-    /// Speeds by small time steps and a finite contact time, each with its error:
-    /// tests/reference/friction.py.
-    const STEPPED: &str = include_str!("../../../../../tests/reference/friction.csv");
-    /// Speeds by Siconos, a solver for unilateral contacts, likewise:
-    /// tests/reference/friction_siconos.py.
-    const SICONOS: &str = include_str!("../../../../../tests/reference/friction-siconos.csv");
-    /// Speeds by small time steps on several tones.
-    const ON_TONES: &str = include_str!("../../../../../tests/reference/friction-tones.csv");
-
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
-        // The error of STEPPED is that of doubling the contact time. It is first order in that
-        // time, so it equals the distance to the limit. The error of SICONOS is that of its limit.
-        assert_eq!(judged_by(STEPPED, 2.0), 6);
-        assert_eq!(judged_by(SICONOS, 1.0), 8);
-        assert_eq!(judged_by(ON_TONES, 2.0), 7);
+        // tests/reference/friction.py: by small time steps and a finite contact time. The error is
+        // that of doubling the contact time. It is first order in that time, so it equals the
+        // distance to the limit.
+        let stepped = include_str!("../../../../../tests/reference/friction.csv");
+        assert_eq!(judged_by(stepped, 2.0), 6);
+        // tests/reference/friction_siconos.py: by Siconos, a solver for unilateral contacts. The
+        // error is that of its limit.
+        let siconos = include_str!("../../../../../tests/reference/friction-siconos.csv");
+        assert_eq!(judged_by(siconos, 1.0), 8);
+        let on_tones = include_str!("../../../../../tests/reference/friction-tones.csv");
+        assert_eq!(judged_by(on_tones, 2.0), 7);
     }
 
     /// Compares speeds with a reference that states an error; `errors` is the tolerance in units of

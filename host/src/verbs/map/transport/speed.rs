@@ -1,22 +1,21 @@
 //! Conveying speed over k or b: simulated, in closed form, and its sensitivity to the amplitude.
 
-mod page;
+use std::f64::consts::TAU;
 
-use page::{picture, report};
-
-use kband::impact::{Growth, Kernel, Map, Scatter, Tangential};
+use kband::impact::{Growth, Kernel, Map, PartState, Scatter, Tangential};
 use kband::regime::band;
 use kband::regime::classify::Regime;
 use kband::transport::stationary::PhaseMeans;
-use kband::transport::{Origin, SampleMean, Sensitivity, measure};
+use kband::transport::{Origin, SampleMean, Sensitivity, locked, measure};
+use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, effort, starts};
+use super::{Computed, Feeder, ORDERS};
 use crate::arguments::{Range, k_of};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
-use crate::picture::Axis;
-use crate::refusal::Refusal;
-use crate::report::{counted, span};
+use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::picture::{Axis, Panel, Picture};
+use crate::refusal::Result;
+use crate::report::{Printout, columns, counted, fields, span};
 
 /// Smallest number of drive cycles between rests for which a part conveys like one without rests.
 const MIN_CYCLES_BETWEEN_RESTS: u32 = 100;
@@ -46,7 +45,6 @@ fn is_same_orbit(one: Regime, other: Regime) -> bool {
     }
 }
 
-/// One orbit: regime, and means in `b w`.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     regime: Regime,
@@ -59,8 +57,6 @@ struct Run {
     exponent: Option<f64>,
 }
 
-/// A regime reached at one k, and the orbits in it.
-#[derive(Clone, Debug)]
 struct Row {
     k: f64,
     regime: Regime,
@@ -71,7 +67,6 @@ struct Row {
 }
 
 impl Row {
-    /// Values of the orbits that have one.
     fn sample(&self, value: fn(&Run) -> Option<f64>) -> SampleMean {
         SampleMean::from_values(self.runs.iter().filter_map(value))
     }
@@ -99,18 +94,13 @@ impl Row {
     }
 }
 
-pub(super) fn compute(
-    feeder: Feeder,
-    arguments: &Arguments,
-    desk: &Desk,
-) -> Result<Computed, Refusal> {
-    let over = Over::new(&feeder, arguments)?;
-    let rows = rows(&feeder, arguments, &over, desk)?;
-    let report = report(&feeder, arguments, &over, &rows)?;
+pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
+    let over = Over::new(&feeder)?;
+    let rows = rows(&feeder, &over, desk)?;
+    let report = report(&feeder, &over, &rows)?;
     Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
 }
 
-/// Values of k that are computed, and the range of them that is shown.
 struct Over {
     amplitude: bool,
     low: f64,
@@ -121,12 +111,13 @@ struct Over {
 }
 
 impl Over {
-    fn new(feeder: &Feeder, arguments: &Arguments) -> Result<Self, Refusal> {
+    fn new(feeder: &Feeder) -> Result<Self> {
+        let arguments = feeder.arguments;
         let amplitude = arguments.b.is_some();
         let given = arguments.k.or(arguments.b);
         let range = match given {
             Some(range) => range,
-            None => Range::new(0.02, 1.1 * band::birth(feeder.restitution, 1)?, 121),
+            None => Range::new(0.02, 1.1 * band::birth(arguments.restitution, 1)?, 121),
         };
         let mut values: Vec<f64> = range.values().collect();
         if given.is_none() {
@@ -145,7 +136,7 @@ impl Over {
         }
         let k = if amplitude {
             let all = values.iter().map(|value| k_of(&feeder.track, *value));
-            all.collect::<Result<_, Refusal>>()?
+            all.collect::<Result<_>>()?
         } else {
             values
         };
@@ -180,40 +171,52 @@ impl Over {
     }
 
     fn describe(&self) -> String {
-        let (name, unit) = if self.amplitude {
-            ("b", " mm")
-        } else {
-            ("k", "")
-        };
-        format!("{name} = {}{unit}", span(self.low, self.high, 6))
+        let span = span(self.low, self.high, 6);
+        match self.amplitude {
+            true => format!("b = {span} mm"),
+            false => format!("k = {span}"),
+        }
     }
 }
 
-fn rows(
-    feeder: &Feeder,
-    arguments: &Arguments,
-    over: &Over,
-    desk: &Desk,
-) -> Result<Vec<Row>, Refusal> {
+/// Starts of parts at `k`: at rest, on each attracting lock, and starts spread evenly over phase
+/// and velocity. The method is the additive recurrence of the plastic number. Velocities extend
+/// slightly beyond the launch velocity of the highest bounces, `2.5 R/(1-R)`.
+fn starts(k: f64, feeder: &Feeder) -> impl Iterator<Item = Origin> {
+    const PLASTIC: f64 = 1.324_717_957_244_746;
+    let restitution = feeder.arguments.restitution;
+    let highest = 1.0 + 2.5 * restitution / (1.0 - restitution);
+    let spread = (1..=feeder.arguments.starts).map(move |n| {
+        let n = n as f64;
+        let phase = (0.5 + n / PLASTIC).fract() * std::f64::consts::TAU;
+        let velocity = (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest;
+        Origin::Hop(PartState::new(phase, velocity))
+    });
+    [Origin::Rest]
+        .into_iter()
+        .chain(feeder.locked(k))
+        .chain(spread)
+}
+
+fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
+    let (restitution, scatter) = (feeder.arguments.restitution, feeder.arguments.scatter);
     let mut tasks: Vec<(usize, Origin)> = Vec::new();
     for (n, k) in over.k.iter().enumerate() {
-        let starts = starts(*k, feeder, arguments.starts);
-        tasks.extend(starts.into_iter().map(|start| (n, start)));
+        tasks.extend(starts(*k, feeder).map(|start| (n, start)));
     }
     // With scatter there is no final regime.
-    let constant = match arguments.scatter.scatter {
+    let constant = match scatter.scatter {
         0.0 => over.k.len(),
         _ => 0,
     };
     let endings = desk.spread("regimes", constant, ORBITS_PER_BLOCK, |columns| {
-        let tracks = columns.iter().map(|n| (over.k[*n], feeder.restitution));
-        let tracks: Vec<_> = tracks.collect();
+        let tracks: Vec<_> = columns.iter().map(|n| (over.k[*n], restitution)).collect();
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (n, start) = tasks[task];
-        let scatter = arguments.scatter.stream(feeder.restitution, task as u64)?;
-        run(feeder, over.k[n], endings.get(n), start, scatter, arguments)
+        let scatter = scatter.stream(restitution, task as u64)?;
+        run(feeder, over.k[n], endings.get(n), start, scatter)
     })?;
     let mut rows: Vec<Row> = Vec::new();
     let mut first = 0;
@@ -222,10 +225,8 @@ fn rows(
         rows.extend(grouped(*k, &tasks[first..last], &runs[first..last]));
         first = last;
     }
-    let sensitivities = rows.iter().map(|row| sensitivity(over, &rows, row));
-    let sensitivities: Vec<Option<Sensitivity>> = sensitivities.collect();
-    for (row, sensitivity) in rows.iter_mut().zip(sensitivities) {
-        row.sensitivity = sensitivity;
+    for n in 0..rows.len() {
+        rows[n].sensitivity = sensitivity(over, &rows, &rows[n]);
     }
     let displayed = &over.k[over.displayed.clone()];
     rows.retain(|row| displayed.contains(&row.k));
@@ -239,9 +240,8 @@ fn run(
     endings: Option<&Endings>,
     start: Origin,
     scatter: Option<Scatter>,
-    arguments: &Arguments,
-) -> Result<Run, Refusal> {
-    let map = Map::build(k, feeder.restitution)?;
+) -> Result<Run> {
+    let map = Map::build(k, feeder.arguments.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     let regime = match (endings, start) {
         (None, _) => Regime::Undecided,
@@ -259,14 +259,14 @@ fn run(
         orbit = orbit.scattering(scatter)?;
     }
     // A quarter of the shortest run, 100 impacts, aligns the tangent.
-    let mut growth = Growth::new(&map, 25.max(arguments.impacts as u64 / 40));
+    let mut growth = Growth::new(&map, 25.max(feeder.effort().impacts / 40));
     let mut gears = Gears::start_now()?;
     let mut phases = PhaseMeans::default();
     let watched = &mut (&mut growth, (&mut gears, &mut phases));
-    let conveyed = measure(orbit, tangential, effort(arguments), watched).conveyed;
+    let conveyed = measure(orbit, tangential, feeder.effort(), watched).conveyed;
     // Closed form and exponent apply only to instantaneous impacts without rests.
     let is_defined = conveyed.rests == 0 && feeder.contact.is_instant();
-    let stationary = phases.impact_mean(k, feeder.restitution, &feeder.settings);
+    let stationary = phases.impact_mean(k, map.restitution(), &feeder.settings);
     let exponent = growth.exponent();
     Ok(Run {
         regime,
@@ -317,37 +317,244 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     }
 }
 
+fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
+    match row.regime {
+        Regime::Locked { order } => {
+            let lock = feeder.lock(row.k, order)?;
+            Some(locked::velocity(&lock, row.k, &feeder.settings))
+        }
+        Regime::Doubled { .. } | Regime::Periodic { .. } | Regime::Chaotic | Regime::Undecided => {
+            row.sample(|run| run.stationary).mean()
+        }
+        Regime::HopAndRest { .. } | Regime::Rest => None,
+    }
+}
+
+fn bound(feeder: &Feeder) -> Option<f64> {
+    let applies = feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant();
+    applies.then(|| locked::bound(feeder.arguments.restitution, &feeder.settings))
+}
+
+fn impact_mean(row: &Row) -> Option<f64> {
+    row.sample(|run| run.impact_mean).mean()
+}
+
+/// A velocity of the map in mm/s.
+fn in_mm(feeder: &Feeder, row: &Row, velocity: f64) -> f64 {
+    velocity * feeder.velocity_unit(row.k)
+}
+
+fn parts_per_hour(feeder: &Feeder, row: &Row) -> Option<f64> {
+    let speed = in_mm(feeder, row, row.mean());
+    let parts = |length: f64| (speed / length * 3600.0).max(0.0);
+    feeder.arguments.part_length.map(parts)
+}
+
+fields! {
+    fn speeds(row: Row, feeder: Feeder<'_>) {
+        all K => row.k;
+        all B.digits(5) => feeder.amplitude(row.k);
+        all REGIME => row.named();
+        json IN_GEAR => row.in_gear.map(|gear| gear.share);
+        all STARTS => row.runs.len();
+        all FROM_REST => row.from_rest;
+        all SPEED.digits(5) => in_mm(feeder, row, row.mean());
+        all SPEED_ERROR.digits(2) => row.time_mean().error().map(|error| in_mm(feeder, row, error));
+        all IMPACT_MEAN.digits(5) => impact_mean(row).map(|mean| in_mm(feeder, row, mean));
+        json VELOCITY => row.mean();
+        json IMPACT_VELOCITY => impact_mean(row);
+        all CLOSED_FORM.digits(5) => closed_form(feeder, row).map(|velocity| in_mm(feeder, row, velocity));
+        all BOUND.digits(4) => bound(feeder).map(|velocity| in_mm(feeder, row, velocity));
+        all CRITICAL_SLOPE.digits(7) => critical_slope(feeder, row);
+        all INTERVAL.digits(5) => row.sample(|run| run.interval).mean().map(|mean| mean / TAU);
+        all EXPONENT.titled("exponent").digits(3) => row.sample(|run| run.exponent).mean();
+        all SENSITIVITY.digits(3) => row.sensitivity.map(|sensitivity| sensitivity.value);
+        all SENSITIVITY_ERROR.digits(2) => row.sensitivity.map(|sensitivity| sensitivity.error);
+        all PARTS_PER_HOUR.digits(4) => parts_per_hour(feeder, row);
+    }
+}
+
+fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
+    let view = speeds(feeder);
+    let objects = view.objects(rows);
+    let view = match feeder.arguments.part_length {
+        Some(_) => view,
+        None => view.without(columns::PARTS_PER_HOUR),
+    };
+    // In phase all locks have one critical slope; with a lead it depends on the phase of impact.
+    let critical = rows.iter().filter_map(|row| critical_slope(feeder, row));
+    let critical: Vec<f64> = critical.collect();
+    let in_phase = (feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant())
+        .then(|| locked::critical_slope_in_phase(feeder.arguments.restitution, &feeder.settings))
+        .map(|tangent| tangent.atan().to_degrees());
+    let text = match (in_phase, critical.as_slice()) {
+        (Some(slope), _) => Some(format!("{slope:.2}° (equation 22)")),
+        (None, []) => None,
+        (None, [slope]) => Some(format!("{slope:.2}°, from equation 20")),
+        (None, slopes) => {
+            let min_slope = slopes.iter().copied().fold(f64::INFINITY, f64::min);
+            let max_slope = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            Some(format!(
+                "{min_slope:.2}° to {max_slope:.2}° by k, from equation 20"
+            ))
+        }
+    };
+    let text = text.map(|text| format!("locked parts stand still on an incline of {text}"));
+    let heading = format!(
+        "Conveying speed at {}; {}",
+        over.describe(),
+        feeder.describe()
+    );
+    let report = view.printout(rows).heading(heading).notes(text);
+    report.json(&json!({
+        "rows": objects,
+        "critical_slope": in_phase.or((critical.len() == 1).then(|| critical[0])),
+        "velocity_bound": bound(feeder),
+    }))
+}
+
+/// Incline in degrees at which a locked part does not advance; `None` for other regimes.
+fn critical_slope(feeder: &Feeder, row: &Row) -> Option<f64> {
+    let Regime::Locked { order } = row.regime else {
+        return None;
+    };
+    let lock = feeder.lock(row.k, order)?;
+    let tangent = locked::critical_slope(&lock, row.k, &feeder.settings);
+    Some(tangent.atan().to_degrees())
+}
+
+fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
+    let speed = |row: &Row| row.mean() * feeder.velocity_unit(row.k);
+    let place = |k: f64| over.place(feeder, k);
+    let highest = rows.iter().map(speed).fold(0.0, f64::max);
+    let lowest = rows.iter().map(speed).fold(0.0, f64::min);
+    let room = 0.15 * (highest - lowest).max(1e-9);
+    let forward = rows.iter().map(speed).filter(|speed| *speed > 0.0);
+    let slowest = forward.fold(highest, f64::min);
+    let axis = |low: f64, high: f64| Axis::new("conveying speed", "mm/s", low, high);
+    // On double logarithmic axes a speed proportional to b is a straight line, and a locked one is
+    // level.
+    let up = if lowest < 0.0 || highest <= 0.0 {
+        axis(lowest - room, highest + room)
+    } else if highest > 3.0 * slowest {
+        axis(0.7 * slowest, 1.4 * highest).logarithmic()
+    } else {
+        axis(0.0, highest + room)
+    };
+    let mut panel = Panel::new(over.axis(), up)
+        .height(340.0)
+        .heading("Time mean of the speed, measured (markers) and in closed form (lines)");
+    let [first, last] = [over.displayed.start, over.displayed.end - 1].map(|n| place(over.k[n]));
+    for order in 1..=3 {
+        let edges = (
+            band::flip(feeder.arguments.restitution, order),
+            band::first_return_edge(feeder.arguments.restitution, order),
+        );
+        let (Ok(flip), Ok(birth)) = edges else {
+            continue;
+        };
+        let (left, right) = (place(flip).min(place(birth)), place(flip).max(place(birth)));
+        let (left, right) = (left.max(over.low), right.min(over.high));
+        if left < right {
+            panel = panel
+                .strip("bands of the locks", left, right)
+                .caption(0.5 * (left + right), format!("r={order}"));
+        }
+    }
+    let smooth = |line: &dyn Fn(f64) -> Option<f64>| -> Vec<(f64, f64)> {
+        (0..=600)
+            .map(|n| {
+                let part = f64::from(n) / 600.0;
+                let at = first * (last / first).powf(part);
+                let track = &feeder.track;
+                let k = if over.amplitude {
+                    track.k(1e-3 * at)
+                } else {
+                    at
+                };
+                let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
+                (at, speed.unwrap_or(f64::NAN))
+            })
+            .collect()
+    };
+    let lock = |order: u32| {
+        smooth(&|k| {
+            let lock = feeder.lock(k, order)?;
+            let velocity = || locked::velocity(&lock, k, &feeder.settings);
+            lock.attracts().then(velocity)
+        })
+    };
+    if let Some(bound) = bound(feeder) {
+        let line = smooth(&|_| Some(bound));
+        panel = panel.line("bound of the impact mean, equation 37", 1, line);
+    }
+    let measured = |row: &Row| (place(row.k), speed(row), row.regime);
+    panel = add_markers(panel, rows.iter().map(measured).collect());
+    // Drawn over the markers, which would hide it.
+    for order in ORDERS {
+        let line = lock(order);
+        if line.iter().any(|(_, speed)| speed.is_finite()) {
+            panel = panel.line("locked, equation 20", 6, line);
+        }
+    }
+    let from_rest = rows.iter().filter(|row| row.from_rest);
+    let fills = from_rest.map(|row| (place(row.k), ending::fill(row.regime)));
+    let names = FILLS.map(|(fill, name)| (fill, format!("from rest: {name}")));
+    panel = panel.ribbon_of_points([over.low, over.high], fills, &names);
+    let answer = |row: &Row| {
+        let Sensitivity { value, error } = row.sensitivity?;
+        let is_shown = error < 0.5 && (-1.0..=3.0).contains(&value);
+        is_shown.then_some((place(row.k), value, row.regime))
+    };
+    let answers = rows.iter().filter_map(answer).collect();
+    let below = Panel::new(over.axis(), Axis::new("(dV/V) / (db/b)", "", -1.0, 3.0))
+        .height(200.0)
+        .heading("Sensitivity of the speed to the amplitude")
+        .level(0.0, "does not feel b")
+        .level(1.0, "grows like b");
+    let below = add_markers(below, answers);
+    Picture::new("Conveying speed in every regime")
+        .caption(feeder.describe())
+        .panel(panel)
+        .panel(below)
+}
+
+fn add_markers(mut panel: Panel, points: Vec<(f64, f64, Regime)>) -> Panel {
+    for (series, (fill, name)) in FILLS.iter().enumerate() {
+        let own = points.iter().filter(|point| ending::fill(point.2) == *fill);
+        let own: Vec<(f64, f64)> = own.map(|point| (point.0, point.1)).collect();
+        if !own.is_empty() {
+            panel = panel.markers(name, series, own);
+        }
+    }
+    panel
+}
+
 #[cfg(test)]
 mod tests {
-    use super::page::closed_form;
     use super::*;
 
     const ORDER_1: Regime = Regime::Locked { order: 1 };
 
-    fn rows_of(line: &str) -> (Feeder, Over, Vec<Row>) {
-        let arguments = super::super::read(line).unwrap();
-        let feeder = Feeder::build(&arguments).unwrap();
-        let over = Over::new(&feeder, &arguments).unwrap();
-        let desk = Desk::new(Some(2)).unwrap();
-        let rows = rows(&feeder, &arguments, &over, &desk).unwrap();
-        (feeder, over, rows)
+    fn rows_of(feeder: &Feeder) -> Vec<Row> {
+        let over = Over::new(feeder).unwrap();
+        rows(feeder, &over, &Desk::new(Some(2)).unwrap()).unwrap()
     }
 
     #[test]
     fn the_speed_in_lock_does_not_depend_on_the_amplitude() {
         let line = "--restitution 0.2 --k 0.40..0.44:3 --impacts 400 --settle 400";
-        let (feeder, _, rows) = rows_of(line);
-        let locked = rows.iter();
-        let locked: Vec<&Row> = locked.filter(|row| row.regime == ORDER_1).collect();
+        let arguments = crate::verbs::read(line).unwrap();
+        let feeder = Feeder::build(&arguments).unwrap();
+        let rows = rows_of(&feeder);
+        let locked: Vec<&Row> = rows.iter().filter(|row| row.regime == ORDER_1).collect();
         assert_eq!(locked.len(), 3);
         for row in &locked {
             let closed = closed_form(&feeder, row).unwrap();
             assert!((row.mean() - closed).abs() < 1e-9);
             assert!(row.sensitivity.unwrap().value.abs() < 1e-6);
-            assert!(
-                (row.sample(|run| run.interval).mean().unwrap() - std::f64::consts::TAU).abs()
-                    < 1e-9
-            );
+            let interval = row.sample(|run| run.interval).mean().unwrap();
+            assert!((interval - std::f64::consts::TAU).abs() < 1e-9);
         }
         // docs/theory-capture.md#t7.2: from rest the part locks below k = 0.41136 and never above
         // 0.4178.
@@ -360,7 +567,8 @@ mod tests {
 
     #[test]
     fn a_single_k_has_a_sensitivity_from_its_neighbours() {
-        let (_, _, rows) = rows_of("--restitution 0.2 --k 0.43 --impacts 300");
+        let arguments = crate::verbs::read("--restitution 0.2 --k 0.43 --impacts 300").unwrap();
+        let rows = rows_of(&Feeder::build(&arguments).unwrap());
         let locked = rows.iter().find(|row| row.regime == ORDER_1).unwrap();
         assert!(locked.sensitivity.unwrap().value.abs() < 1e-6);
         assert!(rows.iter().all(|row| row.k == 0.43));
