@@ -58,6 +58,12 @@ pub struct Verdict {
     pub confidence: f32,
 }
 
+impl Verdict {
+    const fn new(regime: Regime, confidence: f32) -> Self {
+        Self { regime, confidence }
+    }
+}
+
 /// Accuracy of the measured impact times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimingAccuracy {
@@ -223,10 +229,6 @@ impl<const N: usize> Classifier<N> {
     /// The regime indicated by the stored times.
     pub fn verdict(&self) -> Verdict {
         let filled = self.count.min(N as u64) as usize;
-        let undecided = |confidence: f32| Verdict {
-            regime: Regime::Undecided,
-            confidence,
-        };
         let resting = self.detect_rest(filled);
         if let Some(verdict) = resting.or_else(|| self.detect_hop_and_rest()) {
             return verdict;
@@ -242,23 +244,17 @@ impl<const N: usize> Classifier<N> {
             best = best.max(share);
             if share >= 0.9 && cycles > 0 {
                 let enough = (compared as f32 / (2 * required) as f32).min(1.0);
-                return Verdict {
-                    regime: self.name_period(impacts as u32, cycles, filled),
-                    confidence: self.correct_for_chance(share) * enough,
-                };
+                let regime = self.name_period(impacts as u32, cycles, filled);
+                return Verdict::new(regime, self.correct_for_chance(share) * enough);
             }
-        }
-        if filled < N {
-            return undecided(filled as f32 / N as f32 * 0.5);
         }
         let against = 1.0 - self.correct_for_chance(best);
-        if against > 0.5 {
-            Verdict {
-                regime: Regime::Chaotic,
-                confidence: against,
-            }
+        if filled < N {
+            Verdict::new(Regime::Undecided, filled as f32 / N as f32 * 0.5)
+        } else if against > 0.5 {
+            Verdict::new(Regime::Chaotic, against)
         } else {
-            undecided(0.5)
+            Verdict::new(Regime::Undecided, 0.5)
         }
     }
 
@@ -268,15 +264,11 @@ impl<const N: usize> Classifier<N> {
         if silent <= MIN_SILENT_CYCLES * STEPS_PER_CYCLE {
             return None;
         }
-        let longest = (1..filled)
-            .map(|age| self.time(age - 1) - self.time(age))
-            .max()
-            .unwrap_or(STEPS_PER_CYCLE);
+        let intervals = (1..filled).map(|age| self.time(age - 1) - self.time(age));
+        let longest = intervals.max().unwrap_or(STEPS_PER_CYCLE);
         let enough = 3 * longest + MIN_SILENT_CYCLES * STEPS_PER_CYCLE;
-        (silent > enough).then(|| Verdict {
-            regime: Regime::Rest,
-            confidence: (silent as f32 / (2 * enough) as f32).min(1.0),
-        })
+        let confidence = (silent as f32 / (2 * enough) as f32).min(1.0);
+        (silent > enough).then_some(Verdict::new(Regime::Rest, confidence))
     }
 
     /// Hop and rest, if the last rests are a constant number of whole cycles apart.
@@ -292,12 +284,10 @@ impl<const N: usize> Classifier<N> {
         let is_regular = |pair: &&[u64]| self.is_multiple(pair[0] - pair[1], period);
         let regular = pairs.filter(is_regular).count();
         // One of three intervals may be wrong.
-        (regular + 1 >= COMPARED_RESTS - 1).then_some(Verdict {
-            regime: Regime::HopAndRest {
-                cycles: period as u32,
-            },
-            confidence: self.correct_for_chance(regular as f32 / (COMPARED_RESTS - 1) as f32),
-        })
+        let cycles = period as u32;
+        let confidence = self.correct_for_chance(regular as f32 / (COMPARED_RESTS - 1) as f32);
+        let verdict = Verdict::new(Regime::HopAndRest { cycles }, confidence);
+        (regular + 1 >= COMPARED_RESTS - 1).then_some(verdict)
     }
 
     /// Whether `duration` is `cycles` whole cycles, within the tolerance.
@@ -332,11 +322,11 @@ impl<const N: usize> Classifier<N> {
         if !is_power || !self.stays_in_gear(impacts as usize, order) {
             return Regime::Periodic { impacts, cycles };
         }
-        match impacts.trailing_zeros() {
-            0 if self.alternates(order, filled) => Regime::Doubled {
-                order,
-                doublings: 1,
-            },
+        let doublings = match impacts.trailing_zeros() {
+            0 => self.alternates(order, filled).into(),
+            doublings => doublings,
+        };
+        match doublings {
             0 => Regime::Locked { order },
             doublings => Regime::Doubled { order, doublings },
         }

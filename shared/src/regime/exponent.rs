@@ -240,11 +240,9 @@ impl Measurement {
         let estimate = |unit: fn(&Batch) -> f64, units: f64| {
             let value = growth / units;
             let deviation = |n: usize| batches[n].growth - value * unit(&batches[n]);
-            let error = standard_error(batches.len(), deviation);
-            Estimate {
-                value,
-                error: error * batches.len() as f64 / units,
-            }
+            let mean_error = standard_error(batches.len(), deviation);
+            let error = mean_error * batches.len() as f64 / units;
+            Estimate { value, error }
         };
         let per_impact = estimate(|batch| f64::from(batch.impacts), impacts);
         let dynamics = match rest {
@@ -351,10 +349,8 @@ mod tests {
     fn standard_errors_match_the_spread_of_runs() {
         for (k, restitution) in [(0.34, 0.2), (0.35, 0.2), (0.586, 0.5)] {
             let map = Map::build(k, restitution).unwrap();
-            let settings = ExponentSettings {
-                settle: 500,
-                impacts: 20_000,
-            };
+            let (settle, impacts) = (500, 20_000);
+            let settings = ExponentSettings { settle, impacts };
             let (mut sum, mut square, mut errors, mut n) = (0.0, 0.0, 0.0, 0.0);
             for run in 0..48 {
                 let mut from = start_near_lock(&map, 1);
@@ -377,10 +373,8 @@ mod tests {
     /// docs/theory-reference.md#t11.3
     #[test]
     fn exponents_match_the_references() {
-        let settings = ExponentSettings {
-            settle: 2000,
-            impacts: 400_000,
-        };
+        let (settle, impacts) = (2000, 400_000);
+        let settings = ExponentSettings { settle, impacts };
         for (restitution, k, exponent) in [
             (0.2, 0.43, -1.3307),
             (0.2, 0.358, 0.0778),
@@ -399,10 +393,8 @@ mod tests {
 
     #[test]
     fn orbits_side_by_side_have_the_bits_of_each_alone() {
-        let settings = ExponentSettings {
-            settle: 100,
-            impacts: 2000,
-        };
+        let (settle, impacts) = (100, 2000);
+        let settings = ExponentSettings { settle, impacts };
         for [k, restitution] in [
             [0.34, 0.2],
             [0.43, 0.2],
