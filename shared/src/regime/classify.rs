@@ -176,16 +176,17 @@ impl<const N: usize> Classifier<N> {
 
     /// Advances the time by `duration` rad of drive phase without an impact.
     pub fn wait(&mut self, duration: f64) {
-        self.now += libm::round(duration.max(0.0) * (STEPS_PER_CYCLE as f64 / TAU)) as u64;
+        self.now = self.after(duration);
+    }
+
+    /// Time after a further `duration` rad of drive phase.
+    fn after(&self, duration: f64) -> u64 {
+        self.now + libm::round(duration.max(0.0) * (STEPS_PER_CYCLE as f64 / TAU)) as u64
     }
 
     /// Adds an impact after a further `flight` rad of drive phase.
     pub fn flight(&mut self, flight: f64) {
-        let now = self.now;
-        self.wait(flight);
-        let landed = self.now;
-        self.now = now;
-        self.impact_at(landed);
+        self.impact_at(self.after(flight));
     }
 
     fn impact_at(&mut self, time: u64) {
@@ -466,20 +467,10 @@ mod tests {
         assert_eq!(classifier.verdict().regime, Regime::Rest);
     }
 
-    /// Classifies `cycles` cycles of an orbit with noise, in the board's memory.
-    fn classify_with_noise(
-        k: f64,
-        restitution: f64,
-        start: Option<PartState>,
-        noise: f64,
-        cycles: f64,
-        seed: u64,
-    ) -> Verdict {
+    /// Regime of 120 cycles of an orbit with noise, in the board's memory.
+    fn regime_in_noise(k: f64, restitution: f64, start: Option<PartState>, seed: u64) -> Regime {
         let map = Map::build(k, restitution).unwrap();
-        let settings = TimingAccuracy {
-            noise,
-            ..TimingAccuracy::BOARD
-        };
+        let settings = TimingAccuracy::BOARD;
         let mut classifier = Classifier::<64>::build(settings).unwrap();
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
@@ -490,7 +481,8 @@ mod tests {
                     // Impacts within the resolution merge into one.
                     if time - last > settings.resolution {
                         last = time;
-                        let stamp = ((time + noise * f64::from(random.gauss())) / TAU).max(0.0);
+                        let noise = settings.noise * f64::from(random.gauss());
+                        let stamp = ((time + noise) / TAU).max(0.0);
                         let cycle = libm::floor(stamp);
                         classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
                     }
@@ -498,11 +490,11 @@ mod tests {
                 OrbitEvent::Rest { chatter, .. } => time += chatter,
                 OrbitEvent::LiftOff { wait, .. } => time += wait,
             }
-            if time > cycles * TAU {
+            if time > 120.0 * TAU {
                 break;
             }
         }
-        classifier.verdict()
+        classifier.verdict().regime
     }
 
     #[test]
@@ -518,22 +510,19 @@ mod tests {
             (0.34, 0.2, Regime::Chaotic, 38),
             (0.575, 0.5, Regime::Chaotic, 30),
         ] {
-            let hits = (1..=40)
-                .filter(|&seed| {
-                    // Each start lies in a different part of the chaos.
-                    let mut start = near_lock(k, restitution, order).unwrap();
-                    start.phase += 1e-7 * seed as f64;
-                    let start = Some(start);
-                    classify_with_noise(k, restitution, start, 0.03, 120.0, seed).regime == regime
-                })
-                .count();
+            let is_hit = |seed: &u64| {
+                // Each start lies in a different part of the chaos.
+                let mut start = near_lock(k, restitution, order).unwrap();
+                start.phase += 1e-7 * *seed as f64;
+                regime_in_noise(k, restitution, Some(start), *seed) == regime
+            };
+            let hits = (1..=40).filter(is_hit).count();
             assert!(hits >= min_hits, "k {k} R {restitution}: {hits} of 40");
         }
         for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
-            let hits = (1..=40)
-                .map(|seed| classify_with_noise(k, restitution, None, 0.03, 120.0, seed))
-                .filter(|verdict| matches!(verdict.regime, Regime::HopAndRest { .. }))
-                .count();
+            let regimes = (1..=40).map(|seed| regime_in_noise(k, restitution, None, seed));
+            let hits = regimes.filter(|regime| matches!(regime, Regime::HopAndRest { .. }));
+            let hits = hits.count();
             assert!(hits >= 36, "k {k} R {restitution}: {hits} of 40");
         }
     }
