@@ -84,7 +84,7 @@ pub fn measure(
 /// Result of a run; `steady` means that its velocity along the track has converged.
 pub(super) fn classify_run(
     ended: StopReason,
-    conveyed: Conveyed,
+    mut conveyed: Conveyed,
     steady: bool,
     along: impl Along,
 ) -> Measured {
@@ -102,8 +102,9 @@ pub(super) fn classify_run(
         Motion::Hopping
     };
     // A part that accelerates for ever has no speed.
-    let has_speed = steady && along.can_be_steady();
-    let conveyed = has_speed.then_some(conveyed).unwrap_or_default();
+    if !(steady && along.can_be_steady()) {
+        conveyed = Conveyed::default();
+    }
     Measured { motion, conveyed }
 }
 
