@@ -305,10 +305,13 @@ struct Batch {
     impacts: u32,
 }
 
-/// Standard error of the mean of successive correlated `values`, by automatic windowing (Madras and
-/// Sokal 1988; Wolff 2004): `sqrt(variance tau/(n - 1))`; infinite for fewer than two values. The autocorrelation time is `tau = 1 + 2 sum rho(t)` over the smallest
-/// window of at least `5 tau`. The bias of a finite series is corrected. For the exponent at k =
-/// 0.34, R = 0.2, the spread of 48 runs of 20 000 impacts is 0.9 to 1.2 times the estimate.
+/// Standard error of the mean of successive correlated values: `sqrt(variance tau/(n - 1))`;
+/// infinite for fewer than two.
+///
+/// The autocorrelation time is `tau = 1 + 2 sum rho(t)` over the smallest window of at least
+/// `5 tau` (automatic windowing: Madras and Sokal 1988; Wolff 2004). The bias of a finite series is
+/// corrected. For the exponent at k = 0.34, R = 0.2, the spread of 48 runs of 20 000 impacts is 0.9
+/// to 1.2 times the estimate.
 fn standard_error(count: usize, value: impl Fn(usize) -> f64) -> f64 {
     if count < 2 {
         return f64::INFINITY;

@@ -1,5 +1,5 @@
-//! Interface of an orbit to a map: the next contact of a part, its throw from rest, and its release:
-//! the flight of a part that the track throws off from rest.
+//! Interface of an orbit to a map: the next contact of a part, its throw from rest, and its
+//! release, the flight of a part that the track throws off from rest.
 
 use crate::arithmetic::vector::sine_cosine;
 use crate::impact::double::Map;
