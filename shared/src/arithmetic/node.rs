@@ -27,41 +27,14 @@ pub(crate) const SPACING_REST: f64 = PI_REST / 128.0;
 const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
 
 /// (sine, cosine) at each node, nearest f64.
-pub(crate) static SINE_COSINE_DOUBLE: [[f64; 2]; COUNT] = {
-    let mut table = [[0.0; 2]; COUNT];
-    let mut j = 0;
-    while j < COUNT {
-        table[j] = [TWOFOLD_NODES[j][0].high, TWOFOLD_NODES[j][1].high];
-        j += 1;
-    }
-    table
-};
+pub(crate) static SINE_COSINE_DOUBLE: [[f64; 2]; COUNT] = TABLES.double;
 
 /// The phase of each node in rad as a sum: its number times [`SPACING_HIGH`], exactly, and times
 /// [`SPACING_LOW`].
-pub(crate) static NODE_PHASES: [[f64; 2]; COUNT] = {
-    let mut table = [[0.0; 2]; COUNT];
-    let mut j = 0;
-    while j < COUNT {
-        table[j] = [j as f64 * SPACING_HIGH, j as f64 * SPACING_LOW];
-        j += 1;
-    }
-    table
-};
+pub(crate) static NODE_PHASES: [[f64; 2]; COUNT] = TABLES.phases;
 
 /// (sine, cosine) at each node, nearest f32.
-pub(crate) static SINE_COSINE_SINGLE: [[f32; 2]; COUNT] = {
-    let mut table = [[0.0; 2]; COUNT];
-    let mut j = 0;
-    while j < COUNT {
-        table[j] = [
-            TWOFOLD_NODES[j][0].high as f32,
-            TWOFOLD_NODES[j][1].high as f32,
-        ];
-        j += 1;
-    }
-    table
-};
+pub(crate) static SINE_COSINE_SINGLE: [[f32; 2]; COUNT] = TABLES.single;
 
 /// Sine at the nodes of the first quarter turn with both ends, in steps of 2^-63.
 pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
@@ -93,6 +66,7 @@ pub(crate) fn sine_cosine(node: u32) -> [Fixed<60, i64>; 2] {
 }
 
 /// A node for sums of tones on a CPU without f64.
+#[derive(Clone, Copy)]
 pub(crate) struct Fine {
     /// Sine and cosine, nearest.
     pub fixed: [Fixed<30>; 2],
@@ -101,26 +75,38 @@ pub(crate) struct Fine {
 }
 
 /// All values of a node in adjacent memory.
-pub(crate) static FINE_NODES: [Fine; COUNT] = {
-    let mut table = [const {
-        Fine {
-            fixed: [Fixed(0); 2],
-            cosine: Fixed(0),
-        }
-    }; COUNT];
+pub(crate) static FINE_NODES: [Fine; COUNT] = TABLES.fine;
+
+struct Tables {
+    double: [[f64; 2]; COUNT],
+    phases: [[f64; 2]; COUNT],
+    single: [[f32; 2]; COUNT],
+    fine: [Fine; COUNT],
+}
+
+const TABLES: Tables = {
+    let (fixed, cosine) = ([Fixed(0); 2], Fixed(0));
+    let mut tables = Tables {
+        double: [[0.0; 2]; COUNT],
+        phases: [[0.0; 2]; COUNT],
+        single: [[0.0; 2]; COUNT],
+        fine: [Fine { fixed, cosine }; COUNT],
+    };
     let mut j = 0;
     while j < COUNT {
         let [sine, cosine] = [TWOFOLD_NODES[j][0].high, TWOFOLD_NODES[j][1].high];
-        table[j] = Fine {
-            fixed: [
-                Fixed::<30>::from_constant(sine),
-                Fixed::<30>::from_constant(cosine),
-            ],
-            cosine: Fixed::<48, i64>::from_constant(cosine),
-        };
+        tables.double[j] = [sine, cosine];
+        tables.phases[j] = [j as f64 * SPACING_HIGH, j as f64 * SPACING_LOW];
+        tables.single[j] = [sine as f32, cosine as f32];
+        let fixed = [
+            Fixed::<30>::from_constant(sine),
+            Fixed::<30>::from_constant(cosine),
+        ];
+        let cosine = Fixed::<48, i64>::from_constant(cosine);
+        tables.fine[j] = Fine { fixed, cosine };
         j += 1;
     }
-    table
+    tables
 };
 
 /// Sine and cosine of `x` in 0..=pi/4 by their Taylor series.

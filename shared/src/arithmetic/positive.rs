@@ -14,20 +14,14 @@ pub(crate) struct Positive {
 }
 
 impl Positive {
-    pub const ZERO: Self = Self {
-        mantissa: 0,
-        places: 0,
-    };
+    pub const ZERO: Self = Self::from_many_steps(0, 0);
     pub const RADIANS_PER_STEP: Self = Self::from_f64(Phase::RADIANS_PER_STEP);
 
     /// Number from a normal f64 above 0, exactly.
     #[inline(always)]
     pub const fn from_f64(value: f64) -> Self {
         let bits = value.to_bits();
-        Self {
-            mantissa: bits << 11 | 1 << 63,
-            places: 1086 - (bits >> 52) as i32,
-        }
+        Self::from_many_steps(bits << 11 | 1 << 63, 1086 - (bits >> 52) as i32)
     }
 
     /// Number from a count of steps of 2^-`places`.
@@ -37,19 +31,13 @@ impl Positive {
             return Self::ZERO;
         }
         let shift = count.leading_zeros();
-        Self {
-            mantissa: count << shift,
-            places: places + shift as i32,
-        }
+        Self::from_many_steps(count << shift, places + shift as i32)
     }
 
     /// Number from a count of steps of 2^-`places`, at least 2^58.
     #[inline(always)]
-    pub const fn from_many_steps(count: u64, places: i32) -> Self {
-        Self {
-            mantissa: count,
-            places,
-        }
+    pub const fn from_many_steps(mantissa: u64, places: i32) -> Self {
+        Self { mantissa, places }
     }
 
     /// Count of steps of 2^-`places`; the number must be a whole count in 2^32..2^64.

@@ -12,58 +12,46 @@ pub struct Twofold {
 
 impl Twofold {
     /// An f64, exactly.
-    pub const fn from(value: f64) -> Self {
-        Self {
-            high: value,
-            low: 0.0,
-        }
+    pub const fn from(high: f64) -> Self {
+        let low = 0.0;
+        Self { high, low }
     }
 
     /// `a + b` for |a| >= |b|, exactly (Dekker's fast two-sum).
     const fn normal(a: f64, b: f64) -> Self {
         let high = a + b;
-        Self {
-            high,
-            low: b - (high - a),
-        }
+        let low = b - (high - a);
+        Self { high, low }
     }
 
     /// `a + b`, exactly (Knuth).
     pub const fn sum(a: f64, b: f64) -> Self {
         let high = a + b;
         let part = high - a;
-        Self {
-            high,
-            low: (a - (high - part)) + (b - part),
-        }
+        let low = (a - (high - part)) + (b - part);
+        Self { high, low }
     }
 
     /// `a b`, exactly (Dekker) unless it overflows or its rest underflows.
     pub const fn product(a: f64, b: f64) -> Self {
         let high = a * b;
         let (x, y) = (Self::halves(a), Self::halves(b));
-        Self {
-            high,
-            low: ((x.high * y.high - high) + x.high * y.low + x.low * y.high) + x.low * y.low,
-        }
+        let low = ((x.high * y.high - high) + x.high * y.low + x.low * y.high) + x.low * y.low;
+        Self { high, low }
     }
 
     /// Upper and lower 26 bits (Veltkamp's split).
     const fn halves(value: f64) -> Self {
         let scaled = 134_217_729.0 * value;
         let high = scaled - (scaled - value);
-        Self {
-            high,
-            low: value - high,
-        }
+        let low = value - high;
+        Self { high, low }
     }
 
     /// `-self`.
     pub const fn negative(self) -> Self {
-        Self {
-            high: -self.high,
-            low: -self.low,
-        }
+        let (high, low) = (-self.high, -self.low);
+        Self { high, low }
     }
 
     /// `self + other`.

@@ -268,10 +268,8 @@ impl Kernel for Integer {
     fn state(phase: f64, velocity: f64) -> Result<IntegerState, OutOfRange> {
         accept_phase(phase)?;
         accept_velocity(velocity)?;
-        Ok(IntegerState {
-            phase: Phase::from_radians(phase),
-            velocity: Velocity::nearest(velocity),
-        })
+        let (phase, velocity) = (Phase::from_radians(phase), Velocity::nearest(velocity));
+        Ok(IntegerState { phase, velocity })
     }
 
     fn is_in_range(state: IntegerState) -> bool {

@@ -84,14 +84,11 @@ pub trait Kernel: Sized {
     /// Its name on the command line and in JSON.
     const NAME: &'static str;
 
-    /// The map for `k` and a restitution.
-    ///
-    /// Errors: `OutOfRange` with the parameter and the range of this arithmetic.
+    /// The map for `k` and a restitution; an error names the parameter and its range here.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 
-    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`.
-    ///
-    /// Errors: `OutOfRange` if the arithmetic cannot represent it.
+    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; an error if
+    /// there is none.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
     /// Whether a launch from `state` is within the range of this arithmetic.

@@ -48,12 +48,7 @@ impl SetUp {
         } else {
             Positive::from_f64(restitution).nearest(32)
         };
-        let restitution = u32::try_from(restitution).unwrap_or(u32::MAX);
-        Ok(Self::new(k, Fixed(restitution)))
-    }
-
-    #[inline(always)]
-    fn new(k: f64, restitution: Fixed<32, u32>) -> Self {
+        let restitution = Fixed(u32::try_from(restitution).unwrap_or(u32::MAX));
         let k = Positive::from_f64(k);
         let (steps, single) = (k.whole(61), k.single());
         let above = Self {
@@ -66,19 +61,19 @@ impl SetUp {
             restitution,
         };
         if steps >= ONE {
-            return above;
+            return Ok(above);
         }
         let (less, more) = (ONE - steps, ONE + steps);
         // Even, so that the root has an integer number of binary places.
         let shift = (less.leading_zeros() - 1) & !1;
         let root = root(upper(less << shift, more << 2));
         let lift_off = arcsine(steps, single, root >> ((shift / 2) & 31));
-        Self {
+        Ok(Self {
             lift_off,
             hump: (1_u32 << 31) - 2 * lift_off.bits(),
             lift_off_cosine: Positive::from_many_steps(root, 62 + shift as i32 / 2),
             ..above
-        }
+        })
     }
 
     /// Excess of k over 1, at least 0.

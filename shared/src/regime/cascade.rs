@@ -577,10 +577,8 @@ mod tests {
                 assert!(excess.abs() < 1e-6, "{orbit:?}");
                 // Independent method: mean growth of a tangent vector along the orbit.
                 let map = Map::build(orbit.k, restitution).unwrap();
-                let settings = ExponentSettings {
-                    settle: 20_000,
-                    impacts: 64_000,
-                };
+                let (settle, impacts) = (20_000, 64_000);
+                let settings = ExponentSettings { settle, impacts };
                 let measured = measure(&map, cascade.states[n], settings);
                 let measured = measured.unwrap().per_impact;
                 let error = (measured.value - larger).abs();

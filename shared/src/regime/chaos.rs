@@ -55,10 +55,8 @@ impl ChaoticBand {
                 break;
             }
             let map = Map::build(k, restitution)?;
-            let settings = ExponentSettings {
-                settle: 1000,
-                impacts,
-            };
+            let settle = 1000;
+            let settings = ExponentSettings { settle, impacts };
             let found = exponent::measure(&map, exponent::start_near_lock(&map, order), settings)?;
             match found.dynamics {
                 Dynamics::Rest { .. } => steps_with_rest += 1,

@@ -58,6 +58,12 @@ pub struct Verdict {
     pub confidence: f32,
 }
 
+impl Verdict {
+    const fn new(regime: Regime, confidence: f32) -> Self {
+        Self { regime, confidence }
+    }
+}
+
 /// Accuracy of the measured impact times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimingAccuracy {
@@ -170,16 +176,17 @@ impl<const N: usize> Classifier<N> {
 
     /// Advances the time by `duration` rad of drive phase without an impact.
     pub fn wait(&mut self, duration: f64) {
-        self.now += libm::round(duration.max(0.0) * (STEPS_PER_CYCLE as f64 / TAU)) as u64;
+        self.now = self.after(duration);
+    }
+
+    /// Time after a further `duration` rad of drive phase.
+    fn after(&self, duration: f64) -> u64 {
+        self.now + libm::round(duration.max(0.0) * (STEPS_PER_CYCLE as f64 / TAU)) as u64
     }
 
     /// Adds an impact after a further `flight` rad of drive phase.
     pub fn flight(&mut self, flight: f64) {
-        let now = self.now;
-        self.wait(flight);
-        let landed = self.now;
-        self.now = now;
-        self.impact_at(landed);
+        self.impact_at(self.after(flight));
     }
 
     fn impact_at(&mut self, time: u64) {
@@ -223,10 +230,6 @@ impl<const N: usize> Classifier<N> {
     /// The regime indicated by the stored times.
     pub fn verdict(&self) -> Verdict {
         let filled = self.count.min(N as u64) as usize;
-        let undecided = |confidence: f32| Verdict {
-            regime: Regime::Undecided,
-            confidence,
-        };
         let resting = self.detect_rest(filled);
         if let Some(verdict) = resting.or_else(|| self.detect_hop_and_rest()) {
             return verdict;
@@ -242,23 +245,17 @@ impl<const N: usize> Classifier<N> {
             best = best.max(share);
             if share >= 0.9 && cycles > 0 {
                 let enough = (compared as f32 / (2 * required) as f32).min(1.0);
-                return Verdict {
-                    regime: self.name_period(impacts as u32, cycles, filled),
-                    confidence: self.correct_for_chance(share) * enough,
-                };
+                let regime = self.name_period(impacts as u32, cycles, filled);
+                return Verdict::new(regime, self.correct_for_chance(share) * enough);
             }
-        }
-        if filled < N {
-            return undecided(filled as f32 / N as f32 * 0.5);
         }
         let against = 1.0 - self.correct_for_chance(best);
-        if against > 0.5 {
-            Verdict {
-                regime: Regime::Chaotic,
-                confidence: against,
-            }
+        if filled < N {
+            Verdict::new(Regime::Undecided, filled as f32 / N as f32 * 0.5)
+        } else if against > 0.5 {
+            Verdict::new(Regime::Chaotic, against)
         } else {
-            undecided(0.5)
+            Verdict::new(Regime::Undecided, 0.5)
         }
     }
 
@@ -268,15 +265,11 @@ impl<const N: usize> Classifier<N> {
         if silent <= MIN_SILENT_CYCLES * STEPS_PER_CYCLE {
             return None;
         }
-        let longest = (1..filled)
-            .map(|age| self.time(age - 1) - self.time(age))
-            .max()
-            .unwrap_or(STEPS_PER_CYCLE);
+        let intervals = (1..filled).map(|age| self.time(age - 1) - self.time(age));
+        let longest = intervals.max().unwrap_or(STEPS_PER_CYCLE);
         let enough = 3 * longest + MIN_SILENT_CYCLES * STEPS_PER_CYCLE;
-        (silent > enough).then(|| Verdict {
-            regime: Regime::Rest,
-            confidence: (silent as f32 / (2 * enough) as f32).min(1.0),
-        })
+        let confidence = (silent as f32 / (2 * enough) as f32).min(1.0);
+        (silent > enough).then_some(Verdict::new(Regime::Rest, confidence))
     }
 
     /// Hop and rest, if the last rests are a constant number of whole cycles apart.
@@ -292,12 +285,10 @@ impl<const N: usize> Classifier<N> {
         let is_regular = |pair: &&[u64]| self.is_multiple(pair[0] - pair[1], period);
         let regular = pairs.filter(is_regular).count();
         // One of three intervals may be wrong.
-        (regular + 1 >= COMPARED_RESTS - 1).then_some(Verdict {
-            regime: Regime::HopAndRest {
-                cycles: period as u32,
-            },
-            confidence: self.correct_for_chance(regular as f32 / (COMPARED_RESTS - 1) as f32),
-        })
+        let cycles = period as u32;
+        let confidence = self.correct_for_chance(regular as f32 / (COMPARED_RESTS - 1) as f32);
+        let verdict = Verdict::new(Regime::HopAndRest { cycles }, confidence);
+        (regular + 1 >= COMPARED_RESTS - 1).then_some(verdict)
     }
 
     /// Whether `duration` is `cycles` whole cycles, within the tolerance.
@@ -332,11 +323,11 @@ impl<const N: usize> Classifier<N> {
         if !is_power || !self.stays_in_gear(impacts as usize, order) {
             return Regime::Periodic { impacts, cycles };
         }
-        match impacts.trailing_zeros() {
-            0 if self.alternates(order, filled) => Regime::Doubled {
-                order,
-                doublings: 1,
-            },
+        let doublings = match impacts.trailing_zeros() {
+            0 => self.alternates(order, filled).into(),
+            doublings => doublings,
+        };
+        match doublings {
             0 => Regime::Locked { order },
             doublings => Regime::Doubled { order, doublings },
         }
@@ -476,20 +467,10 @@ mod tests {
         assert_eq!(classifier.verdict().regime, Regime::Rest);
     }
 
-    /// Classifies `cycles` cycles of an orbit with noise, in the board's memory.
-    fn classify_with_noise(
-        k: f64,
-        restitution: f64,
-        start: Option<PartState>,
-        noise: f64,
-        cycles: f64,
-        seed: u64,
-    ) -> Verdict {
+    /// Regime of 120 cycles of an orbit with noise, in the board's memory.
+    fn regime_in_noise(k: f64, restitution: f64, start: Option<PartState>, seed: u64) -> Regime {
         let map = Map::build(k, restitution).unwrap();
-        let settings = TimingAccuracy {
-            noise,
-            ..TimingAccuracy::BOARD
-        };
+        let settings = TimingAccuracy::BOARD;
         let mut classifier = Classifier::<64>::build(settings).unwrap();
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
@@ -500,7 +481,8 @@ mod tests {
                     // Impacts within the resolution merge into one.
                     if time - last > settings.resolution {
                         last = time;
-                        let stamp = ((time + noise * f64::from(random.gauss())) / TAU).max(0.0);
+                        let noise = settings.noise * f64::from(random.gauss());
+                        let stamp = ((time + noise) / TAU).max(0.0);
                         let cycle = libm::floor(stamp);
                         classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
                     }
@@ -508,11 +490,11 @@ mod tests {
                 OrbitEvent::Rest { chatter, .. } => time += chatter,
                 OrbitEvent::LiftOff { wait, .. } => time += wait,
             }
-            if time > cycles * TAU {
+            if time > 120.0 * TAU {
                 break;
             }
         }
-        classifier.verdict()
+        classifier.verdict().regime
     }
 
     #[test]
@@ -528,22 +510,19 @@ mod tests {
             (0.34, 0.2, Regime::Chaotic, 38),
             (0.575, 0.5, Regime::Chaotic, 30),
         ] {
-            let hits = (1..=40)
-                .filter(|&seed| {
-                    // Each start lies in a different part of the chaos.
-                    let mut start = near_lock(k, restitution, order).unwrap();
-                    start.phase += 1e-7 * seed as f64;
-                    let start = Some(start);
-                    classify_with_noise(k, restitution, start, 0.03, 120.0, seed).regime == regime
-                })
-                .count();
+            let is_hit = |seed: &u64| {
+                // Each start lies in a different part of the chaos.
+                let mut start = near_lock(k, restitution, order).unwrap();
+                start.phase += 1e-7 * *seed as f64;
+                regime_in_noise(k, restitution, Some(start), *seed) == regime
+            };
+            let hits = (1..=40).filter(is_hit).count();
             assert!(hits >= min_hits, "k {k} R {restitution}: {hits} of 40");
         }
         for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
-            let hits = (1..=40)
-                .map(|seed| classify_with_noise(k, restitution, None, 0.03, 120.0, seed))
-                .filter(|verdict| matches!(verdict.regime, Regime::HopAndRest { .. }))
-                .count();
+            let regimes = (1..=40).map(|seed| regime_in_noise(k, restitution, None, seed));
+            let hits = regimes.filter(|regime| matches!(regime, Regime::HopAndRest { .. }));
+            let hits = hits.count();
             assert!(hits >= 36, "k {k} R {restitution}: {hits} of 40");
         }
     }

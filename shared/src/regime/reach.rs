@@ -60,21 +60,12 @@ impl Reach {
         let mut locked = 0_u32;
         for sample in 0..samples {
             let k = low + (f64::from(sample) + 0.5) * step;
-            let mut all = true;
-            for &restitution in parts {
-                if !locks_from_rest(k, restitution, order)? {
-                    all = false;
-                    break;
-                }
-            }
+            let lock = |all, part: &f64| Ok(all && locks_from_rest(k, *part, order)?);
+            let all = parts.iter().try_fold(true, lock)?;
             unbroken &= all;
-            if all {
-                locked += 1;
-                reach.highest = Some(k);
-                if unbroken {
-                    reach.edge = Some(k);
-                }
-            }
+            locked += u32::from(all);
+            reach.highest = if all { Some(k) } else { reach.highest };
+            reach.edge = if unbroken { Some(k) } else { reach.edge };
         }
         reach.share = f64::from(locked) / f64::from(samples);
         Ok(reach)

@@ -141,10 +141,8 @@ mod tests {
                 };
                 let map = WaveMap::on(wave, k, 0.2).unwrap();
                 let law = Friction::on(&wave, k, settings).unwrap();
-                let effort = Effort {
-                    settle: 1000,
-                    impacts: 3000,
-                };
+                let (settle, impacts) = (1000, 3000);
+                let effort = Effort { settle, impacts };
                 let survey = measure_on_tones(Orbit::from_rest(&map), law, effort);
                 assert_eq!(survey.motion, motion, "{k}");
                 let expected = survey.conveyed.time_mean().unwrap();

@@ -84,7 +84,7 @@ pub fn measure(
 /// Result of a run; `steady` means that its velocity along the track has converged.
 pub(super) fn classify_run(
     ended: StopReason,
-    conveyed: Conveyed,
+    mut conveyed: Conveyed,
     steady: bool,
     along: impl Along,
 ) -> Measured {
@@ -102,8 +102,9 @@ pub(super) fn classify_run(
         Motion::Hopping
     };
     // A part that accelerates for ever has no speed.
-    let has_speed = steady && along.can_be_steady();
-    let conveyed = has_speed.then_some(conveyed).unwrap_or_default();
+    if !(steady && along.can_be_steady()) {
+        conveyed = Conveyed::default();
+    }
     Measured { motion, conveyed }
 }
 
@@ -149,10 +150,8 @@ mod tests {
 
     #[test]
     fn motions_are_classified() {
-        let effort = Effort {
-            settle: 200,
-            impacts: 1000,
-        };
+        let (settle, impacts) = (200, 1000);
+        let effort = Effort { settle, impacts };
         let hop = |phase, velocity| Origin::Hop(Map::state(phase, velocity).unwrap());
         for (k, restitution, origin, motion) in [
             // At k = 0.43 a part from rest chatters to rest every three cycles; one that starts on
@@ -174,10 +173,8 @@ mod tests {
     /// In lock the speed is the closed form, and 0 on the critical slope.
     #[test]
     fn speed_in_lock_is_the_closed_form() {
-        let effort = Effort {
-            settle: 400,
-            impacts: 400,
-        };
+        let (settle, impacts) = (400, 400);
+        let effort = Effort { settle, impacts };
         for (k, restitution, order, percent) in [
             (0.43, 0.2, 1, 0.0),
             (0.43, 0.2, 1, 1.0),

@@ -43,8 +43,8 @@ impl<V: Vector> Track<V> {
         self.k.min(V::splat(1.0))
     }
 
-    /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more. Let `A = k
-    /// - sin t`, at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
+    /// Whether a velocity is low enough for [`Launch::chatters_out`], which costs more. The pull
+    /// `A = k - sin t` is at most `1 + k`. Then `psi^3 (2.1 c^2 + 0.9 |s| A)` is at most
     /// [`MAX_CHATTER_REMAINDER`] `A^5`. Either `|s|` is at least 1/2, or `c^2` is at least 3/4: psi
     /// is at most 7.7e-6 (1 + k)^(5/3).
     #[inline(always)]

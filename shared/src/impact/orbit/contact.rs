@@ -167,10 +167,7 @@ mod tests {
         let elastic = Map::build(0.5, 1.0).unwrap();
         let falling = PartState::new(4.0, 1e-9);
         assert_eq!(elastic.time_to_rest(falling), None);
-        let still = PartState {
-            velocity: 0.0,
-            ..falling
-        };
+        let still = PartState::new(4.0, 0.0);
         assert_eq!(elastic.time_to_rest(still), Some(0.0));
     }
 

@@ -1,5 +1,5 @@
-//! Interface of an orbit to a map: the next contact of a part, its throw from rest, and its release:
-//! the flight of a part that the track throws off from rest.
+//! Interface of an orbit to a map: the next contact of a part, its throw from rest, and its
+//! release, the flight of a part that the track throws off from rest.
 
 use crate::arithmetic::vector::sine_cosine;
 use crate::impact::double::Map;
@@ -17,8 +17,8 @@ pub trait OrbitMap: Kernel<State = PartState> {
     /// Downward acceleration of the track (symbol A) at a phase in 0..2 pi, in `b w^2`.
     #[inline]
     fn push(&self, phase: f64) -> f64 {
-        self.wave()
-            .map_or_else(|| sine_cosine(phase).0, |wave| wave.push(phase))
+        let sine = || sine_cosine(phase).0;
+        self.wave().map_or_else(sine, |wave| wave.push(phase))
     }
 
     /// The tones of the track, each with its number.

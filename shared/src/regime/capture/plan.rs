@@ -32,19 +32,14 @@ impl Lot {
     /// Part number `index` of the lot. The four corners of restitution and amplitude error come
     /// first, then Roberts' R2 low-discrepancy sequence.
     pub fn part(&self, index: u32) -> Trial {
-        let (a, b) = match index {
-            0 => (0.0, 1.0),
-            1 => (1.0, 0.0),
-            2 => (1.0, 1.0),
-            3 => (0.0, 0.0),
-            _ => {
-                let turn = |step: f64| {
-                    let x = f64::from(index - 4) * step + 0.5;
-                    x - libm::floor(x)
-                };
-                (turn(0.754_877_666_246_692_8), turn(0.569_840_290_998_053_2))
-            }
-        };
+        let corners = [[0.0, 1.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]];
+        let corner = corners.get(index as usize).copied();
+        let [a, b] = corner.unwrap_or_else(|| {
+            [0.754_877_666_246_692_8, 0.569_840_290_998_053_2].map(|step| {
+                let x = f64::from(index - 4) * step + 0.5;
+                x - libm::floor(x)
+            })
+        });
         let (low, high) = (self.restitution.low(), self.restitution.high());
         Trial {
             k: self.k / (1.0 + self.amplitude_error * (2.0 * b - 1.0)),

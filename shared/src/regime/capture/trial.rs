@@ -176,10 +176,8 @@ impl TrialRun {
         let phase = impact_state.phase + self.contact_phase;
         let pull = self.k_at(self.amplitude) - sine_cosine_single(phase).0;
         let gain = speed_gain(self.restitution) * self.contact;
-        SingleState {
-            phase,
-            velocity: (impact_state.velocity - gain * pull).max(0.0),
-        }
+        let velocity = (impact_state.velocity - gain * pull).max(0.0);
+        SingleState { phase, velocity }
     }
 
     /// Amplitude over target at `time`, rounded to the steps of the map.
@@ -246,11 +244,9 @@ impl TrialRun {
         if phase < PI - lift_off {
             self.set_amplitude(amplitude);
             self.time = cycle + phase / TAU;
-            let steps = (phase * Phase::STEPS_PER_RADIAN as f32) as u32;
-            return Some(SingleState {
-                phase: Phase::from_bits(steps),
-                velocity: 0.0,
-            });
+            let phase = Phase::from_bits((phase * Phase::STEPS_PER_RADIAN as f32) as u32);
+            let velocity = 0.0;
+            return Some(SingleState { phase, velocity });
         }
         self.time = cycle + 1.0;
         None

@@ -121,10 +121,8 @@ pub struct Span {
 impl Span {
     /// A span of `all` drive periods, the first `before` of which are not counted.
     pub fn from_periods(all: u16, before: u16) -> Self {
-        Self {
-            begin: i64::from(before) << 32,
-            end: i64::from(all) << 32,
-        }
+        let [begin, end] = [before, all].map(|periods| i64::from(periods) << 32);
+        Self { begin, end }
     }
 }
 
@@ -225,10 +223,8 @@ impl SimulatedPart {
             self.velocity = 0.0;
             self.is_at_rest = false;
         }
-        let launch = SingleState {
-            phase: self.phase,
-            velocity: self.velocity,
-        };
+        let (phase, velocity) = (self.phase, self.velocity);
+        let launch = SingleState { phase, velocity };
         let restitution = self.draw.draw();
         let Landing { steps, next, .. } = map.single.land_at(launch, restitution);
         if steps <= 0 {

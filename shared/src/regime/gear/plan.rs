@@ -301,7 +301,10 @@ impl GearPlanner {
         let accepts = 0.005 <= low && low <= high && high <= 4.0;
         accept("k", low.into(), accepts, "0.005..4, the lowest first")?;
         let tones = settings.max_tones.into_iter();
-        let upper = tones.take_while(|e| *e >= MIN_TONE_AMPLITUDE).count();
+        let upper = tones
+            .take_while(|e| *e >= MIN_TONE_AMPLITUDE)
+            .count()
+            .min(2);
         let middle = settings.restitution.middle() as f32;
         let slope = TRIED_SECOND_TONE_SLOPES[upper];
         let mut max_second = TRIED_SECOND_TONE_AT_R_0 + slope * middle;
@@ -444,7 +447,11 @@ impl GearPlanner {
     }
 
     fn steps(&self) -> usize {
-        self.by_tone_count(GRID_STEPS)
+        // Constants, so that no division by them can panic.
+        match self.upper_tones {
+            0 => GRID_STEPS[0],
+            _ => GRID_STEPS[1],
+        }
     }
 
     fn rows(&self) -> &'static [Tones] {

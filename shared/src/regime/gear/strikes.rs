@@ -82,9 +82,8 @@ impl StrikeProfile {
 
     /// Share of the followed time in gear, 0..=1.
     pub fn share(&self) -> f32 {
-        let [in_gear_periods, out_of_gear_periods] =
-            self.periods.map(|periods| periods.iter().sum::<f32>());
-        in_gear_periods / (in_gear_periods + out_of_gear_periods).max(1.0)
+        let [in_gear, out_of_gear] = self.periods.map(|periods| periods.iter().sum::<f32>());
+        in_gear / (in_gear + out_of_gear).max(1.0)
     }
 
     /// Mean drive periods in gear until it is lost; without a loss, all of them: a lower bound.
@@ -101,9 +100,9 @@ impl StrikeProfile {
     /// thousand).
     pub fn min_credible_share(&self, periods: f32) -> f32 {
         (0..GROUPS).fold(1.0, |minimum, group| {
-            let [in_gear_periods, out_of_gear_periods] = self.periods.map(|periods| periods[group]);
-            let mean = in_gear_periods / (in_gear_periods + out_of_gear_periods).max(1.0);
-            let out = out_of_gear_periods / (self.losses[group] + PARTS_FROM_REST_PER_GROUP);
+            let [in_gear, out_of_gear] = self.periods.map(|periods| periods[group]);
+            let mean = in_gear / (in_gear + out_of_gear).max(1.0);
+            let out = out_of_gear / (self.losses[group] + PARTS_FROM_REST_PER_GROUP);
             if periods < 7.0 * out {
                 return 0.0;
             }
@@ -204,8 +203,9 @@ impl StrikeProfiler {
 
     fn restitution_range(&self) -> [f32; 2] {
         let lot = self.settings.restitution;
+        let low = lot.low() as f32 - RESTITUTION_MARGIN;
         [
-            (lot.low() as f32 - RESTITUTION_MARGIN).max(0.0),
+            low.max(0.0),
             (lot.high() as f32 + RESTITUTION_MARGIN).min(0.99),
         ]
     }
@@ -259,15 +259,14 @@ impl StrikeProfiler {
         let over = simulated.simulate_flight_with(&self.map, |impact| landed_impact = Some(impact));
         if let Some(impact) = landed_impact {
             let speed = impact.arrival_speed(&self.map);
-            let bin = (impact.phase.bits() >> 26) as u8;
-            let is_first_landing = impact.from_rest && {
+            let landed = impact.from_rest && {
                 let landing = *self.profile.landing_phase.get_or_insert(impact.phase);
-                (-LANDING_PHASE_TOLERANCE..LANDING_PHASE_TOLERANCE)
-                    .contains(&((impact.phase - landing).bits() as i32))
+                let distance = (impact.phase - landing).bits() as i32;
+                (-LANDING_PHASE_TOLERANCE..LANDING_PHASE_TOLERANCE).contains(&distance)
             };
             let pending_impact = PendingImpact {
-                bin,
-                landed: is_first_landing,
+                bin: (impact.phase.bits() >> 26) as u8,
+                landed,
                 energy: speed * speed,
                 periods: impact.steps as f32 * (1.0 / Phase::TURN as f32),
             };
@@ -477,9 +476,8 @@ mod tests {
                     break;
                 }
             }
-            let [computed, stored] = [computed, stored]
-                .map(|profiler| std::format!("{:?}", profiler.profile().unwrap()));
-            assert_eq!(computed, stored);
+            let shown = |one: StrikeProfiler| std::format!("{:?}", one.profile().unwrap());
+            assert_eq!(shown(computed), shown(stored));
         }
         // A result at another k is rejected.
         let other = StrikeSettings {

@@ -9,7 +9,7 @@ use crate::impact::anchor::flight::Motion;
 use crate::impact::wave::Tone;
 
 /// One harmonic, `e sin(n t + th)`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Harmonic {
     /// e.
     amplitude: Fixed<32, u32>,
@@ -27,12 +27,7 @@ impl Harmonic {
         let turn = core::f64::consts::TAU;
         accept_in(angle, tone.angle, -turn..=turn, "-6.2832..6.2832 rad")?;
         if tone.amplitude == 0.0 {
-            return Ok(Self {
-                amplitude: Fixed(0),
-                angle: Phase::ZERO,
-                size: 0.0,
-                mixed: [0.0; 2],
-            });
+            return Ok(Self::default());
         }
         let phase = Phase::from_radians(tone.angle);
         let size = tone.amplitude as f32;

@@ -191,11 +191,6 @@ impl Track {
             + (excess & 255) as f32 * (1.0 / 34_359_738_368.0)
     }
 
-    /// A' at a phase.
-    fn jerk(&self, phase: u32) -> f32 {
-        self.tones.at(phase).cosines(8.0, 27.0)
-    }
-
     /// Finds every interval with A > k, node by node. From a node where A is far from k it skips as
     /// many nodes as the slope allows. A hump that it misses is shorter than a node distance, with
     /// two more extrema of A within it. There A exceeds k so little and so briefly that the gap is
@@ -233,7 +228,8 @@ impl Track {
 
     /// Extremum of A between two nodes where A passes k and returns; `None` without one.
     fn find_hidden_extremum(&self, low: u32, width: u32, above: bool) -> Option<u32> {
-        let toward = |at: u32| (self.jerk(low.wrapping_add(at)) < 0.0) == above;
+        let jerk = |phase: u32| self.tones.at(phase).cosines(8.0, 27.0);
+        let toward = |at: u32| (jerk(low.wrapping_add(at)) < 0.0) == above;
         if !toward(0) || toward(width) {
             return None;
         }
