@@ -116,14 +116,12 @@ impl Controller {
         self.misses_impacts() || self.selection.misfit
     }
 
-    /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the
-    /// report.
+    /// The estimated share, also while [`Limits::DEAF`] hides it in the report.
     pub fn estimated_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
     }
 
-    /// Standard error of that share; infinite if it is only a lower bound
-    /// ([`Report::in_gear_error`]).
+    /// Standard error of the share; infinite for a lower bound ([`Report::in_gear_error`]).
     pub fn in_gear_error(&self) -> f32 {
         let share = self
             .estimated_share()

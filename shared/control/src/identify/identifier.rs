@@ -1,15 +1,13 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
 //! The track throws a part at rest at arcsin k. The intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R itself). The residual is averaged over the cycles
-//! (synchronous average). Each average is compared with the chatter that the map predicts for every
-//! restitution.
+//! restitution (for short hops their ratio is R). A synchronous average of the residual is compared
+//! with the chatter that the map predicts for every restitution.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown again. The search
-//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the
-//! parts are brought to rest, and averages are measured at a level with rest. This ends when one
-//! restitution exceeds every other by a likelihood ratio. The spread of the averages gives the
-//! standard error.
+//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then parts
+//! are brought to rest, and averaged at a level with rest, until one restitution exceeds all others
+//! by a likelihood ratio. The spread of the averages gives the standard error.
 
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
@@ -110,8 +108,7 @@ pub enum Unidentified {
     Unlike,
     /// Second impact lost in the ringing of the first: restitution near 0, or scatter near it.
     Dead,
-    /// Only the first landing repeats: restitution scatters from impact to impact or from part to
-    /// part.
+    /// Only the first landing repeats: restitution scatters, by impact or by part.
     Scattered,
     /// The drive did not hold the requested amplitudes within the time limit.
     Unsteady,

@@ -247,11 +247,9 @@ numbered! {
         LockedOut = 22 "locked out",
         /// The track's response at twice the drive's frequency deviates from the configured one.
         SecondToneUnlike = 23 "second tone differs",
-        /// The track's response at three times the drive's frequency deviates from the configured
-        /// one.
+        /// The track's response at three times that frequency deviates from the configured one.
         ThirdToneUnlike = 24 "third tone differs",
-        /// No amplitude holds the lot in gear; the best one is held, with the predicted share of
-        /// time.
+        /// No amplitude holds the lot in gear; the best one is held, for its predicted share.
         GearPoor = 25 "gear poor for the lot",
         /// The mass of the parts is estimated for the first time, or it changed by a tenth since
         /// the last event.

@@ -290,8 +290,7 @@ fn check_frame(inside: &[u8]) -> Result<(u8, &[u8]), Unreadable> {
     Ok((*version, rest))
 }
 
-/// CRC-32 (IEEE 802.3) by half-byte table lookup: 64 bytes of table, some twelve instructions a
-/// byte.
+/// CRC-32 (IEEE 802.3) by half-byte table lookup: 64 bytes, some twelve instructions a byte.
 pub fn crc32(bytes: &[u8]) -> u32 {
     const TABLE: [u32; 16] = {
         let mut table = [0; 16];
