@@ -257,11 +257,6 @@ mod tests {
     }
 
     #[test]
-    fn settings_end_before_the_events() {
-        assert!(FIRST_SETTING + 2 * Settings::KEYS.len() as u16 <= FIRST_EVENT);
-    }
-
-    #[test]
     fn integers_saturate_and_mark_what_is_missing() {
         assert_eq!(scaled(0.8004, 1e-3), 800);
         assert_eq!(scaled(-0.0006, 1e-3) as i16, -1);

@@ -20,8 +20,6 @@ use fit::{
     predict_energy, residual_sum, unexplained_energy,
 };
 use kband::arithmetic::{Phase, square_root_single};
-#[cfg(any(test, feature = "memo"))]
-use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
     GROUPS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
 };
@@ -187,7 +185,7 @@ pub struct ShareEstimator {
     tones: [[f32; 2]; UPPER],
     cycles: f32,
     profiled_tones: [[f32; 2]; UPPER],
-    profiler: Option<StrikeProfiler>,
+    pub profiler: Option<StrikeProfiler>,
     /// Energy of the last 256 cycles; the reported share is fitted to it.
     long: Histogram,
     cycles_since_fit: u32,
@@ -279,20 +277,6 @@ impl ShareEstimator {
     /// Predicted profile of the lot; `None` until the prediction is complete.
     pub fn profile(&self) -> Option<&StrikeProfile> {
         self.profiler.as_ref()?.profile()
-    }
-
-    /// Settings of the running strike count; `None` while none runs.
-    #[cfg(any(test, feature = "memo"))]
-    pub fn pending_settings(&self) -> Option<&StrikeSettings> {
-        self.profiler.as_ref()?.pending_settings()
-    }
-
-    /// Replaces the running count by a finished one ([`StrikeProfiler::set_stored_result`]).
-    #[cfg(any(test, feature = "memo"))]
-    pub fn set_stored_count(&mut self, count: &StrikeCount) {
-        if let Some(profiler) = &mut self.profiler {
-            profiler.set_stored_result(count);
-        }
     }
 
     /// Adds one drive cycle to the histograms, and schedules the fits.
