@@ -286,6 +286,7 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn numbers_are_stable_and_names_are_unique() {
@@ -299,9 +300,7 @@ mod tests {
             assert_eq!(fault.is_some(), numbers.contains(&number));
             assert!(fault.is_none_or(|fault| fault.number() == number));
         }
-        let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
-        names.sort_unstable();
-        names.dedup();
+        let names: BTreeSet<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         assert_eq!(names.len(), Fault::ALL.len());
     }
 
