@@ -50,8 +50,7 @@ impl Server {
         Ok(())
     }
 
-    /// Answers a request of unit, function and data. Returns whether there is an answer, which then
-    /// has the same parts.
+    /// Answers a request of unit, function and data; returns whether there is an answer, of these.
     ///
     /// The caller has compared the unit. A function above 127 is not a request and gets no answer.
     // A board calls it from its bus and from its link: one copy saves 3 KiB of flash.

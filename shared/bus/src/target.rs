@@ -2,10 +2,7 @@
 
 use kband_control::Target;
 
-/// Largest order of a gear or a lock.
-const MAX_ORDER: u16 = 8;
-// Kinds of targets. The order of a gear or a lock is added to its kind.
-const GEAR: u16 = 0;
+// Kinds of targets: the order of a gear, this plus the order of a lock, or one of these.
 const LOCK: u16 = 16;
 const K: u16 = 32;
 const AMPLITUDE: u16 = 33;
@@ -17,7 +14,7 @@ const CHAOS: u16 = 48;
 /// Kind and number of a target. Targets that only the desk sets are of kind 0.
 pub fn encode(target: Target) -> (u16, f32) {
     match target {
-        Target::Gear { order } => (GEAR + u16::from(order), 0.0),
+        Target::Gear { order } => (order.into(), 0.0),
         Target::Locked { order } => (LOCK + u16::from(order), 0.0),
         Target::K(k) => (K, k),
         Target::Amplitude(amplitude) => (AMPLITUDE, amplitude),
@@ -36,17 +33,11 @@ pub fn has_number(kind: u16) -> bool {
 
 /// The target of this kind and number; `None` without one. Some kinds ignore the number.
 pub fn decode(kind: u16, number: f32) -> Option<Target> {
-    let order = |base: u16| {
-        let order = kind.checked_sub(base)?;
-        (1..=MAX_ORDER).contains(&order).then_some(order as u8)
-    };
-    if let Some(order) = order(GEAR) {
-        return Some(Target::Gear { order });
-    }
-    if let Some(order) = order(LOCK) {
-        return Some(Target::Locked { order });
-    }
     match kind {
+        1..=8 => Some(Target::Gear { order: kind as u8 }),
+        17..=24 => Some(Target::Locked {
+            order: (kind - LOCK) as u8,
+        }),
         CHAOS => Some(Target::Chaotic),
         _ if !number.is_finite() => None,
         K => Some(Target::K(number)),

@@ -32,8 +32,7 @@ pub fn adu(frame: &[u8]) -> Option<&[u8]> {
     (frame_length(frame) == Ok(Some(frame.len()))).then_some(adu)
 }
 
-/// Puts the header of an answer to `frame` before unit, function and data; returns false if there
-/// is no room for it.
+/// Puts the header of an answer to `frame` before unit, function and data; false without room.
 pub fn wrap(frame: &[u8], answer: &mut Answer) -> bool {
     let Some(header) = frame.first_chunk::<HEADER_BYTES>() else {
         return false;

@@ -344,11 +344,8 @@ fn settings_are_written_at_rest_and_never_the_bus_ones() {
         let is_low = key.default == key.low;
         let other = if is_low { key.high } else { key.low };
         let name = key.name;
-        refuses(
-            &mut drive,
-            &write(of(name), &float(other)),
-            Exception::NotInControl,
-        );
+        let changed = write(of(name), &float(other));
+        refuses(&mut drive, &changed, Exception::NotInControl);
         accepted(&mut drive, &write(of(name), &float(key.default)));
     }
     drive.state = State::Holding;

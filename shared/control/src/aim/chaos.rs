@@ -1,5 +1,4 @@
-//! The search for k at which a lot is chaotic (docs/theory-bands.md#t6.3), slice by slice, by the
-//! board's impact map.
+//! The search for k at which a lot is chaotic (docs/theory-bands.md#t6.3), in slices, by the map.
 //!
 //! A scan of k from high to low on a geometric grid, by the board's own regime classifier.
 

@@ -118,8 +118,7 @@ mod tests {
 
     #[test]
     fn a_lot_without_any_band_has_no_speed_at_all() {
-        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are
-        // narrower.
+        // docs/theory-bands.md#t5.4: no common band of order 1; those of higher orders are smaller.
         let choice = choice(100.0, &lot(0.1, 0.3));
         assert_eq!(choice, Choice::level(Level::None(NoSetpoint::Speed(None))));
     }

@@ -93,8 +93,7 @@ impl Controller {
         Self::resume(settings, target, &interlock)
     }
 
-    /// As [`Controller::build`], with another controller's interlock, which keeps the drive off for
-    /// the same causes.
+    /// As [`Controller::build`], with another controller's causes that keep the drive off.
     pub fn resume(
         settings: &Settings,
         target: Target,
@@ -215,8 +214,7 @@ impl Controller {
         }
     }
 
-    /// Processes one cycle's measurements and the board's inputs; the report holds the next
-    /// command.
+    /// Processes one cycle's measurements and inputs; the report holds the next command.
     pub fn cycle(&mut self, cycle: &Cycle, inputs: &Inputs) -> Report {
         self.advance(cycle, inputs);
         self.report()

@@ -46,11 +46,13 @@ impl Controller {
 
     /// The count of strikes that [`Controller::plan_step`] runs; `None` if there is none.
     pub fn strikes_search(&self) -> Option<&StrikeSettings> {
-        self.listener.share.pending_settings()
+        self.listener.share.profiler.as_ref()?.pending_settings()
     }
 
     /// Supplies the count of [`Controller::strikes_search`], made elsewhere.
     pub fn supply_strikes(&mut self, count: &StrikeCount) {
-        self.listener.share.set_stored_count(count);
+        if let Some(profiler) = &mut self.listener.share.profiler {
+            profiler.set_stored_result(count);
+        }
     }
 }

@@ -116,23 +116,17 @@ impl Controller {
         self.misses_impacts() || self.selection.misfit
     }
 
-    /// That share with its error; `None` if it is only a lower bound.
-    pub(crate) fn gear_share(&self) -> Option<GearShare> {
-        let share = self.listener.in_gear();
-        share.filter(|_| !self.is_estimate_invalid())
-    }
-
-    /// The estimated share, also while [`Limits::DEAF`](crate::Limits::DEAF) hides it in the
-    /// report.
+    /// The estimated share, also while [`Limits::DEAF`] hides it in the report.
     pub fn estimated_share(&self) -> Option<GearShare> {
         self.listener.in_gear()
     }
 
-    /// Standard error of that share; infinite if it is only a lower bound
-    /// ([`Report::in_gear_error`]).
+    /// Standard error of the share; infinite for a lower bound ([`Report::in_gear_error`]).
     pub fn in_gear_error(&self) -> f32 {
-        self.gear_share()
-            .map_or(f32::INFINITY, |estimate| estimate.error)
+        let share = self
+            .estimated_share()
+            .filter(|_| !self.is_estimate_invalid());
+        share.map_or(f32::INFINITY, |estimate| estimate.error)
     }
 
     /// Estimated load of the parts on the track ([`Report::load`]).

@@ -92,8 +92,7 @@ fn follow_for(cycles: u32, controller: &mut Controller, enable: bool) -> Report 
     reports.last().unwrap()
 }
 
-/// While the bridge is held open the output is 0 at once. The drive starts again once it is
-/// released and the track is at rest.
+/// While the bridge is held open the output is 0; released, the drive starts again from rest.
 #[test]
 fn a_drive_that_is_held_off_stops_without_a_ramp() {
     let (mut controller, held) = driven(Target::K(0.5));

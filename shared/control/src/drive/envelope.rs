@@ -1,5 +1,4 @@
-//! Envelope of the track's amplitude under the output, from cycle to cycle (slowly varying
-//! amplitude).
+//! Envelope of the track's amplitude under the output, cycle by cycle (slowly varying amplitude).
 //!
 //! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. The envelope is a phasor in
 //! the frame that rotates with the drive, here over its steady value. In a cycle it decays and

@@ -116,9 +116,7 @@ impl Observer {
         let rotated =
             Complex::new(length, -PHASE_YIELD_SHARE * self.output_envelope.im) * self.held_phase;
         self.held_phase = rotated / absolute(rotated);
-        [
-            length,
-            libm::atan2f(self.output_envelope.im, self.output_envelope.re),
-        ]
+        let lead = libm::atan2f(self.output_envelope.im, self.output_envelope.re);
+        [length, lead]
     }
 }

@@ -101,14 +101,13 @@ impl Shape {
     }
 
     pub(crate) fn check(&self) -> Result<(), OutOfRange> {
-        let names = [
-            ("second tone, ratio", "second tone, phase"),
-            ("third tone, ratio", "third tone, phase"),
-        ];
+        let ratios = ["second tone, ratio", "third tone, ratio"];
+        let phases = ["second tone, phase", "third tone, phase"];
         let require = |parameter, value: f32, accepts, accepted| {
             accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
         };
         let a_turn = "-6.2832..6.2832 rad, which is one turn to either side";
+        let names = ratios.into_iter().zip(phases);
         for (tone, (of_ratio, of_phase)) in self.tones().into_iter().zip(names) {
             let accepts = (0.0..=0.5).contains(&tone.ratio);
             require(of_ratio, tone.ratio, accepts, "0..0.5 of the first")?;

@@ -218,8 +218,7 @@ mod tests {
                 phase,
                 distance,
             } = minimum;
-            // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave a factor of 2 and
-            // 30 degrees.
+            // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave as much again.
             assert!(gain > 4.0 && phase > 60.0 && distance > 0.7, "{minimum:?}");
         }
     }

@@ -180,8 +180,7 @@ mod tests {
 
     #[test]
     fn means_by_sample_are_output_once_and_emptied() {
-        // 400 and 50 samples a cycle, and 1400 with every third used; also a start just before the
-        // wrap.
+        // 400, 50 and 1400 samples a cycle, of these every third; also a start before the wrap.
         for (step, stride) in [
             (u32::MAX / 400, 1),
             (u32::MAX / 50, 1),
@@ -195,8 +194,7 @@ mod tests {
                     let output = output(&mut average, step, Phase::from_bits(from), level);
                     assert!((layout.bins..layout.bins + BINS_PER_CYCLE).contains(&output.len()));
                     for (bin, mean) in output[..layout.bins].iter().enumerate() {
-                        // The first sample of a half turn lies within a step of its start; rounding
-                        // of f32.
+                        // The first sample lies within a step of the start; rounding of f32.
                         let offset_error = mean - level - (bin as u32 * stride * step) as f32;
                         let holds = (-1e4..step as f32 + 1e4).contains(&offset_error);
                         assert!(holds, "{bin}: {offset_error}");

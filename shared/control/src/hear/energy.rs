@@ -1,5 +1,4 @@
-//! Sums the residual's energy by sector of the drive's turn, for all parts together (a histogram
-//! with energy as weight).
+//! Sums the residual's energy by sector of the drive's turn (a histogram with energy as weight).
 
 use kband::arithmetic::Phase;
 

@@ -391,8 +391,7 @@ impl GearEstimator {
         }
         let turns = flight as f32 * (1.0 / Phase::TURN as f32);
         let duration = turns * TAU - self.contact;
-        // Flight equation: u(d) = (C + psi) d - k d^2/2 - [S' - S] = 0. Arrival speed: -u'(d) = k d
-        // + C' - C - psi.
+        // u(d) = (C + psi) d - k d^2/2 - (S' - S) = 0; arrival: -u'(d) = k d + C' - C - psi.
         let rise = 0.5 * k * duration + (impact.track[0] - last.launch[0]) / duration;
         // Launch speed without the contribution of the contact (docs/theory-real-parts.md#t10.6).
         let speed = rise - last.launch[1] + self.contact_gain * (k - last.launch[2]);
@@ -446,8 +445,7 @@ impl GearEstimator {
         {
             return Some(arrival);
         }
-        // Probability density of the phase for a flight: dR/dt is arrival speed after over before,
-        // over d.
+        // Density of the phase for a flight: dR/dt is arrival speed after over before, over d.
         let flight_density =
             normal_density(lot_distance) / (0.4 * (high - low) + scatter) / duration;
         let bounce_density = normal_density((difference - BOUNCED_LANDING[0]) / BOUNCED_LANDING[1])
@@ -522,8 +520,7 @@ impl GearEstimator {
         self.may_lock_beyond(phase, 1.0 + 2.0 * self.scatter / (1.0 - middle * middle))
     }
 
-    /// Whether a sine through the track's velocity and acceleration at a phase (rad) reaches a
-    /// lock's velocity times `factor`.
+    /// Whether a sine through the motion at a phase (rad) reaches a lock's velocity times `factor`.
     fn may_lock_beyond(&self, phase: f32, factor: f32) -> bool {
         [-STAMP_ERROR, STAMP_ERROR].iter().any(|stamp_error| {
             let [_, velocity, acceleration] = self.track.evaluate(phase_of(phase + stamp_error));

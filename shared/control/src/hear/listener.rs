@@ -236,13 +236,9 @@ impl Listener {
 
     /// Whether the impacts come from one part: with several, most flights are not detected.
     fn is_one(&self) -> bool {
-        let flights = self.gear.long_share();
-        match self.share.share {
-            Some(estimate) => {
-                flights >= MIN_SINGLE_FLIGHT_RATIO * (estimate.share - 2.0 * estimate.error)
-            }
-            None => flights >= MIN_SINGLE_FLIGHT_RATIO,
-        }
+        let lower_bound = |estimate: GearShare| estimate.share - 2.0 * estimate.error;
+        let of_all = self.share.share.map_or(1.0, lower_bound);
+        self.gear.long_share() >= MIN_SINGLE_FLIGHT_RATIO * of_all
     }
 
     /// Estimated share of time in gear, or its lower bound.

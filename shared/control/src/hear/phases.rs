@@ -99,9 +99,8 @@ impl PhaseStatistics {
         number / order
     }
 
-    /// Confidence from alternation, up to 1: doubled flights strike alternately before and after
-    /// the lock's phase. Parts that doubled out of step stay undetected
-    /// (docs/theory-capture.md#t7.6).
+    /// Confidence from alternation, up to 1: doubled flights strike before and after the lock's
+    /// phase in turn. Parts doubled out of step stay undetected (docs/theory-capture.md#t7.6).
     fn alternation_confidence(&self) -> f32 {
         if self.at_lock <= 0.0 {
             return 1.0;
@@ -205,8 +204,7 @@ mod tests {
         assert!(run(&[&[0.5]], 1) > 0.99);
         assert!(run(&[&[0.5], &[]], 2) > 0.95);
         assert!(run(&[&[0.5], &[]], 1) < 0.6);
-        // Impacts in two of three cycles are no lock of order 2, despite their right number; two
-        // groups of parts are one.
+        // Impacts in two of three cycles are no lock of order 2; two groups of parts are one.
         assert!(run(&[&[0.5], &[0.5], &[]], 2) < 0.8);
         assert!(run(&[&[0.5], &[0.52]], 2) > 0.95);
         assert!(run(&[&[5.6]], 1) == 0.0);

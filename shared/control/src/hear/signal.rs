@@ -197,8 +197,7 @@ struct CurrentMeter {
 /// impact rings ([`OnsetDetector::is_ringing`]), up to a third of a cycle. They have no effect on
 /// the new estimate. At a steady amplitude at most 0.3 % of bias remains, at 800 Hz and at 2.4 kHz.
 ///
-/// Deadline: one sample (50 us). A missed sample shifts the drive's phase, and the demodulator
-/// measures that shift.
+/// Deadline: one sample (50 us). A missed one shifts the drive's phase, which is measured.
 ///
 /// ```
 /// use kband_control::{AdcCode, Settings, Signal};

@@ -328,7 +328,8 @@ impl Fit {
         let (residual_sum, baseline_sum) = (fit.residual_sum, fit.baseline_sum);
         let noise = self.noise() * bins.len() as f32;
         if baseline_sum - residual_sum < MIN_EXPLAINED_PER_BIN * residual_sum / bins.len() as f32 {
-            return if baseline_sum < MAX_RESIDUAL_OVER_NOISE * noise {
+            let is_quiet = baseline_sum < MAX_RESIDUAL_OVER_NOISE * noise;
+            return if is_quiet {
                 Verdict::Quiet
             } else {
                 Verdict::Unexplained

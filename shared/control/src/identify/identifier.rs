@@ -1,19 +1,17 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
 //! The track throws a part at rest at arcsin k. The intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R itself). The residual is averaged over the cycles
-//! (synchronous average). Each average is compared with the chatter that the map predicts for every
-//! restitution.
+//! restitution (for short hops their ratio is R). A synchronous average of the residual is compared
+//! with the chatter that the map predicts for every restitution.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown again. The search
-//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then the
-//! parts are brought to rest, and averages are measured at a level with rest. This ends when one
-//! restitution exceeds every other by a likelihood ratio. The spread of the averages gives the
-//! standard error.
+//! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then parts
+//! are brought to rest, and averaged at a level with rest, until one restitution exceeds all others
+//! by a likelihood ratio. The spread of the averages gives the standard error.
 
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
-use crate::hear::{BINS_PER_CYCLE, BinLayout};
+use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact};
 use crate::{Cycle, GearMargin, phase_of};
 use core::f32::consts::TAU;
 use heapless::Vec;
@@ -110,8 +108,7 @@ pub enum Unidentified {
     Unlike,
     /// Second impact lost in the ringing of the first: restitution near 0, or scatter near it.
     Dead,
-    /// Only the first landing repeats: restitution scatters from impact to impact or from part to
-    /// part.
+    /// Only the first landing repeats: restitution scatters, by impact or by part.
     Scattered,
     /// The drive did not hold the requested amplitudes within the time limit.
     Unsteady,
@@ -374,10 +371,8 @@ impl Identifier {
             self.stage = Stage::Checking(0);
             return Step::Going;
         }
-        match (
-            self.first,
-            BounceTrain::simulate(self.k, 0.5, self.fit.contact),
-        ) {
+        let bounces = BounceTrain::simulate(self.k, 0.5, self.fit.contact);
+        match (self.first, bounces) {
             (None, _) => self.stage = Stage::Listening(0, 0),
             (Some(first), None) => return self.set_level(first),
             (Some(_), Some(bounces)) => {
@@ -407,14 +402,12 @@ impl Identifier {
     /// Number of impacts while a part that rests each cycle would fly.
     fn airborne_impacts(&self, cycle: &Cycle, lead: Phase) -> u8 {
         let lift_off = libm::asin(self.k) as f32;
-        let landing = BounceTrain::simulate(self.k, 0.5, self.fit.contact)
-            .map_or(TAU, |bounces| bounces.landing);
+        let bounces = BounceTrain::simulate(self.k, 0.5, self.fit.contact);
+        let landing = bounces.map_or(TAU, |bounces| bounces.landing);
         let in_air = landing - LANDING_MARGIN - (lift_off - LIFT_OFF_MARGIN);
         let since = phase_of(lift_off - LIFT_OFF_MARGIN);
-        let airborne_impacts = cycle.impacts.iter().filter(|impact| {
-            let after = (impact.phase + lead - since).radians() as f32;
-            after < in_air
-        });
+        let after = |impact: &DetectedImpact| (impact.phase + lead - since).radians() as f32;
+        let airborne_impacts = cycle.impacts.iter().filter(|impact| after(impact) < in_air);
         airborne_impacts.count() as u8
     }
 
@@ -438,17 +431,12 @@ impl Identifier {
             }
         }
         let is_silent = verdict == Verdict::Quiet && self.estimates.is_empty();
-        let max_averages = if is_silent {
-            MAX_AVERAGES / 2
-        } else {
-            MAX_AVERAGES
-        };
+        let max_averages = MAX_AVERAGES / if is_silent { 2 } else { 1 };
         match (self.first, verdict) {
             (Some(first), _) if self.averages < max_averages => {
                 let step = self.averages % MIN_AVERAGES;
-                self.set_level(
-                    first * (1.0 + AVERAGED_K_RANGE * step as f64 / (MIN_AVERAGES - 1) as f64),
-                )
+                let increase = AVERAGED_K_RANGE * step as f64 / (MIN_AVERAGES - 1) as f64;
+                self.set_level(first * (1.0 + increase))
             }
             // Impacts that do not repeat come from parts that scatter.
             _ if is_silent

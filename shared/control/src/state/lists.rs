@@ -247,11 +247,9 @@ numbered! {
         LockedOut = 22 "locked out",
         /// The track's response at twice the drive's frequency deviates from the configured one.
         SecondToneUnlike = 23 "second tone differs",
-        /// The track's response at three times the drive's frequency deviates from the configured
-        /// one.
+        /// The track's response at three times that frequency deviates from the configured one.
         ThirdToneUnlike = 24 "third tone differs",
-        /// No amplitude holds the lot in gear; the best one is held, with the predicted share of
-        /// time.
+        /// No amplitude holds the lot in gear; the best one is held, for its predicted share.
         GearPoor = 25 "gear poor for the lot",
         /// The mass of the parts is estimated for the first time, or it changed by a tenth since
         /// the last event.
@@ -288,6 +286,7 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn numbers_are_stable_and_names_are_unique() {
@@ -301,9 +300,7 @@ mod tests {
             assert_eq!(fault.is_some(), numbers.contains(&number));
             assert!(fault.is_none_or(|fault| fault.number() == number));
         }
-        let mut names: std::vec::Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
-        names.sort_unstable();
-        names.dedup();
+        let names: BTreeSet<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
         assert_eq!(names.len(), Fault::ALL.len());
     }
 

@@ -187,8 +187,7 @@ impl FaultDetector {
         self.load_ratio = RatioEstimate::default();
     }
 
-    /// Processes a cycle: measured amplitude (m), lead (rad). Returns a fault, and whether the
-    /// reading is untrusted.
+    /// Processes a cycle: amplitude (m), lead (rad). A fault, and whether its reading is untrusted.
     pub fn cycle(
         &mut self,
         cycle: &Cycle,
@@ -334,8 +333,7 @@ mod tests {
 
     #[test]
     fn each_sign_is_a_fault_at_its_threshold_and_duration() {
-        // Range and saturated readings of the converter, amplitude in 0.1 mm, and lead: with the
-        // sign, and just without it.
+        // Range and saturated readings, amplitude in 0.1 mm, lead: with the sign, and just without.
         let lag = -PI / 2.0;
         use Fault::{SensorImplausible as Implausible, *};
         let cases = [

@@ -189,13 +189,11 @@ impl StateMachine {
                 if !self.interlock.may_start(inputs) {
                     return None;
                 }
-                match clearance {
-                    Clearance::Granted => {}
-                    Clearance::Pending => return None,
-                    Clearance::Refused(fault) => {
-                        self.fail(fault, events);
-                        return None;
-                    }
+                if let Clearance::Refused(fault) = clearance {
+                    self.fail(fault, events);
+                }
+                if clearance != Clearance::Granted {
+                    return None;
                 }
                 self.enter(State::Starting);
                 self.setpoint_cycles = 0;
@@ -260,11 +258,12 @@ impl StateMachine {
             State::Holding if self.detects_chaos() => {
                 return self.continue_glide(observation, events);
             }
-            State::Holding if observation.lock.is_some() => {
+            State::Holding | State::Lost if observation.lock.is_some() => {
+                let may_capture = self.state == State::Lost || !self.given_up;
                 if locked {
                     self.enter(State::Locked);
                     events.push(Event::Locked);
-                } else if self.in_state >= CAPTURE_DELAY_CYCLES && !self.given_up {
+                } else if self.in_state >= CAPTURE_DELAY_CYCLES && may_capture {
                     self.capture.begin();
                     self.enter(State::Capturing);
                 }
@@ -291,15 +290,6 @@ impl StateMachine {
                     events.push(Event::LockLost);
                 } else if self.glide == Glide::Lock && self.in_state >= LOCK_CYCLES_BEFORE_GLIDE {
                     return self.leave_lock(observation.chaos, events);
-                }
-            }
-            State::Lost => {
-                if locked {
-                    self.enter(State::Locked);
-                    events.push(Event::Locked);
-                } else if self.in_state >= CAPTURE_DELAY_CYCLES {
-                    self.capture.begin();
-                    self.enter(State::Capturing);
                 }
             }
             _ => {}

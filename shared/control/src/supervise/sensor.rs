@@ -1,5 +1,4 @@
-//! Tests of the accelerometer: its mean against the commissioned one, and a small swing at each
-//! start.
+//! Tests of the accelerometer: its mean against the commissioned one, and a swing at each start.
 //!
 //! Limit checks on a block average and a ratio (Isermann, Fault-Diagnosis Systems, 2006).
 

@@ -20,18 +20,15 @@ pub enum Request<'a> {
         /// New value.
         value: f32,
     },
-    /// Saves settings and target in non-volatile memory; an error while the drive runs, or beyond
-    /// 60 times an hour.
+    /// Saves settings and target durably; an error while the drive runs, or beyond 60 an hour.
     Save,
     /// Resets all settings to their defaults; an error while the drive runs.
     Defaults,
     /// Sets a new target; an error outside its range.
     Target(Target),
-    /// Stops the drive, or removes the link's stop. It starts nothing else and acknowledges no
-    /// fault.
+    /// Stops the drive, or removes the link's stop; it starts and acknowledges nothing else.
     Enable(bool),
-    /// Sends telemetry every given number of drive cycles; 0 ends it. An error beyond the line's
-    /// capacity.
+    /// Sends telemetry every so many drive cycles; 0 ends it. An error beyond the line's capacity.
     Telemetry(u16),
     /// Reads the first record of the event log from this number on.
     Event(u32),
@@ -86,8 +83,7 @@ pub enum Request<'a> {
     SaveRecipes,
     /// Uses a recipe, also while the drive runs; 0: the saved target and its parts.
     UseRecipe(u8),
-    /// A Modbus request for the fieldbus: unit, function and data. Without full access it only
-    /// reads.
+    /// A Modbus request: unit, function and data. Without full access it only reads.
     Bus(&'a [u8]),
 }
 
@@ -140,8 +136,7 @@ pub enum Access {
     Locked,
 }
 
-/// Appends the difference of a reading to the one before. Returns the number of bytes; 0 with room
-/// for fewer than three.
+/// Appends the difference of a reading to the one before; number of bytes, 0 with room below three.
 pub fn write_reading(buffer: &mut [u8], before: u16, code: u16) -> usize {
     let difference = i32::from(code) - i32::from(before);
     let mut bits = ((difference << 1) ^ (difference >> 31)) as u32;
@@ -158,8 +153,7 @@ pub fn write_reading(buffer: &mut [u8], before: u16, code: u16) -> usize {
     used + 1
 }
 
-/// Reads the next reading after `before` from the front of `codes`; `None` at the end or for an
-/// invalid code.
+/// Reads the next reading after `before` from the front of `codes`; `None` at the end or invalid.
 pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
     let mut bits = 0_u32;
     for shift in [0, 7, 14] {
@@ -326,8 +320,7 @@ pub struct Telemetry {
     pub output: f32,
     /// Measured upper tones of the track.
     pub shape: Shape,
-    /// Second and third tone of the output along sine and cosine of its multiplied phase, over full
-    /// output.
+    /// Upper tones of the output along sine and cosine of the multiplied phase, over full output.
     pub overtones: [[f32; 2]; UPPER],
     /// Detected impacts per cycle.
     pub rate: f32,
@@ -455,8 +448,7 @@ pub struct SetUp {
 /// Result of the self-test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SelfTest {
-    /// Whether the accelerometer's reading agrees with its configured zero, within gravity and
-    /// noise.
+    /// Whether the accelerometer's reading agrees with its zero, within gravity and noise.
     pub sensor: bool,
     /// Content of the non-volatile memory.
     pub settings: SavedSettings,

@@ -11,13 +11,11 @@
 //! | | the message: postcard of [`Request`] or [`Response`] |
 //! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
 //!
-//! Frames of version 0 never change, so any desk can identify and update any board. A frame of
-//! version 0 without a message is the identity request. Its response is [`Identity`]: version,
-//! schema (4 bytes), name. With the letter `u` the frame holds the postcard of [`UpdateRequest`] or
-//! [`UpdateAnswer`].
+//! Frames of version 0 never change, so any desk can identify and update any board. Without a
+//! message one is the identity request. The response is [`Identity`]: version, schema (4 bytes),
+//! name. With the letter `u` it holds the postcard of [`UpdateRequest`] or [`UpdateAnswer`].
 //!
-//! Unreadable frames are rejected and counted ([`Counters`]). Values are never guessed, clipped or
-//! applied in part.
+//! Unreadable frames are rejected and counted ([`Counters`]), and never applied in part.
 
 mod frame;
 mod message;

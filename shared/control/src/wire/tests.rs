@@ -559,6 +559,12 @@ fn a_pin_is_4_to_8_digits() {
 }
 
 #[test]
+fn the_check_is_the_one_of_ieee_802_3() {
+    // Check value in the catalogue of CRC algorithms.
+    assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
+}
+
+#[test]
 fn zeros_between_frames_are_nothing() {
     assert_eq!(receive(&[0; 5]), []);
 }

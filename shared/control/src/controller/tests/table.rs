@@ -55,10 +55,8 @@ fn the_table_is_what_the_controller_does() {
             inputs.over_temperature = one_in(&mut random, 5 * period);
             inputs.stack_low = one_in(&mut random, 5 * period);
             inputs.over_current = one_in(&mut random, 20 * period);
-            if one_in(
-                &mut random,
-                if inputs.link_heard { 5 * period } else { 150 },
-            ) {
+            let heard = if inputs.link_heard { 5 * period } else { 150 };
+            if one_in(&mut random, heard) {
                 inputs.link_heard = !inputs.link_heard;
             }
             if one_in(&mut random, period) {

@@ -1,14 +1,12 @@
 //! Estimates the share of time in gear of any number of parts from the phases of their impacts.
 //!
 //! Single impacts of a crowd cannot be assigned to parts, but the energies of independent impacts
-//! add up. The residual's energy per sector is a mixture of profiles that the map predicts
-//! (docs/theory-real-parts.md#t10.7). Its components are parts in gear, parts out of gear, and
-//! noise.
+//! add up. The residual's energy per sector is a mixture of predicted profiles: parts in gear, out
+//! of gear, and noise (docs/theory-real-parts.md#t10.7).
 //!
 //! The expected energy of the last mixture weights each equation of the `fit` (iteratively
-//! reweighted least squares). Histograms forget exponentially. The delay and the decay time of the
-//! ringing in the `model` are nuisance parameters, fitted in turn by a parabola through three
-//! points.
+//! reweighted least squares). Histograms forget exponentially. Delay and decay time of the ringing
+//! in the `model` are nuisance parameters, fitted in turn by a parabola through three points.
 
 mod fit;
 mod model;
@@ -22,8 +20,6 @@ use fit::{
     predict_energy, residual_sum, unexplained_energy,
 };
 use kband::arithmetic::{Phase, square_root_single};
-#[cfg(any(test, feature = "memo"))]
-use kband::regime::gear::StrikeCount;
 use kband::regime::gear::{
     GROUPS, RESTITUTION_MARGIN, StrikeProfile, StrikeProfiler, StrikeSettings,
 };
@@ -189,7 +185,7 @@ pub struct ShareEstimator {
     tones: [[f32; 2]; UPPER],
     cycles: f32,
     profiled_tones: [[f32; 2]; UPPER],
-    profiler: Option<StrikeProfiler>,
+    pub profiler: Option<StrikeProfiler>,
     /// Energy of the last 256 cycles; the reported share is fitted to it.
     long: Histogram,
     cycles_since_fit: u32,
@@ -225,8 +221,7 @@ pub struct ShareEstimator {
     misfit_cycles: f32,
     /// Hypothesis on the scatter: index into [`SCATTER_FACTORS`].
     hypothesis: usize,
-    /// Number of changes of the hypothesis since the misfit began, and decay time and delay of the
-    /// ringing before the first one.
+    /// Its changes since the misfit began, and decay time and delay of the ringing before these.
     hypothesis_changes: usize,
     ringing_before: (f32, f32),
 }
@@ -284,20 +279,6 @@ impl ShareEstimator {
         self.profiler.as_ref()?.profile()
     }
 
-    /// Settings of the running strike count; `None` while none runs.
-    #[cfg(any(test, feature = "memo"))]
-    pub fn pending_settings(&self) -> Option<&StrikeSettings> {
-        self.profiler.as_ref()?.pending_settings()
-    }
-
-    /// Replaces the running count by a finished one ([`StrikeProfiler::set_stored_result`]).
-    #[cfg(any(test, feature = "memo"))]
-    pub fn set_stored_count(&mut self, count: &StrikeCount) {
-        if let Some(profiler) = &mut self.profiler {
-            profiler.set_stored_result(count);
-        }
-    }
-
     /// Adds one drive cycle to the histograms, and schedules the fits.
     pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
         self.age_stale_share();
@@ -335,8 +316,7 @@ impl ShareEstimator {
             && self.short.weight > MIN_SHORT_WEIGHT;
     }
 
-    /// Counts the cycles of a misfit. If it lasts, the profiles are predicted for each other
-    /// hypothesis on the scatter.
+    /// Counts the cycles of a misfit; one that lasts tests the next hypothesis on the scatter.
     fn count_misfit(&mut self, min_cycles: f32) {
         if self.misfit <= MAX_MISFIT {
             (self.misfit_cycles, self.hypothesis_changes) = (0.0, 0);
@@ -409,8 +389,7 @@ impl ShareEstimator {
                 return;
             }
             if !is_unchanged {
-                // The energy so far belongs to another motion; after a small change parts stay in
-                // gear.
+                // This energy belongs to another motion; after a small change parts stay in gear.
                 self.clear_histograms();
                 if is_close {
                     self.is_stale = true;
