@@ -120,9 +120,8 @@ fn build_loader(board: &str, out: &Path) {
     if bin == "loader" {
         cargo.arg("--no-default-features");
     }
-    cargo
-        .args(["--target", &target, "--target-dir"])
-        .arg(&folder);
+    cargo.args(["--target", &target]);
+    cargo.arg("--target-dir").arg(&folder);
     // A checker such as Clippy as wrapper would compile nothing.
     cargo.env_remove("RUSTC_WORKSPACE_WRAPPER");
     assert!(cargo.status().is_ok_and(|status| status.success()));

@@ -348,9 +348,7 @@ mod tests {
             let step = (sampler.phase() - before).bits();
             let output = desk.0.borrow().output;
             desk.0.borrow_mut().bench.hold(output, step);
-            if exchange.is_unfinished() {
-                waiting += 1;
-            }
+            waiting += usize::from(exchange.is_unfinished());
             if waiting > late {
                 waiting = 0;
                 while exchange.is_unfinished() {
@@ -404,13 +402,9 @@ mod tests {
             (!desk.0.borrow().off, exchange.late())
         };
         assert_eq!(cycle(Some(0.2)), (true, false));
-        for _ in 0..5 {
-            cycle(None);
-        }
+        (0..5).for_each(|_| _ = cycle(None));
         assert_eq!(cycle(None), (false, true));
-        for _ in 0..3 {
-            assert_eq!(cycle(Some(0.2)), (false, true));
-        }
+        assert!((0..3).all(|_| cycle(Some(0.2)) == (false, true)));
         assert_eq!(cycle(Some(0.0)), (false, false));
         assert_eq!(cycle(Some(0.2)), (true, false));
     }
@@ -515,12 +509,13 @@ mod tests {
         assert_eq!(until_off(|_| Some(0.2)), (None, false));
         // The last command comes in cycle 9.
         let (last, late) = until_off(|cycle| (cycle < 10).then_some(0.2));
-        assert!(last.is_some_and(|cycle| cycle < 9 + 5), "{last:?}");
-        assert!(late);
+        assert!(last.is_some_and(|cycle| cycle < 9 + 5) && late, "{last:?}");
         for invalid in [f32::NAN, f32::INFINITY, 1.5] {
             let (last, late) = until_off(|cycle| Some(if cycle < 10 { 0.2 } else { invalid }));
-            assert!(last.is_some_and(|cycle| cycle <= 11), "{invalid}: {last:?}");
-            assert!(late);
+            assert!(
+                last.is_some_and(|cycle| cycle <= 11) && late,
+                "{invalid}: {last:?}"
+            );
         }
     }
 

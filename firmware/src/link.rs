@@ -370,9 +370,8 @@ fn commands(request: &Request<'_>) -> bool {
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
-    let fewest = bytes
-        .div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT)
-        .max(1);
+    let fewest = bytes.div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT);
+    let fewest = fewest.max(1);
     if cycles > 0 && u64::from(cycles) < fewest {
         return Response::Refused(Refusal::Faster(fewest as u16));
     }
@@ -436,12 +435,11 @@ fn begin_simulation(
     start: StartCause,
     station: &Station,
 ) -> Response<'static> {
-    let (code, outputs) = (0, 0);
     done(station.simulate(target, start).map(|signal| {
         *simulation = Some(Simulation {
             signal,
-            code,
-            outputs,
+            code: 0,
+            outputs: 0,
         });
     }))
 }

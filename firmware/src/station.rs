@@ -213,8 +213,7 @@ impl Station {
     /// plant, only the time advances, and the result is `None`.
     pub fn cycle(&self, cycle: &Cycle, inputs: Inputs) -> Option<Report> {
         self.tick.signal(());
-        self.samples
-            .update(|samples| samples + u64::from(cycle.samples));
+        (self.samples).update(|samples| samples + u64::from(cycle.samples));
         self.inputs.set(inputs);
         if let Some(last_received) = self.simulated.get() {
             if self.seconds().wrapping_sub(last_received) <= SIMULATION_TIMEOUT_S {

@@ -93,9 +93,7 @@ enum Progress {
     },
     /// The slot is marked, or the loader has its request. The board restarts after this number of
     /// drive cycles.
-    Marked {
-        cycles: u16,
-    },
+    Marked(u16),
 }
 
 /// The board's side of an update.
@@ -126,7 +124,7 @@ impl Update {
     /// Ends a drive cycle: restarts a board with a marked slot, or an unconfirmed image.
     pub fn tick(&mut self, station: &Station) {
         let is_due = match &mut self.progress {
-            Progress::Marked { cycles } => {
+            Progress::Marked(cycles) => {
                 *cycles = cycles.saturating_sub(1);
                 *cycles == 0
             }
@@ -146,25 +144,33 @@ impl Update {
         station: &Station,
         store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> UpdateAnswer<'static> {
-        let answered = match *request {
-            UpdateRequest::State => Ok(UpdateAnswer::State {
-                board: self.slot.map_or("", |slot| slot.board),
-                size: self.slot.map_or(0, |slot| slot.size),
-                has_key: store.key().await.is_some(),
-                on_trial: self.on_trial,
-            }),
-            UpdateRequest::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
-                Ok(()) => Ok(UpdateAnswer::Done),
-                Err(Refusal::Wait(seconds)) => Err(UpdateRefusal::Wait(seconds)),
-                Err(_) => Err(UpdateRefusal::WrongPin),
-            },
-            _ if lock.access(strapped) != Access::Full => Err(UpdateRefusal::ReadOnly),
-            _ => {
-                let has_pin = lock.pin().is_some();
-                self.change(request, has_pin, station, store).await
+        match *request {
+            UpdateRequest::State => {
+                return UpdateAnswer::State {
+                    board: self.slot.map_or("", |slot| slot.board),
+                    size: self.slot.map_or(0, |slot| slot.size),
+                    has_key: store.key().await.is_some(),
+                    on_trial: self.on_trial,
+                };
             }
+            UpdateRequest::Unlock(pin) => {
+                return match lock.unlock(pin, station.seconds()) {
+                    Ok(()) => UpdateAnswer::Done,
+                    Err(Refusal::Wait(seconds)) => {
+                        UpdateAnswer::Refused(UpdateRefusal::Wait(seconds))
+                    }
+                    Err(_) => UpdateAnswer::Refused(UpdateRefusal::WrongPin),
+                };
+            }
+            _ => {}
+        }
+        let changed = if lock.access(strapped) == Access::Full {
+            let has_pin = lock.pin().is_some();
+            self.change(request, has_pin, station, store).await
+        } else {
+            Err(UpdateRefusal::ReadOnly)
         };
-        answered.unwrap_or_else(UpdateAnswer::Refused)
+        changed.unwrap_or_else(UpdateAnswer::Refused)
     }
 
     async fn change(
@@ -201,7 +207,7 @@ impl Update {
         };
         match self.progress {
             Progress::Open { .. } => station.disable_until(station.seconds() + SILENCE_S),
-            Progress::Marked { .. } => station.disable_until(u32::MAX),
+            Progress::Marked(_) => station.disable_until(u32::MAX),
             Progress::None if was_open => station.disable_until(0),
             Progress::None => {}
         }
@@ -237,8 +243,8 @@ impl Update {
     ) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
         match (self.progress, slot.writer) {
             // A repeated request has already been carried out.
-            (Progress::Marked { .. }, Writer::Loader(_)) => return Ok(UpdateAnswer::Loader),
-            (Progress::Marked { .. }, Writer::Program(_)) => return Err(UpdateRefusal::OnTrial),
+            (Progress::Marked(_), Writer::Loader(_)) => return Ok(UpdateAnswer::Loader),
+            (Progress::Marked(_), Writer::Program(_)) => return Err(UpdateRefusal::OnTrial),
             _ if self.on_trial => return Err(UpdateRefusal::OnTrial),
             _ => self.progress = Progress::None,
         }
@@ -271,7 +277,7 @@ impl Update {
     /// Restarts the board half a second after this answer.
     fn restart_soon(&mut self, station: &Station) {
         let cycles = 1 + station.settings().frequency as u16 / 2;
-        self.progress = Progress::Marked { cycles };
+        self.progress = Progress::Marked(cycles);
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<UpdateAnswer<'static>, UpdateRefusal> {
@@ -303,7 +309,7 @@ impl Update {
         let (length, written) = match self.progress {
             Progress::Open { length, written } => (length, written),
             // A repeated request has already been carried out.
-            Progress::Marked { .. } => return Ok(UpdateAnswer::Done),
+            Progress::Marked(_) => return Ok(UpdateAnswer::Done),
             Progress::None => return Err(UpdateRefusal::Order(0)),
         };
         let signature: &[u8; 64] = signature.try_into().map_err(|_| UpdateRefusal::Length)?;

@@ -15,15 +15,23 @@ pub enum Watched {
 /// Record of the tasks that have checked in since the last feed.
 #[derive(Debug)]
 pub struct Roll {
-    expected: &'static [Watched],
+    expected: u32,
     present: AtomicU32,
 }
 
 impl Roll {
     /// Requires all of `expected` to check in.
-    pub const fn of(expected: &'static [Watched]) -> Self {
-        let present = AtomicU32::new(0);
-        Self { expected, present }
+    pub const fn of(expected: &[Watched]) -> Self {
+        let mut bits = 0;
+        let mut index = 0;
+        while index < expected.len() {
+            bits |= expected[index] as u32;
+            index += 1;
+        }
+        Self {
+            expected: bits,
+            present: AtomicU32::new(0),
+        }
     }
 
     /// Checks `who` in. Safe from an interrupt.
@@ -33,8 +41,7 @@ impl Roll {
 
     /// Whether all tasks have checked in; if so, the record is cleared.
     pub fn complete(&self) -> bool {
-        let present = self.present.load(Ordering::Relaxed);
-        let complete = self.expected.iter().all(|who| present & *who as u32 != 0);
+        let complete = self.present.load(Ordering::Relaxed) & self.expected == self.expected;
         if complete {
             self.present.store(0, Ordering::Relaxed);
         }

@@ -111,17 +111,17 @@ fn option_bytes_are_never_set_on_a_protected_chip() {
         let flash = &chip.board.flash;
         (flash.brown_out(), flash.hardware_watchdog())
     };
-    let before = board().board.flash.options();
+    let before = board().board.flash.options;
     let (outcome, probe) = flash(board(), &[]);
     outcome.done();
     assert_eq!(set(&probe.chip()), (3, false));
-    assert_eq!(probe.chip().board.flash.options(), before);
+    assert_eq!(probe.chip().board.flash.options, before);
     let (outcome, probe) = flash(board(), &["--option-bytes"]);
     outcome.prints("option bytes     brown-out reset at level 3");
     let chip = probe.chip().clone();
     assert_eq!(set(&chip), (0, true));
     let others = !(3 << 2 | 1 << 5);
-    assert_eq!(chip.board.flash.options() & others, before & others);
+    assert_eq!(chip.board.flash.options & others, before & others);
     // The board reports the option bytes, and starts with the watchdog already running.
     started(chip.clone()).request(&Request::SelfTest, |response| {
         let reports = |test: kband_control::wire::SelfTest| {
@@ -198,7 +198,7 @@ fn another_chip_is_neither_stopped_nor_written() {
 fn a_flash_that_does_not_take_the_image_is_found_out() {
     for (address, bits) in [(0x0800_0004, 0x4000_0200), (0x0802_2000, u32::MAX)] {
         let mut chip = board();
-        chip.wear(address, bits);
+        chip.board.flash.worn = Some((address, bits));
         let (outcome, probe) = flash(chip, &[]);
         outcome.refused(&["the flash was not written", "does not start"]);
         assert!(!probe.chip().driven_while_halted);

@@ -37,14 +37,17 @@ pub trait Memory {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
     None,
-    /// An image of this length and hash is due; `written` bytes are in the slot, without its mark.
-    Open {
-        length: u32,
-        sum: [u8; 64],
-        written: u32,
-        mark: [u8; WORD],
-    },
+    Open(DueImage),
     Done,
+}
+
+/// An image of this length and hash is due; `written` bytes are in the slot, without its mark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct DueImage {
+    length: u32,
+    sum: [u8; 64],
+    written: u32,
+    mark: [u8; WORD],
 }
 
 /// The loader's side of an update.
@@ -163,26 +166,20 @@ impl<M: Memory> OneSlot<M> {
         {
             return Err(UpdateRefusal::Store);
         }
-        self.progress = Progress::Open {
+        self.progress = Progress::Open(DueImage {
             length,
             sum,
             written: 0,
             mark: [0; WORD],
-        };
+        });
         Ok(())
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), UpdateRefusal> {
-        let Progress::Open {
-            length,
-            written,
-            mark,
-            ..
-        } = &mut self.progress
-        else {
+        let Progress::Open(due) = &mut self.progress else {
             return Err(UpdateRefusal::Order(0));
         };
-        let Some(end) = check_chunk(offset, bytes, *length, *written)? else {
+        let Some(end) = check_chunk(offset, bytes, due.length, due.written)? else {
             return Ok(());
         };
         // Only the last word may be padded.
@@ -193,7 +190,7 @@ impl<M: Memory> OneSlot<M> {
             let mut word = [0xff; WORD];
             word[..part.len()].copy_from_slice(part);
             if at == 0 {
-                *mark = word;
+                due.mark = word;
                 continue;
             }
             let address = SLOT.start + at;
@@ -203,37 +200,35 @@ impl<M: Memory> OneSlot<M> {
                 return Err(UpdateRefusal::Store);
             }
         }
-        *written = end;
+        due.written = end;
         Ok(())
     }
 
     fn end(&mut self) -> Result<(), UpdateRefusal> {
-        let (length, sum, mark) = match self.progress {
+        let due = match self.progress {
             Progress::Done => return Ok(()),
             Progress::None => return Err(UpdateRefusal::Order(0)),
-            Progress::Open {
-                length, written, ..
-            } if written != length => return Err(UpdateRefusal::Order(written)),
-            Progress::Open {
-                length, sum, mark, ..
-            } => (length, sum, mark),
+            Progress::Open(due) => due,
         };
+        if due.written != due.length {
+            return Err(UpdateRefusal::Order(due.written));
+        }
         self.progress = Progress::None;
         let mut written = Sha512::new();
-        written.update(&mark);
+        written.update(&due.mark);
         let mut bytes = [0; MAX_UPDATE_BYTES];
-        for at in (WORD as u32..length).step_by(MAX_UPDATE_BYTES) {
-            let bytes = &mut bytes[..MAX_UPDATE_BYTES.min((length - at) as usize)];
+        for at in (WORD as u32..due.length).step_by(MAX_UPDATE_BYTES) {
+            let bytes = &mut bytes[..MAX_UPDATE_BYTES.min((due.length - at) as usize)];
             if !self.memory.read(SLOT.start + at, bytes) {
                 return Err(UpdateRefusal::Store);
             }
             written.update(bytes);
         }
         written.update(BOARD.as_bytes());
-        if written.finalize() != sum {
+        if written.finalize() != due.sum {
             return Err(UpdateRefusal::Signature);
         }
-        if !program(&mut self.memory, SLOT.start, &mark) {
+        if !program(&mut self.memory, SLOT.start, &due.mark) {
             return Err(UpdateRefusal::Store);
         }
         self.progress = Progress::Done;

@@ -12,7 +12,7 @@ use kband_control::wire::{Pin, Refusal, Request, Response};
 use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
 
 use super::*;
-use crate::link::tests::{Board, board_with, sensed};
+use crate::link::tests::{Board, board_with, sensed, simulate};
 use crate::storage::store::{Condition, LoadedSettings};
 use crate::testing::with;
 
@@ -266,10 +266,9 @@ fn the_task_answers_its_unit_and_follows_the_settings() {
         assert_eq!(line.next(), None);
     }
     assert_eq!(port.sending.get(), 1);
-    let config = LineConfig {
-        unit: UNIT,
-        baud: 19_200,
-        parity: Parity::Even,
+    let line_config = |baud, parity| {
+        let unit = UNIT;
+        Some(LineConfig { unit, baud, parity })
     };
     let mut settings = board.station.settings();
     (settings.bus_baud, settings.bus_parity) = (9600.0, 0.0);
@@ -278,8 +277,8 @@ fn the_task_answers_its_unit_and_follows_the_settings() {
     settings.bus_address = 0.0;
     board.station.set_settings(&settings).unwrap();
     poll();
-    let other = with(config, |it| (it.baud, it.parity) = (9_600, Parity::None));
-    let expected = [Some(config), Some(other), None];
+    let first = line_config(19_200, Parity::Even);
+    let expected = [first, line_config(9_600, Parity::None), None];
     assert_eq!(expected, port.configured.borrow()[..]);
 }
 
@@ -290,10 +289,7 @@ fn the_link_reads_while_the_bus_is_in_control() {
         Request::set("gain", 2.0),
         Request::Defaults,
         Request::Target(Target::K(0.5)),
-        Request::Simulate {
-            target: Target::K(0.5),
-            start: StartCause::Ordinary,
-        },
+        simulate(Target::K(0.5)),
     ] {
         board.refused(&request, Refusal::NotInControl);
     }

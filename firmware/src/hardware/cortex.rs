@@ -194,9 +194,7 @@ pub fn guard_stack(protection: &cortex_m::peripheral::MPU) {
     unsafe {
         protection.rnr.write(0);
         protection.rbar.write(bottom - GUARDED);
-        protection
-            .rasr
-            .write(NEVER_EXECUTED | REGION_SIZE | REGION_ON);
+        (protection.rasr).write(NEVER_EXECUTED | REGION_SIZE | REGION_ON);
         protection.ctrl.write(PROTECTION_ON);
     }
     cortex_m::asm::dsb();

@@ -36,10 +36,12 @@ const IMAGE: Image = Image {
     slot: None,
 };
 
-const SIMULATE: Request<'static> = Request::Simulate {
-    target: Target::Locked { order: 1 },
-    start: StartCause::Ordinary,
-};
+const SIMULATE: Request<'static> = simulate(Target::Locked { order: 1 });
+
+pub(crate) const fn simulate(target: Target) -> Request<'static> {
+    let start = StartCause::Ordinary;
+    Request::Simulate { target, start }
+}
 
 pub(crate) struct Board {
     pub service: Service<Nor<G4_PAGE>, Waiting>,
@@ -276,11 +278,10 @@ fn sensor_above_gravity_at_rest_fails_the_self_test() {
     }
 }
 
-/// A line whose input repeats `bytes`, or ends after them.
+/// A line whose input repeats `bytes` and that accepts frames, or one that does neither.
 struct FakeLine<'a> {
     bytes: &'a [u8],
     endless: bool,
-    accepts: bool,
     counts: &'a Counts,
 }
 
@@ -294,7 +295,7 @@ struct Counts {
 
 /// A service that sends telemetry in each cycle.
 fn telemetering() -> Service<Nor<G4_PAGE>, Waiting> {
-    let service = Service::new(IMAGE, memory(&LoadedSettings::default()), None);
+    let service = Service::new(IMAGE, memory(&LOADED(Condition::Never)), None);
     with(service, |it| it.telemetry_interval = 1)
 }
 
@@ -312,13 +313,13 @@ impl Line for FakeLine<'_> {
     }
 
     fn send(&mut self, frame: &[u8]) -> bool {
-        if self.accepts {
+        if self.endless {
             let Counts { answered, rows, .. } = self.counts;
             // The identity frame is short.
             let count = if frame.len() < 50 { answered } else { rows };
             count.update(|count| count + 1);
         }
-        self.accepts
+        self.endless
     }
 
     async fn millisecond(&mut self) {
@@ -336,7 +337,6 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     let line = FakeLine {
         bytes: &frame,
         endless: false,
-        accepts: false,
         counts: &counts,
     };
     let mut service = telemetering();
@@ -432,7 +432,6 @@ fn endless_input_blocks_neither_telemetry_nor_tasks() {
         let line = FakeLine {
             bytes: flood,
             endless: true,
-            accepts: true,
             counts: &counts,
         };
         let mut service = telemetering();
@@ -470,10 +469,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.enable = false;
     board.cycle();
     board.done(&Request::Enable(true));
-    board.done(&Request::Simulate {
-        target: scene.target,
-        start: StartCause::Ordinary,
-    });
+    board.done(&simulate(scene.target));
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let mut bench = Bench::build(&scene).unwrap();
     let mut signal = Signal::build(&scene.settings).unwrap();

@@ -406,8 +406,10 @@ impl<const SLOT: usize> Journal<SLOT> {
         flash: &mut F,
         content: &[u8],
     ) -> Result<(), StoreFailed> {
-        let mut survey = self.surveyed(flash).await?;
-        self.survey = None;
+        let mut survey = match self.survey.take() {
+            Some(survey) => survey,
+            None => self.survey_banks(flash).await?,
+        };
         if survey.used == [0; 2] {
             for bank in 0..2 {
                 self.mark(flash, bank, &mut survey).await?;

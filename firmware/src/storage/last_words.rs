@@ -72,6 +72,7 @@ impl fmt::Write for LastWords {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
 
     #[test]
     fn kept_words_are_read_and_noise_and_cleared_ones_are_not() {
@@ -79,12 +80,8 @@ mod tests {
         assert_eq!(words.read(), None);
         words.keep(format_args!("{} at {}", "index out of range", "lib.rs:7"));
         assert_eq!(words.read(), Some("index out of range at lib.rs:7"));
-        let mut noise = words;
-        noise.text[3] ^= 1;
-        assert_eq!(noise.read(), None);
-        noise = words;
-        noise.length = u32::MAX;
-        assert_eq!(noise.read(), None);
+        assert_eq!(with(words, |it| it.text[3] ^= 1).read(), None);
+        assert_eq!(with(words, |it| it.length = u32::MAX).read(), None);
         words.clear();
         assert_eq!(words.read(), None);
     }

@@ -70,9 +70,8 @@ impl Recipes {
     /// Changes or deletes the recipe of this number; returns whether there is such a number.
     pub fn set(&mut self, number: u8, recipe: Option<&(RecipeName, Recipe)>) -> bool {
         let place = self.0.get_mut(usize::from(number).wrapping_sub(1));
-        place
-            .map(|place| *place = recipe.map_or([0; RECIPE], encode))
-            .is_some()
+        let set = place.map(|place| *place = recipe.map_or([0; RECIPE], encode));
+        set.is_some()
     }
 }
 

@@ -30,12 +30,11 @@ const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD_SIZE);
 
 /// State of the stored settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
     /// They are the settings saved last.
     Whole,
     /// No settings were ever saved.
-    #[default]
     Never,
     /// The last saved settings are damaged, out of range, or from a firmware that is too old.
     Lost,
@@ -68,12 +67,6 @@ impl LoadedSettings {
             condition,
             added: 0,
         }
-    }
-}
-
-impl Default for LoadedSettings {
-    fn default() -> Self {
-        Self::none(Condition::Never)
     }
 }
 
@@ -140,11 +133,20 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
+    /// The settings of the newest record, whose content is copied to `content`.
+    async fn load_newest(
+        &mut self,
+        content: &mut [u8; CONTENT],
+    ) -> Result<LoadedSettings, StoreFailed> {
+        match self.newest(content).await {
+            Newest::Whole => decode_settings(content).map_err(|_| StoreFailed::NoSettings),
+            _ => Err(StoreFailed::NoSettings),
+        }
+    }
+
     /// Stores a record with this content, unless the newest record has it already.
     async fn save_content(&mut self, content: &[u8; CONTENT]) -> Result<(), StoreFailed> {
-        let mut stored = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut stored).await;
-        if newest == Newest::Whole && stored == *content {
+        if self.is_stored(content).await {
             return Ok(());
         }
         if !self.supply_is_good() {
@@ -152,6 +154,13 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
         let result = self.settings.append(&mut self.flash, content).await;
         result.map_err(|cause| self.failed(cause))
+    }
+
+    /// Whether the newest record is valid and has this content.
+    async fn is_stored(&mut self, content: &[u8; CONTENT]) -> bool {
+        let mut stored = [0; CONTENT];
+        let newest = self.settings.last(&mut self.flash, &mut stored).await;
+        newest == Newest::Whole && stored == *content
     }
 
     /// Error to report: a low supply, if it has dropped meanwhile.
@@ -195,14 +204,21 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     pub async fn recipes(&mut self) -> Recipes {
         let mut content = [0; CONTENT];
         let newest = self.newest(&mut content).await;
-        let found = newest == Newest::Whole && record::has_recipes(&content);
-        let recipes = found.then(|| Recipes::of(&content[record::SIZE..]));
-        recipes.unwrap_or_default()
+        if newest == Newest::Whole && record::has_recipes(&content) {
+            Recipes::of(&content[record::SIZE..])
+        } else {
+            Recipes::default()
+        }
     }
 
     /// Saves the recipes, with the last saved settings, target and PIN.
     pub async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
-        self.save_parts(Some(recipes), None).await
+        let mut content = [0; CONTENT];
+        let found = self.load_newest(&mut content).await?;
+        let key = record::key(&content);
+        encode_settings(&mut content, &found.settings, found.target, found.pin, key);
+        content[record::SIZE..].copy_from_slice(recipes.bytes());
+        self.save_content(&content).await
     }
 
     /// Loads the public key of updates, if one was saved.
@@ -214,25 +230,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
 
     /// Saves the public key of updates, with everything else that was saved last.
     pub async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
-        self.save_parts(None, Some(*key)).await
-    }
-
-    /// Saves recipes or key, with everything else that was saved last.
-    async fn save_parts(
-        &mut self,
-        recipes: Option<&Recipes>,
-        key: Option<[u8; 32]>,
-    ) -> Result<(), StoreFailed> {
         let mut content = [0; CONTENT];
-        let found = match self.newest(&mut content).await {
-            Newest::Whole => decode_settings(&content).map_err(|_| StoreFailed::NoSettings)?,
-            _ => return Err(StoreFailed::NoSettings),
-        };
-        let key = key.or_else(|| record::key(&content));
+        let found = self.load_newest(&mut content).await?;
+        let key = Some(*key);
         encode_settings(&mut content, &found.settings, found.target, found.pin, key);
-        if let Some(recipes) = recipes {
-            content[record::SIZE..].copy_from_slice(recipes.bytes());
-        }
         self.save_content(&content).await
     }
 

@@ -12,7 +12,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::LoadedSettings;
+use kband_firmware::storage::store::{Condition, LoadedSettings};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
 
@@ -179,7 +179,7 @@ impl Board {
                     self.saved = Some(LoadedSettings {
                         settings,
                         target,
-                        ..LoadedSettings::default()
+                        ..LoadedSettings::none(Condition::Never)
                     });
                 }
                 true

@@ -45,11 +45,8 @@ impl Browser {
         let output = driver.stdout.take().expect("its output is a pipe");
         let mut lines = BufReader::new(output).lines();
         let port = lines.by_ref().map_while(Result::ok).find_map(|line| {
-            line.split("successfully on port ")
-                .nth(1)?
-                .trim_end_matches('.')
-                .parse()
-                .ok()
+            let (_, port) = line.split_once("successfully on port ")?;
+            port.trim_end_matches('.').parse().ok()
         });
         // Reads further output, so the pipe cannot fill up.
         std::thread::spawn(move || lines.count());

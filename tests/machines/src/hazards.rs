@@ -105,9 +105,8 @@ impl Hazard {
                 }
             }
         }
-        rig.send(&Request::Target(self.target))
-            .send(&Request::Save)
-            .run(COMMISSIONED_TIME);
+        rig.send(&Request::Target(self.target));
+        rig.send(&Request::Save).run(COMMISSIONED_TIME);
         rig
     }
 

@@ -124,9 +124,8 @@ fn compile(package: &str, bin: &str, machine: Machine, features: Option<&str>) -
     let target = machine.target();
     let folder = target_folder().join("emulated");
     let output = limited("900", "cargo", |cargo| {
-        cargo
-            .args(toolchain(target))
-            .args(["build", "--quiet", "--locked"]);
+        cargo.args(toolchain(target));
+        cargo.args(["build", "--quiet", "--locked"]);
         cargo.args(["--config", "firmware/image.toml", "--profile", "firmware"]);
         cargo.args(["--package", package, "--bin", bin, "--target", target]);
         if let Some(features) = features {

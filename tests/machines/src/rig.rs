@@ -288,12 +288,11 @@ impl Rig {
     /// Sends a request and passes the board's answer to `look`.
     pub fn request<T>(&mut self, request: &Request<'_>, look: impl FnOnce(Response<'_>) -> T) -> T {
         let frame = self.frame(request);
-        let (sequence, mut look) = (self.sequence, Some(look));
+        let (own, mut look) = (self.sequence, Some(look));
         let answer = self.exchange(&frame, |outgoing| match outgoing {
-            Outgoing::Response {
-                sequence: n,
-                response,
-            } if n == sequence => look.take().map(|look| look(response)),
+            Outgoing::Response { sequence, response } if sequence == own => {
+                look.take().map(|look| look(response))
+            }
             _ => None,
         });
         answer.unwrap_or_else(|| panic!("no answer to {request:?}"))
@@ -310,12 +309,9 @@ impl Rig {
     /// Sends a request for an update; returns the reason if the board refuses it.
     pub fn update(&mut self, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
         let frame = self.update_frame(request);
-        let sequence = self.sequence;
+        let own = self.sequence;
         let answer = self.exchange(&frame, |outgoing| match outgoing {
-            Outgoing::Update {
-                sequence: n,
-                answer,
-            } if n == sequence => match answer {
+            Outgoing::Update { sequence, answer } if sequence == own => match answer {
                 UpdateAnswer::Refused(why) => Some(Err(why)),
                 _ => Some(Ok(())),
             },

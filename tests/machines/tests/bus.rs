@@ -48,10 +48,15 @@ fn under(target: Target, authority: f32) -> Rig {
 /// Such a machine with its enable input on, started by the bus.
 fn started(target: Target, authority: f32) -> Rig {
     let mut rig = under(target, authority);
-    control(&mut rig, 0);
-    rig.act(&Act::Enable(true)).run_for(0.2);
-    assert_eq!(control(&mut rig, 1), state(State::Starting));
+    assert_eq!(start(&mut rig), state(State::Starting));
     rig
+}
+
+/// Turns the enable input on, then the run bit.
+fn start(rig: &mut Rig) -> u16 {
+    control(rig, 0);
+    rig.act(&Act::Enable(true)).run_for(0.2);
+    control(rig, 1)
 }
 
 /// Writes the control word and waits for two drive cycles.
@@ -95,9 +100,7 @@ fn the_driver_is_on_only_while_an_answer_leaves() {
         assert_eq!(port.output(12), Some(false));
         assert_eq!(rig.chip.board.serials[3].has_parity(), parity > 0.0);
         assert_eq!(driver_edges(&rig), [], "{baud}");
-        control(&mut rig, 0);
-        rig.act(&Act::Enable(true)).run_for(0.2);
-        assert_eq!(control(&mut rig, 1), state(State::Starting));
+        assert_eq!(start(&mut rig), state(State::Starting));
         let character = rig.chip.board.serials[3].other_byte();
         let silence = if baud > 19_200.0 {
             1.75e-3
@@ -128,9 +131,7 @@ fn an_answer_waits_for_no_second_slice_of_planning() {
     hazard.scene = kband_plant::Scene::default();
     hazard.scene.settings.link_timeout = 0.0;
     let mut rig = board(&hazard, 115_200.0, 2.0);
-    control(&mut rig, 0);
-    rig.act(&Act::Enable(true)).run_for(0.2);
-    control(&mut rig, 1);
+    start(&mut rig);
     let mut longest = 0.0_f64;
     for n in 0..150 {
         let answered = rig.bus(&read(4, 4)).unwrap();
@@ -278,9 +279,7 @@ fn a_save_over_the_bus_outlasts_a_power_cut() {
 #[test]
 fn a_flooded_link_and_a_polling_master_delay_no_sample() {
     let mut rig = machine(Target::K(0.41), 115_200.0, 2.0);
-    control(&mut rig, 0);
-    rig.act(&Act::Enable(true)).run_for(0.2);
-    control(&mut rig, 1);
+    start(&mut rig);
     poll(&mut rig, 1.5);
     rig.request_done(&Request::Telemetry(2));
     rig.chip.forget_handlers();

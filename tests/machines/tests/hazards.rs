@@ -168,9 +168,7 @@ fn a_program_error_opens_the_bridge(kind: Kind) {
     let panics = images::symbol(&image, "_defmt_panic");
     let stack = images::symbol(&image, "_stack_end");
     // Enables and pends the interrupt of an unused timer (TIM2, 28).
-    let stray = [0xe000_e100, 0xe000_e200]
-        .map(|at| Act::Store(at, 1 << 28))
-        .into();
+    let stray = [0xe000_e100, 0xe000_e200].map(|at| Act::Store(at, 1 << 28));
     // Between the program and its settings.
     let erased = flash::START + 1024 * kind.facts().identity.1 * 15 / 16;
     let [panic, astray] = [panics, erased].map(|address| vec![Act::Jump(address)]);
@@ -191,7 +189,12 @@ fn a_program_error_opens_the_bridge(kind: Kind) {
     // progress, 1300 cycles. The stack is used by the next sample.
     let (handler, sample, watchdog) = (10e-6, 55e-6, 5e-3);
     for (name, acts, upper_limit, last_words) in [
-        ("interrupt", stray, handler, "unexpected interrupt 28"),
+        (
+            "interrupt",
+            stray.to_vec(),
+            handler,
+            "unexpected interrupt 28",
+        ),
         ("panic", panic, handler, ": panic"),
         ("erased flash", astray, handler, "hard fault at 0x08"),
         ("stack", overflow, sample, "hard fault with the stack"),
@@ -346,9 +349,8 @@ fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
         let mut rig = running.clone();
         let (volts, time) = sag(&mut draw);
         let at = 3.0 + f64::from(draw.unit()) * 0.02;
-        rig.at(at, Act::Volts(volts))
-            .at(at + time, Act::Volts(3.3))
-            .run(3.5);
+        rig.at(at, Act::Volts(volts));
+        rig.at(at + time, Act::Volts(3.3)).run(3.5);
         assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
         let opens = rig.opening_after(at);
         assert!(opens.is_some_and(|time| time < 1e-4), "{n}: {opens:?}");
@@ -487,9 +489,8 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
         let mut good = rig.time();
         if let Some(blip) = blip {
             rig.run(good + blip);
-            rig.act(&Act::Volts(2.6))
-                .run_for(1e-4)
-                .act(&Act::Volts(3.3));
+            rig.act(&Act::Volts(2.6)).run_for(1e-4);
+            rig.act(&Act::Volts(3.3));
             good = rig.time();
         }
         rig.run(good + 0.05);
@@ -734,9 +735,8 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
     }
     assert_eq!(rig.resets().len(), resets, "{:?}", rig.resets());
     // The start must read the whole bank within the watchdog's period.
-    rig.act(&Act::Volts(0.0))
-        .run_for(0.01)
-        .act(&Act::Volts(3.3));
+    rig.act(&Act::Volts(0.0)).run_for(0.01);
+    rig.act(&Act::Volts(3.3));
     let (on, start) = (rig.time(), rig.chip.handler(SAMPLE).count);
     while rig.chip.handler(SAMPLE).count == start {
         rig.run_for(1e-3);

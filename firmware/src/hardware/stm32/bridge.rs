@@ -143,9 +143,8 @@ impl Drive for HalfBridge {
         let duty = share * self.full;
         pac::TIM1.ccr(0).write(|w| w.set_ccr(duty as u16));
         // `DacChannel::set` checks its channel number again, by a panic (embassy-stm32 0.6.0).
-        pac::DAC1
-            .dhr12r(0)
-            .write(|level| level.set_dhr((share * 4095.0 + 0.5) as u16));
+        let level = (share * 4095.0 + 0.5) as u16;
+        pac::DAC1.dhr12r(0).write(|w| w.set_dhr(level));
     }
 
     fn off(&mut self) {

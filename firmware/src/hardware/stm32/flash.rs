@@ -55,10 +55,8 @@ pub fn erase_pages(
     capacity: usize,
     erase: impl FnMut(u32) -> bool,
 ) -> Result<(), Error> {
-    if !from.is_multiple_of(size) || !to.is_multiple_of(size) {
-        return Err(Error::Unaligned);
-    }
-    if from > to || to as usize > capacity {
+    let is_whole = from.is_multiple_of(size) && to.is_multiple_of(size);
+    if !is_whole || from > to || to as usize > capacity {
         return Err(Error::Size);
     }
     let erased = (from / size..to / size).all(erase);

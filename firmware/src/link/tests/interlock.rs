@@ -45,10 +45,7 @@ fn request(noise: &mut Noise) -> Request<'static> {
         7 => Request::Target(target(noise)),
         8 | 9 => Request::Enable(true),
         10 => Request::Enable(false),
-        11 => Request::Simulate {
-            target: target(noise),
-            start: StartCause::Ordinary,
-        },
+        11 => simulate(target(noise)),
         12 => Request::Samples {
             codes: &[0; 150],
             end: None,

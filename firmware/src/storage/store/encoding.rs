@@ -83,13 +83,13 @@ pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
         Target::Amplitude(amplitude) => (3, amplitude.to_bits()),
         Target::Speed(speed) => (4, speed.to_bits()),
         Target::Identify => (5, 0),
-        Target::Flow(flow) => (8, flow.to_bits()),
-        Target::PartsPerMinute(rate) => (9, rate.to_bits()),
         Target::Gear { order } => (6, u32::from(order)),
         Target::Tones { k, shape } => {
             tones = shape;
             (7, k.to_bits())
         }
+        Target::Flow(flow) => (8, flow.to_bits()),
+        Target::PartsPerMinute(rate) => (9, rate.to_bits()),
     };
     let tones = tones.tones();
     let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
@@ -102,24 +102,18 @@ impl Words<'_> {
         let (kind, number) = (self.next()?, self.next()?);
         let mut tone = || Some(UpperTone::new(self.number()?, self.number()?));
         let shape = Shape::new(tone()?, tone()?);
+        let (order, value) = (u8::try_from(number).ok(), f32::from_bits(number));
         Some(match kind {
-            0 => Target::Locked {
-                order: u8::try_from(number).ok()?,
-            },
+            0 => Target::Locked { order: order? },
             1 => Target::Chaotic,
-            2 => Target::K(f32::from_bits(number)),
-            3 => Target::Amplitude(f32::from_bits(number)),
-            4 => Target::Speed(f32::from_bits(number)),
+            2 => Target::K(value),
+            3 => Target::Amplitude(value),
+            4 => Target::Speed(value),
             5 => Target::Identify,
-            8 => Target::Flow(f32::from_bits(number)),
-            9 => Target::PartsPerMinute(f32::from_bits(number)),
-            6 => Target::Gear {
-                order: u8::try_from(number).ok()?,
-            },
-            7 => Target::Tones {
-                k: f32::from_bits(number),
-                shape,
-            },
+            6 => Target::Gear { order: order? },
+            7 => Target::Tones { k: value, shape },
+            8 => Target::Flow(value),
+            9 => Target::PartsPerMinute(value),
             _ => return None,
         })
     }

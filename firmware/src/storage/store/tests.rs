@@ -553,7 +553,7 @@ fn saved_with_version_3(n: usize) -> LoadedSettings {
 #[test]
 fn records_of_version_3_are_read() {
     let unsaved = loaded_from(&version_3::<G4_PAGE>(0));
-    assert_eq!(unsaved, LoadedSettings::default());
+    assert_eq!(unsaved, LoadedSettings::none(Condition::Never));
     for saves in 1..=7 {
         let found = loaded_from(&version_3::<G4_PAGE>(saves));
         let expected = saved_with_version_3(saves - 1);

@@ -141,7 +141,7 @@ impl Board {
             check: Check::default(),
             memory_below_ram: Vec::new(),
             serials: std::array::from_fn(|_| Serial::new(kind)),
-            watchdog: Independent::default(),
+            watchdog: Independent::new(),
             window: Window::new(kind),
             system: System::new(),
             lines: [0; 6],
@@ -687,7 +687,7 @@ impl Board {
                     Some(self.identity.1 << half >> (8 * (address & 3)))
                 }
                 0x1fff_7a10..=0x1fff_7a1c => Some(0x0039_0020),
-                0x1fff_c000..=0x1fff_c00c => Some(self.flash.options() >> 8 & 0xffff),
+                0x1fff_c000..=0x1fff_c00c => Some(self.flash.options >> 8 & 0xffff),
                 _ => None,
             },
             4 | 5 => Some(self.register(address & !3) >> (8 * (address & 3))),
@@ -762,9 +762,7 @@ fn number(bytes: &[u8], at: usize, size: u32) -> Option<u32> {
     let bytes = bytes.get(at..)?;
     match size {
         4 => bytes.first_chunk().map(|word| u32::from_le_bytes(*word)),
-        2 => bytes
-            .first_chunk()
-            .map(|half| u16::from_le_bytes(*half).into()),
+        2 => (bytes.first_chunk()).map(|half| u16::from_le_bytes(*half).into()),
         1 => bytes.first().map(|byte| (*byte).into()),
         _ => None,
     }

@@ -133,7 +133,8 @@ pub struct Flash {
     control: u32,
     status: u32,
     option_control: u32,
-    options: u32,
+    /// The option bytes in force.
+    pub options: u32,
     /// Tick until which the controller is busy.
     pub busy: u64,
     /// First half of a word of the STM32G474, with its offset.
@@ -225,11 +226,6 @@ impl Flash {
         };
         self.options = options & bytes;
         self.option_control = options | OPTIONS_LOCKED;
-    }
-
-    /// The option bytes in force.
-    pub fn options(&self) -> u32 {
-        self.options
     }
 
     /// Number of wait states.
@@ -415,9 +411,7 @@ impl Flash {
         }
         let mut state = now | 1;
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
+            state = (state.wrapping_mul(6_364_136_223_846_793_005)).wrapping_add(1);
             let mask = (state >> 33) as u8;
             *place = *place & mask | before & !mask;
         }

@@ -202,11 +202,6 @@ impl Chip {
         &mut self.board.flash.bytes
     }
 
-    /// Makes bits of a flash word stay 1.
-    pub fn wear(&mut self, address: u32, bits: u32) {
-        self.board.flash.worn = Some((address, bits));
-    }
-
     /// Number of words programmed and sectors erased.
     pub fn operations(&self) -> u64 {
         self.board.flash.operations

@@ -4,7 +4,7 @@ use super::clocks::TICKS;
 use super::kind::Kind;
 
 /// The independent watchdog, with its own oscillator.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Independent {
     /// Frequency of its oscillator, Hz: 17 to 47 kHz, typically 32 kHz (DS8626, table 40).
     pub clock: f64,
@@ -18,29 +18,23 @@ pub struct Independent {
     busy: u64,
 }
 
-impl Default for Independent {
-    fn default() -> Self {
+impl Independent {
+    pub fn new() -> Self {
         Self {
             clock: 32_000.0,
-            running: false,
-            open: false,
-            prescaler: 0,
             reload: 0xfff,
             count: 4095.0,
-            since: 0,
-            busy: 0,
+            ..Self::default()
         }
     }
-}
 
-impl Independent {
     /// Resets the registers. The option bytes may start it at once (21.3.1).
     pub fn reset(&mut self, by_hardware: bool, now: u64) {
         *self = Self {
             clock: self.clock,
             running: by_hardware,
             since: now,
-            ..Self::default()
+            ..Self::new()
         };
     }
 
@@ -114,7 +108,7 @@ impl Independent {
 }
 
 /// The window watchdog, on the clock of APB1.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Window {
     /// Bits of the prescaler in the configuration.
     prescaler: u32,
@@ -133,9 +127,7 @@ impl Window {
             prescaler: kind.facts().window_prescaler,
             control: 0x7f,
             configuration: 0x7f,
-            early: false,
-            since: 0,
-            reset_reason: false,
+            ..Self::default()
         }
     }
 

@@ -106,18 +106,23 @@ fn runs_other(rig: &mut Rig) -> bool {
 }
 
 fn power_cycle(rig: &mut Rig) {
+    restart(rig, 0.0);
+    await_image(rig);
+}
+
+/// Switches the supply off and on, and runs for a time in s.
+fn restart(rig: &mut Rig, seconds: f64) {
     rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3));
-    await_image(rig);
+    rig.act(&Act::Volts(3.3)).run_for(seconds);
 }
 
 /// Presses the enable input; returns whether the bridge closes.
 fn drives(rig: &mut Rig) -> bool {
     let from = rig.time();
-    rig.at(from, Act::Enable(false))
-        .at(from + 0.6, Act::Enable(true))
-        .run(from + 1.0);
-    rig.at(from + 1.0, Act::Enable(false)).run(from + 1.5);
+    for (at, enable) in [(0.0, false), (0.6, true), (1.0, false)] {
+        rig.at(from + at, Act::Enable(enable));
+    }
+    rig.run(from + 1.5);
     rig.find_time(from, &Event::Bridge(true)).is_some()
 }

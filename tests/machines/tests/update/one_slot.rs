@@ -12,8 +12,8 @@ use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
 
 use super::{
-    await_image, begin, drives, keypair, other_program, power_cycle, program, rig_with_key,
-    runs_other, send, signature, sum,
+    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
+    rig_with_key, runs_other, send, signature, sum,
 };
 use kband_control::wire::MAX_UPDATE_BYTES;
 
@@ -55,12 +55,6 @@ impl Header {
 /// Whether the loader waits for an image, FAULT on.
 fn waits(rig: &mut Rig) -> bool {
     rig.image().expect("an answer").starts_with("loader")
-}
-
-fn restart(rig: &mut Rig) {
-    rig.act(&Act::Volts(0.0)).run_for(0.01);
-    rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3)).run_for(0.5);
 }
 
 /// A board whose program has restarted into the loader.
@@ -153,7 +147,7 @@ fn a_truncated_image_never_starts_and_the_next_one_does() {
     assert_eq!(end, Err(UpdateRefusal::Order(4096)));
     rig.run_for(12.0);
     assert!(waits(&mut rig), "after silence");
-    restart(&mut rig);
+    restart(&mut rig, 0.5);
     assert!(waits(&mut rig), "after power-on");
     assert!(rig.faults_after(rig.time() - 0.6).is_some());
     // Another image of the same key.
@@ -173,7 +167,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let program = KIND.facts().program;
     rig.chip.flash_mut()[program..][..image.len()].fill(0xff);
     let (from, operations) = (rig.time(), rig.chip.operations());
-    restart(&mut rig);
+    restart(&mut rig, 0.5);
     assert!(waits(&mut rig));
     let request = rig.update(&Header::from_image(&image).request());
     assert_eq!(request, Err(UpdateRefusal::NoKey));
@@ -196,9 +190,8 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     let other = other_program(&rig);
     let settings = rig.chip.flash()[KIND.facts().stored.clone()].to_vec();
     let header = Header::from_image(&other);
-    let chunks = (0..)
-        .step_by(MAX_UPDATE_BYTES)
-        .zip(other.chunks(MAX_UPDATE_BYTES));
+    let offsets = (0..).step_by(MAX_UPDATE_BYTES);
+    let chunks = offsets.zip(other.chunks(MAX_UPDATE_BYTES));
     let bytes = chunks.map(|(offset, bytes)| UpdateRequest::Bytes { offset, bytes });
     let requests: Vec<_> = [header.request()].into_iter().chain(bytes).collect();
     let requests = &requests[..if every {
@@ -217,7 +210,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
             rig.run_for(1e-3);
             assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
         }
-        restart(&mut rig);
+        restart(&mut rig, 0.5);
         assert_eq!(waits(&mut rig), !keeps_image, "{request:?} {cut}");
         if keeps_image {
             assert!(!runs_other(&mut rig));
