@@ -7,6 +7,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use kband_host::provenance;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
 
 /// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 pub const TIMEOUT: &str = "120";
@@ -44,6 +46,20 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, args: &[&str]) -> Outcome {
         stderr: text(&mut stderr),
         args: args.join(" "),
     }
+}
+
+/// The image of the emulated board.
+pub fn image() -> String {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    image.to_str().unwrap().to_string()
+}
+
+/// Runs `kband` in `folder` on the emulated board; `more` are further words.
+pub fn on_board(folder: impl AsRef<Path>, limit: &str, args: &str, more: &[&str]) -> Outcome {
+    let image = image();
+    let args = args.split(' ').chain(["--on", "qemu", "--image", &image]);
+    let args: Vec<&str> = args.chain(more.iter().copied()).collect();
+    run(folder, limit, &args)
 }
 
 /// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
@@ -86,11 +102,14 @@ impl Outcome {
         self.ended(0).out
     }
 
-    /// Checks that the output contains these words, after exit status 0.
+    /// The output, after exit status 0 and a check that it contains these words.
     #[track_caller]
-    pub fn prints(self, expected: &str) {
+    pub fn prints(self, expected: &[&str]) -> String {
         let stdout = self.done();
-        assert!(stdout.contains(expected), "no '{expected}' in {stdout}");
+        for part in expected {
+            assert!(stdout.contains(part), "no '{part}' in {stdout}");
+        }
+        stdout
     }
 
     /// The printed JSON, after exit status 0.
