@@ -33,12 +33,10 @@ fn check_version(printed: &str) -> Result<(), Refusal> {
         return Ok(());
     }
     let [major, minor] = MIN_QEMU;
-    Err(Refusal::value(
-        "the version of qemu-system-arm",
-        version,
-        format!("{major}.{minor} or newer"),
-        "run tests/setup.sh in kband's own folder, which installs it, or use a board",
-    ))
+    let key = "the version of qemu-system-arm";
+    let accepted = format!("{major}.{minor} or newer");
+    let next = "run tests/setup.sh in kband's own folder, which installs it, or use a board";
+    Err(Refusal::value(key, version, accepted, next))
 }
 
 /// Starts the emulator with its serial port on pipes and its settings in the file `flash`.
@@ -49,13 +47,12 @@ pub fn start(
 ) -> Result<Child, Refusal> {
     let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
     if !image.is_file() {
-        return Err(Refusal::new(
-            format!(
-                "{}: there is no image for the emulated CPU",
-                image.display()
-            ),
-            format!("{BUILD}, or name it with --image"),
-        ));
+        let cause = format!(
+            "{}: there is no image for the emulated CPU",
+            image.display()
+        );
+        let next = format!("{BUILD}, or name it with --image");
+        return Err(Refusal::new(cause, next));
     }
     let resolve = |path: &Path| {
         path.canonicalize()
@@ -101,10 +98,8 @@ pub fn start(
         .stderr(Stdio::null())
         .spawn()
         .map_err(|error| {
-            Refusal::new(
-                format!("qemu-system-arm does not start: {error}"),
-                "run tests/setup.sh, which installs it",
-            )
+            let cause = format!("qemu-system-arm does not start: {error}");
+            Refusal::new(cause, "run tests/setup.sh, which installs it")
         })
 }
 

@@ -72,10 +72,8 @@ impl Link {
     ) -> Result<Self, Refusal> {
         let mut child = emulator::start(image, emulated, flash)?;
         let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Refusal::new(
-                "qemu-system-arm has no pipes",
-                "close other programs and try again",
-            ));
+            let cause = "qemu-system-arm has no pipes";
+            return Err(Refusal::new(cause, "close other programs and try again"));
         };
         Self::over("qemu".to_string(), output, input, Some(child), check_stop)
     }
@@ -173,14 +171,12 @@ impl Link {
             return Ok(());
         }
         let ((version, schema), image) = (self.protocol, &self.image);
-        Err(Refusal::new(
-            format!(
-                "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
-                 this desk speaks {VERSION}, {SCHEMA:08x}",
-                self.name
-            ),
-            self.fitting_firmware(),
-        ))
+        let cause = format!(
+            "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
+             this desk speaks {VERSION}, {SCHEMA:08x}",
+            self.name
+        );
+        Err(Refusal::new(cause, self.fitting_firmware()))
     }
 
     /// From now on writes every byte from the board to `record`, after a frame with the board's
@@ -352,10 +348,8 @@ impl Link {
             .write_all(frame)
             .and_then(|()| self.output.flush())
             .map_err(|error| {
-                Refusal::new(
-                    format!("{}: the link broke: {error}", self.name),
-                    "check that the board is connected",
-                )
+                let cause = format!("{}: the link broke: {error}", self.name);
+                Refusal::new(cause, "check that the board is connected")
             })
     }
 
@@ -415,10 +409,8 @@ impl Link {
                 }
                 Err(RecvTimeoutError::Disconnected) => {
                     self.over = true;
-                    return Err(Refusal::new(
-                        format!("{} ended", self.name),
-                        "check that the board is connected, or that the emulator runs",
-                    ));
+                    let next = "check that the board is connected, or that the emulator runs";
+                    return Err(Refusal::new(format!("{} ended", self.name), next));
                 }
             }
         }
@@ -451,10 +443,8 @@ fn too_long() -> Refusal {
 }
 
 fn unrecorded(error: std::io::Error) -> Refusal {
-    Refusal::new(
-        format!("the record cannot be written: {error}"),
-        "make room, or give another path with --record",
-    )
+    let cause = format!("the record cannot be written: {error}");
+    Refusal::new(cause, "make room, or give another path with --record")
 }
 
 impl Drop for Link {
@@ -467,71 +457,56 @@ impl Drop for Link {
 }
 
 fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
-    match refused {
+    let cause = match &refused {
         Refused::OutOfRange {
             parameter,
             accepted,
-        } => Refusal::new(
-            format!("{name} refuses {parameter}: it accepts {accepted}"),
-            "change the value",
+        } => format!("{name} refuses {parameter}: it accepts {accepted}"),
+        Refused::Running => format!("{name} is running its drive"),
+        Refused::Unknown => format!("{name} has no such setting"),
+        Refused::Store => format!("{name} could not save its settings"),
+        Refused::TooOften => format!("{name} has saved its settings 60 times within an hour"),
+        Refused::ReadOnly(Access::Strapped) => {
+            format!("the link of {name} is read-only: its strap, PC1, is wired to ground")
+        }
+        Refused::ReadOnly(_) => format!("the link of {name} is locked by a PIN"),
+        Refused::WrongPin => format!("{name} was locked with another PIN"),
+        Refused::Wait(_) => format!("{name} was given five wrong PINs"),
+        Refused::Faster(least) => {
+            format!("the line of {name} carries telemetry every {least} drive cycles at most")
+        }
+        Refused::SupplyLow => format!(
+            "{name} saved nothing: its supply of 3.3 V is too low, or was within the last 0.1 s"
         ),
-        Refused::Running => Refusal::new(
-            format!("{name} is running its drive"),
-            "withdraw the enable input first",
-        ),
-        Refused::Unknown => Refusal::new(
-            format!("{name} has no such setting"),
-            "kband settings list shows its settings",
-        ),
-        Refused::Store => Refusal::new(
-            format!("{name} could not save its settings"),
-            "the flash may be worn: reset the board and try again",
-        ),
-        Refused::TooOften => Refusal::new(
-            format!("{name} has saved its settings 60 times within an hour"),
-            "its flash wears: save once more in a minute, after all changes",
-        ),
-        Refused::ReadOnly(Access::Strapped) => Refusal::new(
-            format!("the link of {name} is read-only: its strap, PC1, is wired to ground"),
-            "open the strap to change the board from the desk",
-        ),
-        Refused::ReadOnly(_) => Refusal::new(
-            format!("the link of {name} is locked by a PIN"),
-            "kband unlock PIN lets the desk change it until its next start",
-        ),
-        Refused::WrongPin => Refusal::new(
-            format!("{name} was locked with another PIN"),
-            "give the right PIN; after five wrong ones the board waits for a minute",
-        ),
-        Refused::Wait(seconds) => Refusal::new(
-            format!("{name} was given five wrong PINs"),
-            format!("wait for {seconds} s, then give the right PIN"),
-        ),
-        Refused::Faster(min_period) => Refusal::new(
-            format!("the line of {name} carries telemetry every {min_period} drive cycles at most"),
-            format!("kband monitor --every {min_period}, or more"),
-        ),
-        Refused::SupplyLow => Refusal::new(
-            format!(
-                "{name} saved nothing: its supply of 3.3 V is too low, or was within the last 0.1 s"
-            ),
-            "check the supply, then save again",
-        ),
-        Refused::NoRecipe => Refusal::new(
-            format!("{name} has no such recipe, or a newer firmware saved it"),
-            "kband recipe list shows all",
-        ),
-        Refused::NoSettings => Refusal::new(
-            format!("{name} has no saved settings, and recipes are saved with them"),
-            "kband settings save first",
-        ),
-        Refused::NotInControl => Refusal::new(
-            format!("{name} is controlled by its fieldbus: the desk only reads, and stops it"),
-            "with the drive at rest: kband settings set bus 0",
-        ),
-        Refused::OutOfStep => Refusal::new(
-            format!("{name} and the desk fell out of step"),
-            "reset the board and start again",
-        ),
-    }
+        Refused::NoRecipe => format!("{name} has no such recipe, or a newer firmware saved it"),
+        Refused::NoSettings => {
+            format!("{name} has no saved settings, and recipes are saved with them")
+        }
+        Refused::NotInControl => {
+            format!("{name} is controlled by its fieldbus: the desk only reads, and stops it")
+        }
+        Refused::OutOfStep => format!("{name} and the desk fell out of step"),
+    };
+    let next = match refused {
+        Refused::OutOfRange { .. } => "change the value",
+        Refused::Running => "withdraw the enable input first",
+        Refused::Unknown => "kband settings list shows its settings",
+        Refused::Store => "the flash may be worn: reset the board and try again",
+        Refused::TooOften => "its flash wears: save once more in a minute, after all changes",
+        Refused::ReadOnly(Access::Strapped) => "open the strap to change the board from the desk",
+        Refused::ReadOnly(_) => "kband unlock PIN lets the desk change it until its next start",
+        Refused::WrongPin => RIGHT_PIN,
+        Refused::Wait(seconds) => &format!("wait for {seconds} s, then give the right PIN"),
+        Refused::Faster(least) => &format!("kband monitor --every {least}, or more"),
+        Refused::SupplyLow => "check the supply, then save again",
+        Refused::NoRecipe => "kband recipe list shows all",
+        Refused::NoSettings => "kband settings save first",
+        Refused::NotInControl => "with the drive at rest: kband settings set bus 0",
+        Refused::OutOfStep => "reset the board and start again",
+    };
+    Refusal::new(cause, next)
 }
+
+/// Next step after a wrong PIN.
+pub(crate) const RIGHT_PIN: &str =
+    "give the right PIN; after five wrong ones the board waits for a minute";

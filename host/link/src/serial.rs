@@ -17,16 +17,14 @@ fn only(mut ports: Vec<PathBuf>) -> Result<PathBuf, Refusal> {
     if ports.len() > 1 {
         let names = ports.iter();
         let names: Vec<String> = names.map(|port| port.display().to_string()).collect();
-        return Err(Refusal::new(
-            format!("there are several serial ports: {}", names.join(", ")),
-            format!("name the board's, such as --on {}", names[0]),
-        ));
+        let cause = format!("there are several serial ports: {}", names.join(", "));
+        let next = format!("name the board's, such as --on {}", names[0]);
+        return Err(Refusal::new(cause, next));
     }
     ports.pop().ok_or_else(|| {
-        Refusal::new(
-            "no board: there is no serial port (/dev/ttyACM*, /dev/ttyUSB*)",
-            "plug in the board's link, name its port with --on /dev/PORT, or try --on qemu",
-        )
+        let cause = "no board: there is no serial port (/dev/ttyACM*, /dev/ttyUSB*)";
+        let next = "plug in the board's link, name its port with --on /dev/PORT, or try --on qemu";
+        Refusal::new(cause, next)
     })
 }
 
@@ -58,10 +56,8 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
 
     let name = &path.display();
     let busy = || {
-        Refusal::new(
-            format!("{name}: another program uses the port"),
-            "close the other kband or terminal program, and try again",
-        )
+        let next = "close the other kband or terminal program, and try again";
+        Refusal::new(format!("{name}: another program uses the port"), next)
     };
     // Does not wait for a carrier, and does not become the controlling terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
@@ -84,15 +80,12 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
             ),
         })?;
     let is_none = |_: Errno| {
-        Refusal::value(
-            "--on",
-            name,
-            "qemu, or a serial port such as /dev/ttyACM0",
-            format!(
-                "this is no serial port: {}",
-                present(&ports(Path::new("/dev")))
-            ),
-        )
+        let accepted = "qemu, or a serial port such as /dev/ttyACM0";
+        let next = format!(
+            "this is no serial port: {}",
+            present(&ports(Path::new("/dev")))
+        );
+        Refusal::value("--on", name, accepted, next)
     };
     let mut modes = tcgetattr(&port).map_err(&is_none)?;
     // The lock excludes another kband, the exclusive mode all programs except those of root.
@@ -106,10 +99,8 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
         .and_then(|()| tcsetattr(&port, OptionalActions::Flush, &modes))
         .and_then(|()| fcntl_setfl(&port, OFlags::empty()))
         .map_err(|error| {
-            Refusal::new(
-                format!("{name}: the port does not take 115200 baud: {error}"),
-                "use another adapter",
-            )
+            let cause = format!("{name}: the port does not take 115200 baud: {error}");
+            Refusal::new(cause, "use another adapter")
         })?;
     Ok(port)
 }
@@ -117,13 +108,11 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
 /// Refuses, because ports are not supported on this system.
 #[cfg(not(unix))]
 pub fn open(path: &Path) -> Result<File, Refusal> {
-    Err(Refusal::new(
-        format!(
-            "{}: this kband opens serial ports on Linux and macOS only",
-            path.display()
-        ),
-        "use kband there, or --on qemu",
-    ))
+    let cause = format!(
+        "{}: this kband opens serial ports on Linux and macOS only",
+        path.display()
+    );
+    Err(Refusal::new(cause, "use kband there, or --on qemu"))
 }
 
 fn present(ports: &[PathBuf]) -> String {

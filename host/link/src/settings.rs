@@ -46,12 +46,8 @@ impl BoardSetting {
         if (self.low..=self.high).contains(&single) {
             return Ok(single);
         }
-        Err(Refusal::value(
-            &self.key,
-            value,
-            self.accepted(),
-            format!("give {} a value in this range", self.key),
-        ))
+        let next = format!("give {} a value in this range", self.key);
+        Err(Refusal::value(&self.key, value, self.accepted(), next))
     }
 }
 
