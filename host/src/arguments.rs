@@ -87,12 +87,10 @@ impl FileArguments {
             }
             picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
             other => {
-                return Err(Refusal::value(
-                    "ending of --out",
-                    format!("'{other}'"),
-                    ".svg, .png or .pdf for the picture, .csv or .json for the numbers",
-                    "give the file one of these endings",
-                ));
+                let key = "ending of --out";
+                let accepted = ".svg, .png or .pdf for the picture, .csv or .json for the numbers";
+                let next = "give the file one of these endings";
+                return Err(Refusal::value(key, format!("'{other}'"), accepted, next));
             }
         };
         let kind = Some((target, kind));
@@ -242,12 +240,8 @@ impl ContactArguments {
     /// Contact time as a phase of a drive of this frequency.
     pub fn time(self, frequency: f64) -> Result<ContactTime, Refusal> {
         ContactTime::from_milliseconds(self.contact, frequency).map_err(|refused| {
-            Refusal::value(
-                "--contact",
-                refused.value,
-                refused.accepted,
-                "give a shorter contact or a lower --frequency",
-            )
+            let next = "give a shorter contact or a lower --frequency";
+            Refusal::value("--contact", refused.value, refused.accepted, next)
         })
     }
 

@@ -43,10 +43,8 @@ impl Desk {
             .num_threads(threads.unwrap_or(0))
             .build()
             .map_err(|error| {
-                Refusal::new(
-                    format!("the threads could not be started: {error}"),
-                    "try --threads 1",
-                )
+                let cause = format!("the threads could not be started: {error}");
+                Refusal::new(cause, "try --threads 1")
             })?;
         Ok(Self {
             stop: Arc::new(AtomicBool::new(false)),

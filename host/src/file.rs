@@ -88,10 +88,8 @@ impl Destination {
             return Self::check(path);
         };
         if STANDARD_OUTPUT_IN_USE.swap(true, Ordering::Relaxed) {
-            return Err(Refusal::new(
-                "standard output (-) is named for two outputs of this run",
-                "give one of them the name of a file",
-            ));
+            let cause = "standard output (-) is named for two outputs of this run";
+            return Err(Refusal::new(cause, "give one of them the name of a file"));
         }
         let ending = if requested.is_empty() {
             ending
@@ -156,10 +154,9 @@ impl Destination {
             begin.truncate(read.unwrap_or(0));
             if !own(&String::from_utf8_lossy(&begin)) {
                 let name = path.display();
-                return Err(Refusal::new(
-                    format!("{name} is there already, and kband did not write it"),
-                    format!("name the file: {option}, or move this one away"),
-                ));
+                let cause = format!("{name} is there already, and kband did not write it");
+                let next = format!("name the file: {option}, or move this one away");
+                return Err(Refusal::new(cause, next));
             }
         }
         Ok(target)
@@ -185,12 +182,9 @@ impl Destination {
         if endings.contains(&self.ending().as_str()) {
             return Ok(());
         }
-        Err(Refusal::value(
-            option,
-            self.path.display(),
-            format!("a file name that ends in .{}", endings.join(" or .")),
-            "change the ending",
-        ))
+        let value = self.path.display();
+        let accepted = format!("a file name that ends in .{}", endings.join(" or ."));
+        Err(Refusal::value(option, value, accepted, "change the ending"))
     }
 
     /// The same destination, whose content is on the disk once it is written.

@@ -179,12 +179,9 @@ struct RowsToRead(Table);
 impl Rows for RowsToRead {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
         if self.0.len() == MAX_ROWS_TO_READ {
-            return Err(Refusal::value(
-                "--format",
-                "table",
-                format!("csv or json for more than {MAX_ROWS_TO_READ} rows"),
-                "choose one of them, or ask for fewer rows",
-            ));
+            let accepted = format!("csv or json for more than {MAX_ROWS_TO_READ} rows");
+            let next = "choose one of them, or ask for fewer rows";
+            return Err(Refusal::value("--format", "table", accepted, next));
         }
         self.0.push_row(row.to_vec());
         Ok(())
@@ -298,10 +295,8 @@ fn wrapped(text: &str, screen: usize) -> String {
 fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::is_reader_closed() => {
-            Err(Refusal::new(
-                format!("standard output: {error}"),
-                "check where the output goes, or write a file with --out",
-            ))
+            let next = "check where the output goes, or write a file with --out";
+            Err(Refusal::new(format!("standard output: {error}"), next))
         }
         _ => Ok(()),
     }

@@ -63,10 +63,9 @@ impl Glance {
         if numbers.iter().all(|number| number.is_finite()) && !self.k.is_nan() {
             return Ok(self);
         }
-        Err(Refusal::new(
-            format!("a value at {:.5} s is no finite number", self.time),
-            "this is an error of kband: report the scene and what kband --version prints",
-        ))
+        let cause = format!("a value at {:.5} s is no finite number", self.time);
+        let next = "this is an error of kband: report the scene and what kband --version prints";
+        Err(Refusal::new(cause, next))
     }
 
     fn at(moment: &Moment) -> Self {

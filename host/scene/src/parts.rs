@@ -5,8 +5,8 @@ use kband::feeder::Restitution;
 use kband_plant::{PARTS, Scene};
 use toml::Value;
 
-use super::fields::{ACTUAL_RESTITUTION, Field, SCATTER};
-use super::section::{Section, number};
+use super::fields::{ACTUAL_RESTITUTION, Field};
+use super::section::{Section, pair};
 use crate::refusal::Refusal;
 
 /// A distribution of restitution.
@@ -139,36 +139,11 @@ pub(crate) fn read(
 
 /// Reads `part.friction`: one coefficient, or those of sliding and static friction.
 pub(crate) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
-    let number = |value: &Value| number(value).map(|friction| friction as f32);
-    let pair = match value {
-        Value::Array(pair) => match pair.as_slice() {
-            [sliding, sticking] => number(sliding).zip(number(sticking)),
-            _ => None,
-        },
-        one => number(one).map(|friction| (friction, friction)),
-    };
-    pair
-        .filter(|(sliding, sticking)| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
-        .map(|(sliding, sticking)| [sliding, sticking])
-        .ok_or_else(|| {
-            part.refuse(
-                "friction",
-                value,
-                "0..10, or [sliding, sticking] with the second at least the first, as 0.3 or [0.3, 0.35]",
-            )
-        })
-}
-
-/// Reads `part.scatter` into the scene: one number for all parts, or one for each.
-pub(crate) fn read_scatter(
-    part: &Section,
-    value: &Value,
-    scene: &mut Scene,
-) -> Result<(), Refusal> {
-    let what = ", the standard deviation of restitution from impact to impact,";
-    let examples = "; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52";
-    scene.scatter = one_or_each(part, &SCATTER, value, scene, [what, examples])?;
-    Ok(())
+    let accepted =
+        "0..10, or [sliding, sticking] with the second at least the first, as 0.3 or [0.3, 0.35]";
+    let pair = pair(value).map(|(sliding, sticking)| [sliding as f32, sticking as f32]);
+    pair.filter(|[sliding, sticking]| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
+        .ok_or_else(|| part.refuse("friction", value, accepted))
 }
 
 /// One number for all parts, or a list with one for each. `words` follow the accepted range and the

@@ -199,13 +199,13 @@ impl Record {
     }
 
     fn retain(&mut self, moment: &Moment) {
-        for event in moment.report.events.iter() {
-            self.events.push(TimedEvent {
-                time: moment.time,
-                event,
-                report: moment.report,
-            });
-        }
+        let (time, report) = (moment.time, moment.report);
+        let timed = |event| TimedEvent {
+            time,
+            event,
+            report,
+        };
+        self.events.extend(report.events.iter().map(timed));
         if moment.time > self.duration - END_PERIOD {
             self.end.push(*moment);
         }
@@ -229,13 +229,12 @@ impl Record {
     }
 
     /// Estimated share of time in gear, mean over the cycles with an estimate from
-    /// [`STATISTICS_START`] on;
-    /// `None` without one.
+    /// [`STATISTICS_START`] on; `None` without one.
     pub fn in_gear_estimated(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
 
-    /// Mean of the reported standard errors of that share.
+    /// Mean of its reported standard errors.
     pub fn in_gear_error(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.errors / f64::from(self.estimated_cycles))
     }
@@ -288,11 +287,10 @@ impl Curve {
     }
 
     fn end_stretch(&mut self) {
-        let [first, second] = if self.low.0 > self.high.0 {
-            [self.high, self.low]
-        } else {
-            [self.low, self.high]
-        };
+        let (mut first, mut second) = (self.low, self.high);
+        if first.0 > second.0 {
+            (first, second) = (second, first);
+        }
         match self.count {
             0 => {}
             _ if first.0 == second.0 => self.points.push(first),
@@ -355,12 +353,10 @@ pub struct Sketch {
 
 impl Sketch {
     fn new(cycles: usize) -> Self {
+        let is_short = cycles <= 2 * MAX_SKETCH_STRETCHES;
+        let stretch = cycles.div_ceil(MAX_SKETCH_STRETCHES);
         Self {
-            stretch: if cycles <= 2 * MAX_SKETCH_STRETCHES {
-                1
-            } else {
-                cycles.div_ceil(MAX_SKETCH_STRETCHES)
-            },
+            stretch: if is_short { 1 } else { stretch },
             stride: 1,
             ..Self::default()
         }

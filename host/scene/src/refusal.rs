@@ -56,10 +56,8 @@ impl Refusal {
 
     /// Interrupted by Ctrl-C before the result was complete.
     pub fn interrupted() -> Self {
-        Self::cut(
-            "interrupted before the result was complete; nothing was written",
-            "start it again; fewer points finish sooner",
-        )
+        let cause = "interrupted before the result was complete; nothing was written";
+        Self::cut(cause, "start it again; fewer points finish sooner")
     }
 
     /// Interrupted by Ctrl-C; `cause` describes the unfinished work.

@@ -33,10 +33,9 @@ impl BoardLoop {
     /// The loop of a scene at time 0, with the board on `link`; its drive stays off.
     pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
         if scene.settings.current_gain > 0.0 {
-            return Err(Refusal::new(
-                "the link carries no readings of a current sensor to the board",
-                "set drive.current_gain to 0, or leave out --on",
-            ));
+            let cause = "the link carries no readings of a current sensor to the board";
+            let next = "set drive.current_gain to 0, or leave out --on";
+            return Err(Refusal::new(cause, next));
         }
         link.command(&Request::Defaults)?;
         let changed = Settings::KEYS

@@ -97,13 +97,11 @@ pub fn replay(
     if identified {
         return Ok(damage);
     }
-    Err(Refusal::new(
-        format!(
-            "this is no record: {} frames in it cannot be read, and none identifies the board",
-            damage.unreadable
-        ),
-        NEXT,
-    ))
+    let cause = format!(
+        "this is no record: {} frames in it cannot be read, and none identifies the board",
+        damage.unreadable
+    );
+    Err(Refusal::new(cause, NEXT))
 }
 
 /// Refuses a record unless its first frame is an identity of this version and schema.

@@ -29,10 +29,8 @@ pub fn start<T: Send + 'static>(
         .name(NAME.into())
         .spawn(move || work(sender))
         .map_err(|error| {
-            Refusal::new(
-                format!("a thread could not be started: {error}"),
-                "close other programs and try again",
-            )
+            let cause = format!("a thread could not be started: {error}");
+            Refusal::new(cause, "close other programs and try again")
         })?;
     Ok(received)
 }
@@ -43,22 +41,19 @@ pub fn next<T>(received: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
     let start = Instant::now();
     loop {
         if desk.check_stop().is_err() {
-            return Err(Refusal::cut(
-                "interrupted while the probe was at work",
-                "start it again",
-            ));
+            let cause = "interrupted while the probe was at work";
+            return Err(Refusal::cut(cause, "start it again"));
         }
         match received.recv_timeout(STOP_POLL_INTERVAL) {
             Ok(received) => return Ok(received),
             Err(RecvTimeoutError::Disconnected) => return Err(broken_off()),
             Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
-                return Err(Refusal::new(
-                    format!(
-                        "the probe has not answered for {} s",
-                        SILENCE_TIMEOUT.as_secs()
-                    ),
-                    "unplug the probe, plug it in and try again",
-                ));
+                let cause = format!(
+                    "the probe has not answered for {} s",
+                    SILENCE_TIMEOUT.as_secs()
+                );
+                let next = "unplug the probe, plug it in and try again";
+                return Err(Refusal::new(cause, next));
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
@@ -67,8 +62,6 @@ pub fn next<T>(received: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
 
 /// The refusal for work that ended without a result.
 pub fn broken_off() -> Refusal {
-    Refusal::new(
-        "the connection to the probe was lost",
-        "plug the probe in and try again",
-    )
+    let cause = "the connection to the probe was lost";
+    Refusal::new(cause, "plug the probe in and try again")
 }

@@ -65,12 +65,9 @@ impl Image {
         let endian = header.endian().map_err(damaged)?;
         let (machine, kind) = (header.e_machine(endian), header.e_type(endian));
         if machine != EM_ARM || kind != ET_EXEC {
-            return Err(Refusal::value(
-                "machine, type",
-                format!("{}, {}", machine.0, kind.0),
-                format!("{}, {}: a program for Arm", EM_ARM.0, ET_EXEC.0),
-                BUILD,
-            ));
+            let value = format!("{}, {}", machine.0, kind.0);
+            let accepted = format!("{}, {}: a program for Arm", EM_ARM.0, ET_EXEC.0);
+            return Err(Refusal::value("machine, type", value, accepted, BUILD));
         }
         let sections = header.sections(endian, file).map_err(damaged)?;
         let section = |name: &[u8]| Some(sections.section_by_name(endian, name)?.1);
@@ -133,12 +130,10 @@ impl Image {
         };
         let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
         if vectors != chip.vectors {
-            return Err(Refusal::value(
-                "entries of the vector table",
-                vectors,
-                format!("{} on the {}", chip.vectors, chip.name),
-                format!("build it anew: {}", chip.build),
-            ));
+            let key = "entries of the vector table";
+            let accepted = format!("{} on the {}", chip.vectors, chip.name);
+            let next = format!("build it anew: {}", chip.build);
+            return Err(Refusal::value(key, vectors, accepted, next));
         }
         image.check_vectors()?;
         if size(b".defmt").is_none_or(|size| size == 0) {
@@ -203,12 +198,9 @@ impl Image {
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
         let program = self.program..slot.start + bytes.len() as u32;
         if program.start != slot.start || program.end > slot.end {
-            return Err(Refusal::value(
-                "program",
-                addresses(&program),
-                format!("{}, from its start on", addresses(slot)),
-                BUILD,
-            ));
+            let key = "program";
+            let accepted = format!("{}, from its start on", addresses(slot));
+            return Err(Refusal::value(key, addresses(&program), accepted, BUILD));
         }
         Ok(bytes)
     }
@@ -234,24 +226,19 @@ impl Image {
         let memory = &chip.memory;
         if !(memory.start < stack && stack <= memory.end && stack.is_multiple_of(8)) {
             let accepted = addresses(&(memory.start + 8..memory.end));
-            return Err(Refusal::value(
-                "stack",
-                format!("{stack:#010x}"),
-                format!("{accepted} in steps of 8"),
-                BUILD,
-            ));
+            let value = format!("{stack:#010x}");
+            let accepted = format!("{accepted} in steps of 8");
+            return Err(Refusal::value("stack", value, accepted, BUILD));
         }
         for number in 1..chip.vectors as u32 {
             let handler = vector(number)?;
             // Reset, NMI and hard fault must exist; 0 marks a reserved entry.
             let absent = handler == 0 && number > 3;
             if !absent && (handler & 1 == 0 || self.word(handler & !1).is_none()) {
-                return Err(Refusal::value(
-                    format!("entry {number} of the vector table"),
-                    format!("{handler:#010x}"),
-                    "the address of Thumb code in the image",
-                    BUILD,
-                ));
+                let key = format!("entry {number} of the vector table");
+                let value = format!("{handler:#010x}");
+                let accepted = "the address of Thumb code in the image";
+                return Err(Refusal::value(key, value, accepted, BUILD));
             }
         }
         Ok(())
@@ -302,18 +289,15 @@ fn within(inner: &Range<u32>, outer: &Range<u32>) -> bool {
 }
 
 fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
-    Refusal::value(
-        format!("a part that {does}"),
-        addresses(range),
-        format!(
-            "flash {} of the {}, without {} of its settings, RAM {}",
-            addresses(&chip.flash),
-            chip.name,
-            addresses(&chip.settings),
-            addresses(&chip.memory)
-        ),
-        BUILD,
-    )
+    let key = format!("a part that {does}");
+    let accepted = format!(
+        "flash {} of the {}, without {} of its settings, RAM {}",
+        addresses(&chip.flash),
+        chip.name,
+        addresses(&chip.settings),
+        addresses(&chip.memory)
+    );
+    Refusal::value(key, addresses(range), accepted, BUILD)
 }
 
 #[cfg(test)]

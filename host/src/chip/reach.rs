@@ -38,13 +38,11 @@ impl ConnectedChip {
             )
         })?;
         let unreached = |error: &dyn std::error::Error| {
-            Refusal::new(
-                format!(
-                    "the probe {name} does not reach the chip: {}",
-                    causes(error)
-                ),
-                WIRES,
-            )
+            let cause = format!(
+                "the probe {name} does not reach the chip: {}",
+                causes(error)
+            );
+            Refusal::new(cause, WIRES)
         };
         probe
             .select_protocol(WireProtocol::Swd)
@@ -82,15 +80,12 @@ impl ConnectedChip {
             }
             chip += &format!(" with {kib} KiB of flash");
         }
-        Err(Refusal::value(
-            "chip",
-            chip,
-            format!(
-                "{:#05x} with {size} KiB: {}, for which the image is",
-                self.chip.family, self.chip.name
-            ),
-            "nothing was changed: check that this is the right board, or give its image",
-        ))
+        let accepted = format!(
+            "{:#05x} with {size} KiB: {}, for which the image is",
+            self.chip.family, self.chip.name
+        );
+        let next = "nothing was changed: check that this is the right board, or give its image";
+        Err(Refusal::value("chip", chip, accepted, next))
     }
 
     /// Refuses a flash that an option byte divides into other sectors than the image assumes.
@@ -152,14 +147,12 @@ impl ConnectedChip {
     }
 
     fn no_answer(&self, error: &ArmError) -> Refusal {
-        Refusal::new(
-            format!(
-                "the chip on the probe {} does not answer: {}",
-                self.probe,
-                causes(error)
-            ),
-            WIRES,
-        )
+        let cause = format!(
+            "the chip on the probe {} does not answer: {}",
+            self.probe,
+            causes(error)
+        );
+        Refusal::new(cause, WIRES)
     }
 
     /// Attaches the debugger; the core stops briefly.
@@ -168,14 +161,12 @@ impl ConnectedChip {
         probe
             .attach(self.chip.name, Permissions::default())
             .map_err(|error| {
-                Refusal::new(
-                    format!(
-                        "the core does not respond to the probe {}: {}",
-                        self.probe,
-                        causes(&error)
-                    ),
-                    WIRES,
-                )
+                let cause = format!(
+                    "the core does not respond to the probe {}: {}",
+                    self.probe,
+                    causes(&error)
+                );
+                Refusal::new(cause, WIRES)
             })
     }
 }
@@ -207,22 +198,15 @@ fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
         None => all(),
         Some(requested) => {
             let selector: DebugProbeSelector = requested.parse().map_err(|_| {
-                Refusal::value(
-                    "--probe",
-                    requested,
-                    "VID:PID or VID:PID:SERIAL, such as 0483:3748",
-                    "name a probe as kband flash lists them",
-                )
+                let accepted = "VID:PID or VID:PID:SERIAL, such as 0483:3748";
+                let next = "name a probe as kband flash lists them";
+                Refusal::value("--probe", requested, accepted, next)
             })?;
             let probes = lister.list(Some(&selector));
             let present = if probes.is_empty() { all() } else { Vec::new() };
             if !present.is_empty() {
-                return Err(Refusal::value(
-                    "--probe",
-                    requested,
-                    names(&present),
-                    "name one that is there",
-                ));
+                let next = "name one that is there";
+                return Err(Refusal::value("--probe", requested, names(&present), next));
             }
             probes
         }

@@ -86,13 +86,11 @@ fn write_image(
     }
     let started = session.core(0).and_then(|mut core| core.reset());
     started.map_err(|error| {
-        Refusal::new(
-            format!(
-                "written and verified, but the chip does not start: {}",
-                causes(&error)
-            ),
-            "switch the board off and on",
-        )
+        let cause = format!(
+            "written and verified, but the chip does not start: {}",
+            causes(&error)
+        );
+        Refusal::new(cause, "switch the board off and on")
     })
 }
 

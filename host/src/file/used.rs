@@ -45,16 +45,13 @@ fn add(path: &Path, role: Role) -> Result<(), Refusal> {
     match other.map(|(_, other)| (*other, role)) {
         None | Some((Role::Input, Role::Input)) => {}
         Some((Role::Output, Role::Output)) => {
-            return Err(Refusal::new(
-                format!("{} is named for two outputs of this run", path.display()),
-                "give each output a name of its own",
-            ));
+            let cause = format!("{} is named for two outputs of this run", path.display());
+            return Err(Refusal::new(cause, "give each output a name of its own"));
         }
         Some(_) => {
-            return Err(Refusal::new(
-                format!("{} is an input of this run and its output", path.display()),
-                "give the output another name: an input is never overwritten",
-            ));
+            let cause = format!("{} is an input of this run and its output", path.display());
+            let next = "give the output another name: an input is never overwritten";
+            return Err(Refusal::new(cause, next));
         }
     }
     used.push((place, role));

@@ -16,8 +16,8 @@ mod theme;
 
 pub use axis::Axis;
 pub use look::{Look, PICTURES};
-use panel::SMALL_TEXT_SIZE;
 pub use panel::{Grid, Panel};
+use panel::{SMALL_TEXT_SIZE, label};
 pub use theme::{Fill, Theme, page_colours};
 
 use shape::{Anchor, Rect, Shape, Text};
@@ -94,12 +94,7 @@ impl Picture {
         let width = look.laid_out(self.width);
         let mut shapes = Vec::new();
         let height = self.draw(theme, width, &mut shapes);
-        let sheet = Rect {
-            left: 0.0,
-            top: 0.0,
-            width,
-            height,
-        };
+        let sheet = Rect::new(0.0, 0.0, width, height);
         shapes.insert(0, Shape::area(sheet, theme.background()));
         ([width, height], shapes)
     }
@@ -108,13 +103,9 @@ impl Picture {
     fn draw(&self, theme: Theme, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let draw_line = |y: f64, text: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
-                at: (18.0, y),
-                content: text.into(),
                 size,
                 bold,
-                colour,
-                anchor: Anchor::Start,
-                upright: false,
+                ..label((18.0, y), text, Anchor::Start, colour)
             })
         };
         let mut y = 28.0;
@@ -214,11 +205,7 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let look = Look {
-                theme,
-                ..Look::default()
-            };
-            let bytes = all_items().to_png(look, "").unwrap();
+            let bytes = all_items().to_png(theme.into(), "").unwrap();
             let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
             let mut reader = reader.unwrap();
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];

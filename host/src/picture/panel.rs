@@ -10,7 +10,8 @@ use axes::Pixels;
 use item::Item;
 use legend::Key;
 pub use map::Grid;
-use style::{dashed, label};
+use style::dashed;
+pub(super) use style::label;
 
 use super::axis::Axis;
 use super::shape::{Anchor, Rect, Shape, Text};

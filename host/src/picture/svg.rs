@@ -154,11 +154,8 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 fn short(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" {
-        "0".into()
-    } else {
-        text.into()
-    }
+    let text = if text == "-0" { "0" } else { text };
+    text.into()
 }
 
 fn escape(text: &str) -> String {

@@ -257,10 +257,8 @@ impl Rows for CountedRows {
 }
 
 pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
-    Refusal::new(
-        format!("the rows cannot be written: {error}"),
-        "check space and permissions of the folder",
-    )
+    let cause = format!("the rows cannot be written: {error}");
+    Refusal::new(cause, "check space and permissions of the folder")
 }
 
 #[cfg(test)]

@@ -86,12 +86,10 @@ impl Sweep {
         let points = counts.try_fold(1_usize, usize::checked_mul);
         let points = points.filter(|points| points.saturating_mul(count) <= MAX_RUNS);
         let Some(points) = points else {
-            return Err(Refusal::value(
-                "--sweep",
-                "(too many points)",
-                format!("up to {MAX_RUNS} runs, all values and --runs multiplied"),
-                "give fewer values or fewer runs",
-            ));
+            let key = "--sweep";
+            let accepted = format!("up to {MAX_RUNS} runs, all values and --runs multiplied");
+            let next = "give fewer values or fewer runs";
+            return Err(Refusal::value(key, "(too many points)", accepted, next));
         };
         // All scenes are checked before the first run, so an invalid value costs no time.
         let mut scenes = Vec::with_capacity(points);

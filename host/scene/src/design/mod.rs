@@ -157,12 +157,10 @@ impl Ranges {
             let within = |value: f64| (min..=max).contains(&value);
             let is_ordered = low <= high || name.contains("tone");
             if !within(low) || !within(high) || !is_ordered {
-                return Err(Refusal::value(
-                    name,
-                    format!("{low}..{high}"),
-                    format!("{min}..{max} {unit}, the lower end first"),
-                    format!("give a {name} in this range"),
-                ));
+                let value = format!("{low}..{high}");
+                let accepted = format!("{min}..{max} {unit}, the lower end first");
+                let next = format!("give a {name} in this range");
+                return Err(Refusal::value(name, value, accepted, next));
             }
         }
         for (name, value, [min, max]) in [
@@ -176,12 +174,9 @@ impl Ranges {
             }
         }
         if self.tones[1] > 0.0 && self.tones[0] == 0.0 {
-            return Err(Refusal::value(
-                "third tone",
-                self.tones[1],
-                "0 without a second tone",
-                "allow a second tone too",
-            ));
+            let accepted = "0 without a second tone";
+            let next = "allow a second tone too";
+            return Err(Refusal::value("third tone", self.tones[1], accepted, next));
         }
         Ok(())
     }
@@ -203,12 +198,9 @@ impl Design {
         if let Target::Gear { order } | Target::Locked { order } = file.scene.target
             && order != 1
         {
-            return Err(Refusal::value(
-                "order of the target",
-                order,
-                "1: one flight in every drive cycle",
-                "set gear = 1 in [target]",
-            ));
+            let accepted = "1: one flight in every drive cycle";
+            let next = "set gear = 1 in [target]";
+            return Err(Refusal::value("order of the target", order, accepted, next));
         }
         let settings = &file.scene.settings;
         let lot = Lot {
@@ -341,11 +333,7 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
     let ratio = |angle: f64| angle.to_radians().tan().recip().max(0.0);
     let [shallow, steep] = ranges.throw_angle;
     let [second, third] = ranges.tones;
-    let angles = if second > 0.0 {
-        SECOND_TONE_ANGLES
-    } else {
-        [0.0; 2]
-    };
+    let angles = SECOND_TONE_ANGLES.map(|angle| if second > 0.0 { angle } else { 0.0 });
     Ok([
         Axis::new([MIN_TABLE_K, highest], if second > 0.0 { 31 } else { 41 }),
         Axis::new([0.0, second], 5),
@@ -365,13 +353,13 @@ fn refuse_empty(result: &search::SearchResult, ranges: &Ranges) -> Refusal {
             "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit in [drive]",
         );
     }
-    Refusal::new(
-        format!(
-            "none of {} feeders within the limits of the drive has a share in gear of {}",
-            result.within, ranges.least_share
-        ),
-        "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share",
-    )
+    let cause = format!(
+        "none of {} feeders within the limits of the drive has a share in gear of {}",
+        result.within, ranges.least_share
+    );
+    let next =
+        "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share";
+    Refusal::new(cause, next)
 }
 
 fn error(deviations: impl Iterator<Item = [f64; 2]>) -> TableError {

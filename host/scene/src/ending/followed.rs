@@ -21,7 +21,7 @@ pub(super) struct Followed {
     /// Number of impacts before the next detailed check.
     check_next: usize,
     /// Time in rad since the first launch.
-    time: f64,
+    pub(super) time: f64,
     saved: SavedState,
     save_next: usize,
     /// Number of impacts before the next judgement by the last ones.
@@ -46,11 +46,6 @@ impl Followed {
             gear_run: GearRun::default(),
             memory: Memory::default(),
         }
-    }
-
-    /// Time in rad since the first launch.
-    pub(super) fn time(&self) -> f64 {
-        self.time
     }
 
     /// Adds the next impact; returns the state of the decision.

@@ -72,7 +72,7 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
 
 /// The regime of an orbit from lift-off that comes to rest after this impact.
 fn hops_and_rests(tracks: &[Endings], query: &Query, last: PartState) -> Regime {
-    let cycles = (query.followed.time() + until_lift_off(&tracks[query.track], last)) / TAU;
+    let cycles = (query.followed.time + until_lift_off(&tracks[query.track], last)) / TAU;
     Regime::HopAndRest {
         cycles: cycles.round() as u32,
     }

@@ -5,7 +5,12 @@ use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Colour, Fill, Marker, Theme};
 
-pub(super) fn label(at: (f64, f64), text: &str, anchor: Anchor, colour: Colour) -> Text {
+pub(in crate::picture) fn label(
+    at: (f64, f64),
+    text: &str,
+    anchor: Anchor,
+    colour: Colour,
+) -> Text {
     Text {
         at,
         content: text.into(),
@@ -108,20 +113,12 @@ pub(super) fn marks(
         Marker::Square => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
         Marker::Triangle => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
         Marker::Diamond => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
-        Marker::Cross => vec![
-            (-1.0, -3.6),
-            (1.0, -3.6),
-            (1.0, -1.0),
-            (3.6, -1.0),
-            (3.6, 1.0),
-            (1.0, 1.0),
-            (1.0, 3.6),
-            (-1.0, 3.6),
-            (-1.0, 1.0),
-            (-3.6, 1.0),
-            (-3.6, -1.0),
-            (-1.0, -1.0),
-        ],
+        Marker::Cross => {
+            let arm = [(-1.0, -3.6), (1.0, -3.6), (1.0, -1.0)];
+            let turned = |arm: &[(f64, f64); 3]| Some(arm.map(|(x, y)| (-y, x)));
+            let arms = std::iter::successors(Some(arm), turned);
+            arms.take(4).flatten().collect()
+        }
     };
     // Many markers overlap; smaller ones without an edge do not hide each other.
     let many = places.len() > MIN_SMALL_MARKERS;
