@@ -23,7 +23,6 @@ static UNFINISHED_FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// Whether a result goes to standard output: messages then go to standard error.
 static STANDARD_OUTPUT_IN_USE: AtomicBool = AtomicBool::new(false);
 
-/// Whether a result goes to standard output.
 pub fn is_standard_output_in_use() -> bool {
     STANDARD_OUTPUT_IN_USE.load(Ordering::Relaxed)
 }
@@ -74,7 +73,6 @@ fn standard(path: &Path) -> Option<&str> {
 pub struct Destination {
     path: PathBuf,
     standard: bool,
-    /// Whether a file of this name already existed.
     replaces: bool,
     /// Whether the file must survive a loss of power: it cannot be computed again.
     durable: bool,
@@ -162,7 +160,6 @@ impl Destination {
         Ok(target)
     }
 
-    /// Message for the user that the file was written.
     pub fn describe_write(&self) -> String {
         if self.standard {
             return "wrote standard output".into();
@@ -177,7 +174,6 @@ impl Destination {
         ending.to_string_lossy().to_lowercase()
     }
 
-    /// Refuses an ending that is not in the list, for an option's file.
     pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<(), Refusal> {
         if endings.contains(&self.ending().as_str()) {
             return Ok(());
@@ -261,10 +257,8 @@ impl Destination {
     }
 }
 
-/// Next step after a failure to write.
 pub const NEXT_WRITABLE: &str = "check space and permissions of the folder";
 
-/// Ending of a temporary file, after the number of the process.
 const UNFINISHED_ENDING: &str = ".unfinished";
 
 /// The source of an input: standard input for `-`.
@@ -283,7 +277,6 @@ pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
     Ok(file)
 }
 
-/// Reads a whole input; `next` is the next step of the error.
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::add_input(path)?;

@@ -50,10 +50,10 @@ impl<W: Write> Stream<W> {
         match written.and_then(|()| self.out.flush()) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-            Err(error) => Err(Refusal::new(
-                format!("standard output: {error}"),
-                "check where the output goes",
-            )),
+            Err(error) => {
+                let cause = format!("standard output: {error}");
+                Err(Refusal::new(cause, "check where the output goes"))
+            }
         }
     }
 

@@ -36,17 +36,14 @@ fn on_flash(folder: impl AsRef<Path>, args: &str) -> Outcome {
     outcome::on_board(folder, TIMEOUT, args, &["--flash-image", "board.flash"])
 }
 
-/// Content of the board's flash.
 fn flash(folder: &TempDir) -> Vec<u8> {
     std::fs::read(folder.path().join("board.flash")).unwrap()
 }
 
-/// Text of a file.
 fn text(folder: &TempDir, name: &str) -> String {
     std::fs::read_to_string(folder.path().join(name)).unwrap()
 }
 
-/// Runs `kband` in `folder`; killed at the limit.
 fn run(folder: impl AsRef<Path>, args: &str, more: &[&str]) -> Outcome {
     let args: Vec<&str> = args.split(' ').chain(more.iter().copied()).collect();
     outcome::run(folder, TIMEOUT, &args)
@@ -112,10 +109,8 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
     let list = list.as_array().unwrap();
     assert_eq!(list.len(), Settings::KEYS.len());
     for (row, key) in list.iter().zip(Settings::KEYS) {
-        assert_eq!(
-            (&row["key"], &row["unit"]),
-            (&key.name.into(), &key.unit.into())
-        );
+        assert_eq!(row["key"], key.name);
+        assert_eq!(row["unit"], key.unit);
         for (name, value) in [("value", key.default), ("low", key.low), ("high", key.high)] {
             let printed = row[name].as_f64().map(|value| value as f32);
             assert_eq!(printed, Some(value), "{row}");
@@ -473,7 +468,6 @@ fn run_on_sending_port(args: &str, bytes: &[u8]) -> Outcome {
     })
 }
 
-/// A frame with the identity of a board.
 fn identity(sequence: u8, schema: u32, image: &str) -> Vec<u8> {
     let identity = Identity {
         version: VERSION,

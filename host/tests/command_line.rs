@@ -86,7 +86,6 @@ fn message_of(folder: &TempDir, scene: &str, line: &str) -> String {
     message.to_string()
 }
 
-/// Input files of the list's commands.
 const INPUT_FILES: [(&str, &str); 3] =
     [("rows.csv", ROWS), ("words.csv", WORDS), ("empty.csv", "")];
 const ROWS: &str = "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n";

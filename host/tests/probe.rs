@@ -36,7 +36,6 @@ fn kband_flash(probe: &str, more: &[&str]) -> Outcome {
     outcome::run(folder, TIMEOUT, &[&args[..], more].concat())
 }
 
-/// Flashes a chip through a probe.
 fn flash(chip: Chip, more: &[&str]) -> (Outcome, Probe) {
     let probe = Probe::before(chip);
     (kband_flash(&probe.name(), more), probe)

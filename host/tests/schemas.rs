@@ -31,12 +31,8 @@ fn run(folder: impl AsRef<Path>, args: &str, more: &[&str]) -> String {
     let args: Vec<&str> = args.chain(["--format", "json"]).collect();
     let outcome = outcome::run(folder, outcome::TIMEOUT, &args);
     // A board that differs from the expectation ends with status 1, and still prints its JSON.
-    let status = outcome.status;
-    assert!(
-        matches!(status, Some(0 | 1)),
-        "{args:?}: {}",
-        outcome.stderr
-    );
+    let ended = matches!(outcome.status, Some(0 | 1));
+    assert!(ended, "{args:?}: {}", outcome.stderr);
     outcome.out
 }
 
@@ -131,7 +127,6 @@ fn add_unlisted(schema: &Value, names: &mut BTreeSet<String>) {
     }
 }
 
-/// Checks the output of these commands.
 fn check(folder: &Path, results: &BTreeMap<&str, Vec<&str>>, more: &[&str]) {
     let mut wrong = Vec::new();
     for (name, commands) in results {
@@ -180,7 +175,6 @@ fn board_output_matches_its_schemas() {
     check(folder.path(), &flash, &[image.to_str().unwrap()]);
 }
 
-/// The schema of scenes that kband prints.
 fn scene_schema() -> Value {
     let printed = outcome::kband(tempfile::tempdir().unwrap(), "simulate --schema").done();
     serde_json::from_str(&printed).unwrap()

@@ -21,7 +21,6 @@ use outcome::image;
 /// Longest wait for a state of the feeder, s; sufficient on a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Registers of the table.
 mod register {
     pub const CONTROL: u16 = 0;
     pub const KIND: u16 = 1;

@@ -21,7 +21,6 @@ pub enum Emulated {
 pub(crate) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
-/// Oldest QEMU version that runs the image.
 const MIN_QEMU: [u32; 2] = [9, 2];
 
 /// Refuses a QEMU version that is too old, from the output of `--version`.

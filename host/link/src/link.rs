@@ -39,7 +39,6 @@ pub enum Unsolicited {
 
 /// Called during a wait; a refusal ends the wait.
 pub type CheckStop = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
-/// Time between two such calls.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Link to one board. Dropping it ends an emulated board.
@@ -227,7 +226,6 @@ impl Link {
         })
     }
 
-    /// Sends a request of an update and passes its answer to `handle`.
     pub(crate) fn request_update<T>(
         &mut self,
         request: &UpdateRequest<'_>,
@@ -507,6 +505,5 @@ fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
     Refusal::new(cause, next)
 }
 
-/// Next step after a wrong PIN.
 pub(crate) const RIGHT_PIN: &str =
     "give the right PIN; after five wrong ones the board waits for a minute";

@@ -141,7 +141,6 @@ impl BoardSettings {
     }
 }
 
-/// The refusal of a combination of settings.
 fn inconsistent(refused: &OutOfRange, settings: &Settings) -> Refusal {
     let refusal = Refusal::value(
         refused.parameter,

@@ -25,7 +25,6 @@ const JITTER: TimingAccuracy = TimingAccuracy {
     resolution: 1e-3,
 };
 
-/// Number of drive cycles at the end that the scope shows.
 const SCOPE_CYCLES: usize = 10;
 
 /// Receives the number of completed cycles; a refusal ends the run.

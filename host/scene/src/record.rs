@@ -87,7 +87,6 @@ pub struct Record {
     duration: f64,
     pub(crate) cycles: u32,
     pub(crate) last: Option<Moment>,
-    /// All events in the order of time.
     pub(crate) events: Vec<TimedEvent>,
     /// Present state, and the time in s since which it is held.
     pub(crate) held: Option<(State, f64)>,
@@ -111,12 +110,21 @@ pub struct Record {
     pub sketch: Option<Sketch>,
 }
 
-/// State of a run at the start of the gear statistics.
 #[derive(Clone, Copy, Debug)]
 struct StatisticsStart {
     time: f64,
     cycles: u32,
     displacement: f64,
+}
+
+/// Adds an impact to the time in gear of its part.
+pub fn add_strike(gear: &mut GearWatch, strike: &Strike) {
+    let landed = strike.time as f64 / Phase::TURN * TAU;
+    let flight = f64::from(strike.flight) * TAU;
+    if strike.rested {
+        gear.add_rest(landed - flight);
+    }
+    gear.add_landing(landed, flight);
 }
 
 impl Record {
@@ -161,12 +169,7 @@ impl Record {
             let Some(gear) = self.gear.get_mut(usize::from(strike.part)) else {
                 continue;
             };
-            let landed = strike.time as f64 / Phase::TURN * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            if strike.rested {
-                gear.add_rest(landed - flight);
-            }
-            gear.add_landing(landed, flight);
+            add_strike(gear, strike);
         }
         if self.settled.is_some() {
             if glance.error.is_finite() {

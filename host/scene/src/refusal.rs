@@ -112,7 +112,6 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// Largest number of characters in one part of a message.
 const MAX_MESSAGE_CHARACTERS: usize = 2000;
 
 /// Long text with its middle left out: a refused value may be a file of 3 MB.

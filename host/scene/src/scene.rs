@@ -38,7 +38,6 @@ pub struct SceneFile {
     pub expectation: Option<Expectation>,
 }
 
-/// Causes of a start, with their names.
 const STARTS: [(&str, StartCause); 6] = [
     ("ordinary", StartCause::Ordinary),
     ("power-on", StartCause::PowerOn),
@@ -230,8 +229,8 @@ impl SceneFile {
             if tone > affords {
                 let key = format!("drive.{name}_tone");
                 let accepted = format!(
-                    "0..{affords:.3}, which is what this drive's output makes where the track only just throws \
-                     parts (k = 1)"
+                    "0..{affords:.3}, which is what this drive's output makes where the track \
+                     only just throws parts (k = 1)"
                 );
                 let next = format!("lower it, or raise drive.{name}_gain, gain or output_maximum");
                 return Err(Refusal::value(key, tone, accepted, next));
@@ -298,7 +297,6 @@ pub fn at_line(refusal: Refusal, text: &str) -> Refusal {
     }
 }
 
-/// Largest scatter that the settings accept.
 const MAX_CONFIGURED_SCATTER: f32 = 0.3;
 
 /// Configured scatter of the parts: their common value, else the root mean square.

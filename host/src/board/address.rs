@@ -42,14 +42,12 @@ impl Address {
         self.on.as_deref() == Some("qemu")
     }
 
-    /// The options of an emulated board that are given.
     fn emulated_options(&self) -> impl Iterator<Item = (&'static str, &Path)> {
-        let files = [
-            ("--image", &self.image),
-            ("--flash-image", &self.flash_image),
-        ];
-        let files = files.into_iter();
-        files.filter_map(|(option, file)| Some((option, file.as_deref()?)))
+        let image = self.image.as_deref().map(|file| ("--image", file));
+        let flash = self.flash_image.as_deref();
+        image
+            .into_iter()
+            .chain(flash.map(|file| ("--flash-image", file)))
     }
 
     /// The same board as options of a command.

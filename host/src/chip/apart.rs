@@ -9,7 +9,6 @@ use crate::refusal::Refusal;
 
 /// Longest wait for a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
-/// Time between two checks for an interruption by the user.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 const NAME: &str = "probe";
 

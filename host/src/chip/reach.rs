@@ -12,7 +12,6 @@ use crate::refusal::Refusal;
 
 /// Identity register of a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
-/// Bits of the identity with the chip's family.
 const FAMILY: u32 = 0xfff;
 
 const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";

@@ -46,7 +46,6 @@ impl Axis {
         Self::new("k = g cos α / (b ω²)", "", low, high)
     }
 
-    /// An axis of the amplitude in mm.
     pub fn of_b(low: f64, high: f64) -> Self {
         Self::new("amplitude b normal to the track", "mm", low, high)
     }

@@ -57,7 +57,6 @@ impl Look {
         target.write_bytes(&bytes)
     }
 
-    /// Whether a size on paper was requested.
     pub(super) fn on_paper(self) -> bool {
         self.width.is_some() || self.font_size.is_some()
     }

@@ -42,7 +42,6 @@ impl Picture {
         }
     }
 
-    /// A line below the title, for the parameters.
     pub fn caption(mut self, text: impl Into<String>) -> Self {
         self.caption = text.into();
         self
@@ -54,7 +53,6 @@ impl Picture {
         self
     }
 
-    /// One more panel, below the others.
     pub fn panel(mut self, panel: Panel) -> Self {
         self.panels.push(panel);
         self

@@ -46,7 +46,6 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// An empty panel between a horizontal and a vertical axis.
     pub fn new(x: Axis, y: Axis) -> Self {
         Self {
             heading: String::new(),
@@ -61,7 +60,6 @@ impl Panel {
         }
     }
 
-    /// Text above the panel.
     pub fn heading(mut self, text: impl Into<String>) -> Self {
         self.heading = text.into();
         self

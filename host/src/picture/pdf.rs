@@ -17,7 +17,6 @@ const INFO: Ref = Ref::new(5);
 /// Number of the first object for opacities; images with their masks follow.
 const FIRST_OPACITY_OBJECT: i32 = 6;
 
-/// The PDF of shapes on a sheet of this size.
 pub(super) fn document(
     size: [f64; 2],
     [title, about]: [&str; 2],

@@ -265,10 +265,7 @@ mod tests {
         let lumas = Fill::ALL.into_iter().filter(|fill| *fill != Fill::Fault);
         let mut lumas: Vec<f64> = lumas.map(luma).collect();
         lumas.sort_by(f64::total_cmp);
-        let mut pairs = lumas.windows(2);
-        assert!(
-            pairs.all(|pair| pair[1] - pair[0] > 255.0 / 12.0),
-            "{lumas:?}"
-        );
+        let mut steps = lumas.windows(2).map(|pair| pair[1] - pair[0]);
+        assert!(steps.all(|step| step > 255.0 / 12.0), "{lumas:?}");
     }
 }

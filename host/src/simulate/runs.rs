@@ -299,11 +299,10 @@ mod tests {
             assert_eq!(runs(6, 3, fidelity, 1), runs(6, 3, fidelity, 3));
         }
         let one = runs(1, 3, Fidelity::Envelope, 1);
-        let other = runs(1, 4, Fidelity::Envelope, 1);
-        assert_ne!(one.runs[0], other.runs[0]);
         // Seeds from 2^32 on keep all their digits.
-        let large = runs(1, 3 + (1 << 40), Fidelity::Envelope, 1);
-        assert_ne!(one.runs[0], large.runs[0]);
+        for other in [4, 3 + (1 << 40)] {
+            assert_ne!(one.runs[0], runs(1, other, Fidelity::Envelope, 1).runs[0]);
+        }
     }
 
     /// R = 0.3, s = 0.05 at k = 0.45: share in gear 0.811 by an independent program
@@ -358,18 +357,11 @@ mod tests {
             in_gear_coverage: None,
             speed: 0.0,
         };
-        let runs = Runs {
-            name: "",
-            runs: (0..100).map(|n| run((n < 90).then_some(1.0))).collect(),
-        };
-        let (share, low, high) = runs.share();
+        let runs = (0..100).map(|n| run((n < 90).then_some(1.0)));
+        let (share, low, high) = Runs::new("", runs.collect()).share();
         // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.
         assert!((share - 0.9).abs() < 1e-12);
         assert!((low - 0.8256).abs() < 1e-3 && (high - 0.9448).abs() < 1e-3);
-        let none = Runs {
-            name: "",
-            runs: vec![run(None)],
-        };
-        assert_eq!(none.share().1, 0.0);
+        assert_eq!(Runs::new("", vec![run(None)]).share().1, 0.0);
     }
 }

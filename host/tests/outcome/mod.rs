@@ -13,7 +13,6 @@ use kband_machines::images;
 /// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 pub const TIMEOUT: &str = "120";
 
-/// Result of a command.
 pub struct Outcome {
     pub status: Option<i32>,
     pub out: String,
@@ -88,7 +87,6 @@ fn text(file: &mut File) -> String {
 }
 
 impl Outcome {
-    /// The result, after a check of the exit status.
     #[track_caller]
     pub fn ended(self, status: i32) -> Self {
         let Self { args, stderr, .. } = &self;

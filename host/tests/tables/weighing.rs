@@ -11,7 +11,6 @@ use kband_control::{Report, Target};
 use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
 use rayon::prelude::*;
 
-/// Head of the table.
 pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |";
 
 /// Times of the fall of the parts, of the start of the evaluation, and of the end, s.

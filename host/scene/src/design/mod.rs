@@ -114,7 +114,6 @@ const THROW_ANGLES: [f64; 2] = [20.0, 45.0];
 const MIN_TABLE_K: f64 = 0.2;
 /// Angles of the second tone in rad, about the best ones for order 1.
 const SECOND_TONE_ANGLES: [f64; 2] = [1.9, 3.1];
-/// Unit of an upper tone.
 const OF_FIRST: &str = "of the first";
 /// Number of simulated restitutions of a lot that is an interval.
 const LOT_PARTS: usize = 5;
@@ -220,11 +219,9 @@ impl Design {
         let error = error(
             deviations.map(|(table, run)| [table.share - run.share, table.speed / run.speed - 1.0]),
         );
-        let front: Vec<(Feeder, Conveyed)> =
-            search::pareto_front(&simulated, |run| (run.share, run.speed))
-                .into_iter()
-                .map(|n| (feeders[n], simulated[n]))
-                .collect();
+        let front = search::pareto_front(&simulated, |run| (run.share, run.speed)).into_iter();
+        let front = front.map(|n| (feeders[n], simulated[n]));
+        let front: Vec<(Feeder, Conveyed)> = front.collect();
         let chosen = spread(front.len(), ranges.checked).map(|n| front[n].0);
         let chosen: Vec<Feeder> = chosen.collect();
         let judged = judge(file, &lot, &chosen, workers)?;
@@ -297,19 +294,12 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
         2 * feeders.iter().filter(|f| reached(f)).count() > feeders.len()
     };
     let limits = ["stroke", "acceleration", "force"].into_iter();
-    let mut all: Vec<String> = limits
-        .filter(|name| majority(&|f| feeder::limit_reached(settings, f) == Some(name)))
-        .map(|name| format!("the drive's {name}"))
-        .collect();
-    let [second, _] = ranges.tones;
+    let limits = limits.filter(|n| majority(&|f| feeder::limit_reached(settings, f) == Some(n)));
+    let mut all: Vec<String> = limits.map(|name| format!("the drive's {name}")).collect();
+    let ([second, _], throw) = (ranges.tones, ranges.throw_angle);
     let coordinates: [Coordinate; 5] = [
         ("frequency", ranges.frequency, |f| f.frequency, "Hz"),
-        (
-            "angle of throw",
-            ranges.throw_angle,
-            |f| f.throw_angle,
-            "degrees",
-        ),
+        ("angle of throw", throw, |f| f.throw_angle, "degrees"),
         ("phase lead", ranges.phase_lead, |f| f.phase_lead, "degrees"),
         ("incline", ranges.incline, |f| f.incline, "degrees"),
         ("second tone", [0.0, second], |f| f.tones[0][0], OF_FIRST),
@@ -381,7 +371,6 @@ mod tests {
     use super::*;
     use crate::scene::DEFAULT;
 
-    /// Executes the tasks one after another.
     struct InOrder;
 
     impl Workers for InOrder {
@@ -452,10 +441,8 @@ mod tests {
             (|ranges| ranges.least_share = 1.0, "share in gear of 1"),
         ];
         for (change, expected) in cases {
-            let mut ranges = Ranges {
-                candidates: 1000,
-                ..base
-            };
+            let mut ranges = base;
+            ranges.candidates = 1000;
             change(&mut ranges);
             let refused = Design::search(&file, &ranges, &InOrder).unwrap_err();
             assert!(refused.to_string().contains(expected), "{refused}");

@@ -8,7 +8,6 @@ use super::table::{THIRD_TONE_ANGLE, Table};
 use super::{Ranges, Workers};
 use crate::refusal::Refusal;
 
-/// A candidate with share and speed by the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub feeder: Feeder,
@@ -40,6 +39,7 @@ const ROUNDS: [(f64, f64); 5] = [
 ];
 
 /// Number of candidates, number within the drive's limits, and front by falling speed.
+#[derive(Default)]
 pub(super) struct SearchResult {
     pub tried: usize,
     pub within: usize,
@@ -52,11 +52,7 @@ pub(super) fn search(
     table: &Table,
     workers: &impl Workers,
 ) -> Result<SearchResult, Refusal> {
-    let mut result = SearchResult {
-        tried: 0,
-        within: 0,
-        front: Vec::new(),
-    };
+    let mut result = SearchResult::default();
     for (round, (part, width)) in ROUNDS.into_iter().enumerate() {
         let count = (ranges.candidates as f64 * part).round() as usize;
         let before = &result.front;

@@ -18,7 +18,6 @@ const JUDGEMENT_INTERVAL: usize = 6000;
 /// An orbit without a final regime yet. Fields used at every impact come first, for the cache.
 pub(super) struct Followed {
     count: usize,
-    /// Number of impacts before the next detailed check.
     check_next: usize,
     /// Time in rad since the first launch.
     pub(super) time: f64,
@@ -48,7 +47,6 @@ impl Followed {
         }
     }
 
-    /// Adds the next impact; returns the state of the decision.
     #[inline]
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Verdict {
         self.count += 1;
@@ -91,11 +89,10 @@ impl Followed {
             };
             self.save_next *= 2;
         }
-        let verdict = if self.count == self.judge_next {
-            self.judge(endings)
-        } else {
-            Verdict::Continues
-        };
+        let mut verdict = Verdict::Continues;
+        if self.count == self.judge_next {
+            verdict = self.judge(endings);
+        }
         let gear_run_start = (self.judge_next + 1).saturating_sub(2 * JUDGED_IMPACTS);
         self.check_next = self.save_next.min(gear_run_start.max(self.count + 1));
         verdict
@@ -125,7 +122,6 @@ impl Followed {
     }
 }
 
-/// State of the decision on an orbit's regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
     Continues,
@@ -136,7 +132,6 @@ pub(super) enum Verdict {
     Ends(Regime),
 }
 
-/// Consecutive flights in gear of one order.
 #[derive(Clone, Copy, Debug, Default)]
 struct GearRun {
     order: u32,
@@ -160,14 +155,13 @@ impl GearRun {
 
 /// Regime that repeats after these numbers of impacts and drive cycles.
 fn periodic(impacts: u32, cycles: u32) -> Regime {
-    if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
-        let order = cycles / impacts;
-        match impacts.trailing_zeros() {
-            0 => Regime::Locked { order },
-            doublings => Regime::Doubled { order, doublings },
-        }
-    } else {
-        Regime::Periodic { impacts, cycles }
+    if !impacts.is_power_of_two() || cycles == 0 || !cycles.is_multiple_of(impacts) {
+        return Regime::Periodic { impacts, cycles };
+    }
+    let order = cycles / impacts;
+    match impacts.trailing_zeros() {
+        0 => Regime::Locked { order },
+        doublings => Regime::Doubled { order, doublings },
     }
 }
 
@@ -188,10 +182,7 @@ struct SavedState {
 impl SavedState {
     /// A state that no orbit approaches.
     const NONE: Self = Self {
-        state: PartState {
-            phase: f64::NAN,
-            velocity: f64::NAN,
-        },
+        state: PartState::new(f64::NAN, f64::NAN),
         count: 0,
         time: 0.0,
         first: None,

@@ -117,10 +117,8 @@ mod tests {
                 gears.longest()
             });
             let in_gear = InGear::from_orbits(runs).unwrap();
-            assert!(
-                in_gear.order == 1 && (in_gear.share - expected).abs() < 0.03,
-                "{in_gear}"
-            );
+            assert_eq!(in_gear.order, 1);
+            assert!((in_gear.share - expected).abs() < 0.03, "{in_gear}");
         }
     }
 }

@@ -21,7 +21,6 @@ use super::{Endings, MAX_ORBIT_IMPACTS};
 /// 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
 
-/// Number of impacts left out at the start of these.
 const SETTLING_IMPACTS: usize = 1000;
 
 /// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.
@@ -91,7 +90,6 @@ fn until_lift_off(endings: &Endings, last: PartState) -> f64 {
     time
 }
 
-/// An orbit that is followed to its final regime.
 struct Query {
     index: usize,
     track: usize,
@@ -204,7 +202,6 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     );
 }
 
-/// Irregular flights of one gear.
 struct Trial {
     track: usize,
     order: u32,
@@ -314,7 +311,6 @@ mod tests {
 
     use super::*;
 
-    /// Final regime of one orbit, event by event.
     fn alone(
         endings: &Endings,
         start: Option<PartState>,

@@ -95,7 +95,6 @@ fn clipped(rect: Rect, a: (f64, f64), b: (f64, f64)) -> Option<[(f64, f64); 2]> 
     (!outside).then(|| [a, b].map(clip))
 }
 
-/// Number of markers above which they are drawn small.
 const MIN_SMALL_MARKERS: usize = 120;
 
 pub(super) fn marks(
