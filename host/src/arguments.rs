@@ -108,10 +108,8 @@ pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
         return Ok(());
     }
     let cause = "--out - writes a picture to standard output, and --format writes numbers there";
-    Err(Refusal::new(
-        cause,
-        "leave out --out -, or leave out --format",
-    ))
+    let next = "leave out --out -, or leave out --format";
+    Err(Refusal::new(cause, next))
 }
 
 #[derive(Clone, Debug)]

@@ -104,30 +104,19 @@ pub fn causes(settings: &Settings, order: u8, now: BestSetpoint) -> Vec<Cause> {
             lifted.third_gain = raised(lifted.third_gain);
         },
     );
-    lift(
-        format!(
-            "the drive on its resonance: it runs at {frequency} Hz, its resonance is {resonance} Hz"
-        ),
-        &|lifted| lifted.resonance = frequency,
-    );
-    lift(
-        format!("a higher acceleration limit than {acceleration_limit} m/s^2"),
-        &|lifted| lifted.acceleration_limit = 1000.0,
-    );
-    lift(
-        format!("a higher amplitude limit than {amplitude_limit} mm"),
-        &|lifted| lifted.amplitude_limit = 100.0,
-    );
-    lift(
-        format!(
-            "parts sorted by restitution: restitution of the lot is {restitution_low}..{restitution_high}"
-        ),
-        &|lifted| (lifted.restitution_low, lifted.restitution_high) = (middle, middle),
-    );
-    lift(
-        format!("parts that scatter less: their restitution scatters by {scatter}"),
-        &|lifted| lifted.scatter = 0.0,
-    );
+    let off = format!("it runs at {frequency} Hz, its resonance is {resonance} Hz");
+    let remedy = format!("the drive on its resonance: {off}");
+    lift(remedy, &|lifted| lifted.resonance = frequency);
+    let remedy = format!("a higher acceleration limit than {acceleration_limit} m/s^2");
+    lift(remedy, &|lifted| lifted.acceleration_limit = 1000.0);
+    let remedy = format!("a higher amplitude limit than {amplitude_limit} mm");
+    lift(remedy, &|lifted| lifted.amplitude_limit = 100.0);
+    let lot = format!("restitution of the lot is {restitution_low}..{restitution_high}");
+    lift(format!("parts sorted by restitution: {lot}"), &|lifted| {
+        (lifted.restitution_low, lifted.restitution_high) = (middle, middle);
+    });
+    let remedy = format!("parts that scatter less: their restitution scatters by {scatter}");
+    lift(remedy, &|lifted| lifted.scatter = 0.0);
     if settings.second_tone < SECOND_TONE && settings.second_gain > 0.0 {
         lift(
             format!(

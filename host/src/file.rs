@@ -15,11 +15,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use used::Role;
+
 use crate::refusal::Refusal;
 
 /// Temporary files of this run, removed before a forced stop.
 static UNFINISHED_FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-
 /// Whether a result goes to standard output: messages then go to standard error.
 static STANDARD_OUTPUT_IN_USE: AtomicBool = AtomicBool::new(false);
 
@@ -62,9 +63,10 @@ impl Write for Standard {
 fn standard(path: &Path) -> Option<&str> {
     match path.to_str()? {
         "-" => Some(""),
-        name => name
-            .strip_prefix("-.")
-            .filter(|ending| !ending.contains('/')),
+        name => {
+            let ending = name.strip_prefix("-.");
+            ending.filter(|ending| !ending.contains('/'))
+        }
     }
 }
 
@@ -89,11 +91,8 @@ impl Destination {
             let cause = "standard output (-) is named for two outputs of this run";
             return Err(Refusal::new(cause, "give one of them the name of a file"));
         }
-        let ending = if requested.is_empty() {
-            ending
-        } else {
-            requested
-        };
+        let requested = Some(requested).filter(|requested| !requested.is_empty());
+        let ending = requested.unwrap_or(ending);
         Ok(Self {
             path: format!("-.{ending}").into(),
             standard: true,
@@ -133,7 +132,7 @@ impl Destination {
             let cause = format!("{name} is a symbolic link to nothing");
             return refuse(cause, "remove the link, or give another path");
         }
-        used::add_output(path)?;
+        used::add(path, Role::Output)?;
         Ok(Self {
             path: path.into(),
             replaces: path.is_file(),
@@ -258,35 +257,34 @@ impl Destination {
 }
 
 pub const NEXT_WRITABLE: &str = "check space and permissions of the folder";
-
 const UNFINISHED_ENDING: &str = ".unfinished";
 
 /// The source of an input: standard input for `-`.
 fn source(path: &Path) -> &Path {
-    if path == Path::new("-") {
-        Path::new("/dev/stdin")
-    } else {
-        path
+    match path == Path::new("-") {
+        true => Path::new("/dev/stdin"),
+        false => path,
     }
 }
 
 /// Opens an input; `next` is the next step of the error.
 pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
     let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::add_input(path)?;
+    used::add(path, Role::Input)?;
     Ok(file)
 }
 
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::add_input(path)?;
+    used::add(path, Role::Input)?;
     Ok(bytes)
 }
 
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
-    let text = fs::read_to_string(source(path))
-        .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
-    used::add_input(path)?;
+    let next = "give the path of a readable text file";
+    let text = fs::read_to_string(source(path));
+    let text = text.map_err(|error| Refusal::file(path, &error, next))?;
+    used::add(path, Role::Input)?;
     Ok(text)
 }
 

@@ -14,10 +14,8 @@ use serde_json::{Map, Value as Json, json};
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The commit of the build, with `-dirty` if the sources differed; `unknown` outside a git tree.
 const COMMIT: &str = env!("KBAND_COMMIT");
-
 /// Prefix of the first comment of a CSV.
 pub const FIRST_COMMENT: &str = "# kband ";
-
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
 
 #[derive(Clone, Debug, Default)]

@@ -329,11 +329,8 @@ struct EmulatedBoard(Terminal);
 
 impl EmulatedBoard {
     fn start() -> Self {
-        Self(Terminal::start(
-            outcome::image().as_ref(),
-            "run",
-            BOARD_TIMEOUT,
-        ))
+        let image = outcome::image();
+        Self(Terminal::start(image.as_ref(), "run", BOARD_TIMEOUT))
     }
 
     fn port(&self) -> &str {
@@ -393,7 +390,6 @@ fn a_board_gets_targets_and_enable_and_reports_status() {
 #[test]
 fn commissioning_writes_a_record_with_settings_and_pictures() {
     use kband_machines::browser::Browser;
-
     let board = EmulatedBoard::start();
     let folder = folder();
     let on = ["--on", board.port()];
@@ -447,7 +443,6 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
 #[cfg(unix)]
 fn run_on_sending_port(args: &str, bytes: &[u8]) -> Outcome {
     use std::sync::atomic::{AtomicBool, Ordering};
-
     let (mut far, near, name) = outcome::port();
     let done = AtomicBool::new(false);
     let folder = folder();

@@ -4,10 +4,10 @@ mod outcome;
 
 use std::collections::BTreeSet;
 use std::fs::DirEntry;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use kband_host::provenance;
-use outcome::kband;
+use outcome::{kband, start};
 use tempfile::TempDir;
 
 fn folder() -> TempDir {
@@ -22,18 +22,6 @@ fn names(folder: &TempDir) -> Vec<String> {
 
 fn scene(folder: &TempDir) -> String {
     kband(folder, "simulate --print-scene").done()
-}
-
-/// Starts `kband` in `folder` with its output and its messages on pipes.
-fn start(folder: &TempDir, args: &str) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(args.split(' '))
-        .current_dir(folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
 }
 
 /// A wrong input of the list: the line after `$`, and the expected message.
@@ -110,14 +98,11 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
             let messages = messages.map(|(line, _)| message_of(&folder, &scene, line));
             messages.collect::<Vec<_>>()
         };
-        let threads = shares
-            .into_iter()
-            .map(|share| scope.spawn(move || run(share)));
-        let threads: Vec<_> = threads.collect();
+        let spawn = |share| scope.spawn(move || run(share));
+        let threads: Vec<_> = shares.into_iter().map(spawn).collect();
         let ended = threads.into_iter().map(|thread| thread.join());
-        ended
-            .flat_map(|messages| messages.expect("no input panics"))
-            .collect()
+        let messages: Result<Vec<_>, _> = ended.collect();
+        messages.expect("no input panics").concat()
     });
     if std::env::var_os("KBAND_ACCEPT").is_some() {
         let head = list.split("\n$ ").next().unwrap_or_default();
@@ -143,9 +128,8 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
     let remove = |name: &str| std::fs::remove_file(folder.path().join(name)).unwrap();
     let replaces = |verb: &str, name: &str| {
         mine(name);
-        let stderr = kband(&folder, &format!("{verb} --out {name}"))
-            .ended(0)
-            .stderr;
+        let outcome = kband(&folder, &format!("{verb} --out {name}"));
+        let stderr = outcome.ended(0).stderr;
         let replaced = format!("replaced {name}");
         assert!(stderr.contains(&replaced), "{verb}: {stderr}");
         assert_ne!(read(name), b"mine");
@@ -442,7 +426,6 @@ fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
     use std::io::Read;
 
     use rustix::termios::{Winsize, tcsetwinsize};
-
     let (mut master, terminal, _) = outcome::port();
     let size = Winsize {
         ws_row: 24,

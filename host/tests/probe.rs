@@ -23,7 +23,6 @@ const TIMEOUT: &str = "120";
 const SETTINGS: u8 = 0x5a;
 /// Content of the rest of the flash, from an older image.
 const OLD_IMAGE_BYTE: u8 = 0x00;
-
 /// Time in s after power-on. By then a board without records has erased the sector of its first
 /// fault, which takes at most 2 s.
 const ERASE_TIME: f64 = 2.5;

@@ -26,11 +26,9 @@ fn an_empty_band_is_reported_plainly() {
     let bands = json("bands --restitution 0.1..0.3 --orders 1");
     assert_eq!(bands[0]["empty"], true);
     assert!(bands[0]["setpoint"].is_null());
-    let text = kband(
-        std::env::temp_dir(),
-        "bands --restitution 0.1..0.3 --orders 1",
-    );
-    text.prints(&["no band of order 1", "would allow it"]);
+    let args = "bands --restitution 0.1..0.3 --orders 1";
+    let bands = kband(tempfile::tempdir().unwrap(), args);
+    bands.prints(&["no band of order 1", "would allow it"]);
 }
 
 #[test]

@@ -53,7 +53,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     assert_eq!(asked, serde_json::json!([]));
     let plots = browser.script("return document.querySelectorAll('.plot svg').length");
     assert_eq!(plots, 7);
-
     // Moves the lot's slider by its keys, four steps of 0.005 to the left; then the drive's
     // frequency.
     let verdict = || numbers(&browser.text("#bands .verdict"));
@@ -75,7 +74,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     agree("0.16..0.22", "200");
     browser.press("#lot-low", &keys::HOME.to_string());
     contains("#bands .verdict", &["no amplitude locks every part"]);
-
     // The share in gear falls with the scatter, and is higher with the second tone.
     let gear = |key: char| {
         browser.press("#scatter", &key.to_string());
@@ -86,7 +84,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     assert_eq!((none.0, wide.0), (0.0, 0.15));
     assert!(none.1 > 99.0 && wide.1 < 60.0, "{none:?} {wide:?}");
     assert!(wide.2 > wide.1 + 5.0, "{wide:?}");
-
     // After one step the map has the shares of the verb at the same amplitude.
     let before = browser.text("#basins .verdict");
     browser.press("#basin", &keys::RIGHT.to_string());
@@ -104,7 +101,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     };
     let locked = share(&map["shares"], "locked, r = 1");
     assert!(locked > 0.1 && (locked - share(&printed["shares"], "locked, r = 1")).abs() < 1e-3);
-
     // Friction of 0.05 does not hold a part at 3 degrees; more friction conveys faster.
     browser.press("#friction", &keys::HOME.to_string());
     contains("#transport .verdict", &["does not hold"]);
@@ -114,14 +110,12 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     };
     let (low, high) = (fastest(keys::RIGHT), fastest(keys::END));
     assert!(0.0 < low && low < high, "{low} {high}");
-
     // The run from start to end.
     for (key, begin) in [(keys::HOME, "At 0 s: off"), (keys::END, "At 10 s: ")] {
         browser.press("#time", &key.to_string());
         let verdict = browser.text("#amplitude .verdict");
         assert!(verdict.starts_with(begin), "{verdict}");
     }
-
     // Values at the pointer, and by the keys without a pointer.
     browser.point("#gear .plot", 0, 0);
     contains("#gear .reading:not(.verdict)", &["mean"]);
@@ -133,7 +127,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     browser.click("#bands summary");
     // The browser reports the unfolding a moment later.
     browser.wait_for("document.querySelectorAll('#bands .numbers tbody tr').length === 141");
-
     // Dark and light colours, the width of a phone, and paper.
     let background = "return getComputedStyle(document.body).backgroundColor";
     let first = browser.script(background);

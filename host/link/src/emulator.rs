@@ -46,10 +46,8 @@ pub fn start(
 ) -> Result<Child, Refusal> {
     let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
     if !image.is_file() {
-        let cause = format!(
-            "{}: there is no image for the emulated CPU",
-            image.display()
-        );
+        let path = image.display();
+        let cause = format!("{path}: there is no image for the emulated CPU");
         let next = format!("{BUILD}, or name it with --image");
         return Err(Refusal::new(cause, next));
     }
@@ -79,15 +77,8 @@ pub fn start(
         }
     }
     command
-        .args([
-            "-M",
-            "olimex-stm32-h405",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-        ])
-        .args(["-serial", "null", "-serial", "stdio"])
+        .args(["-M", "olimex-stm32-h405", "-display", "none"])
+        .args(["-monitor", "none", "-serial", "null", "-serial", "stdio"])
         .arg("-semihosting-config")
         .arg(option)
         .arg("-kernel")
@@ -108,7 +99,6 @@ pub fn start(
 fn tether(command: &mut Command) {
     use rustix::process::{Signal, set_parent_process_death_signal};
     use std::os::unix::process::CommandExt;
-
     let tie = || set_parent_process_death_signal(Some(Signal::KILL)).map_err(Into::into);
     // SAFETY: between fork and exec the closure makes one system call, and uses no lock and no
     // memory.

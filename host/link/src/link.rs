@@ -80,9 +80,9 @@ impl Link {
     /// Link to the board on a serial port; `check_stop` is called during a wait.
     pub fn open(path: &Path, check_stop: CheckStop) -> Result<Self, Refusal> {
         let output = serial::open(path)?;
-        let input = output
-            .try_clone()
-            .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
+        let next = "close other programs and try again";
+        let input = output.try_clone();
+        let input = input.map_err(|error| Refusal::file(path, &error, next))?;
         Self::over(path.display().to_string(), output, input, None, check_stop)
     }
 
@@ -153,11 +153,9 @@ impl Link {
 
     /// Instruction for the user on how to write the firmware of this version to the board.
     pub fn fitting_firmware(&self) -> String {
+        let build = emulator::BUILD;
         match self.emulator {
-            Some(_) => format!(
-                "build the image that belongs to this desk, {}",
-                emulator::BUILD
-            ),
+            Some(_) => format!("build the image that belongs to this desk, {build}"),
             None => {
                 "flash the firmware that belongs to this desk (kband flash or kband update)".into()
             }
@@ -261,11 +259,8 @@ impl Link {
         let end = Instant::now() + self.answer_timeout;
         while Instant::now() < end {
             self.send(frame)?;
-            let until = if is_idempotent {
-                Instant::now() + RETRY_INTERVAL
-            } else {
-                end
-            };
+            let retry = Instant::now() + RETRY_INTERVAL;
+            let until = if is_idempotent { retry } else { end };
             if let Some(value) = self.receive(until, &mut handle)? {
                 return Ok(value);
             }
@@ -279,10 +274,9 @@ impl Link {
         self.request(request, |response| match response {
             Response::Done => Ok(()),
             Response::Refused(refused) => Err(refusal(&name, refused)),
-            other => Err(Refusal::new(
-                format!("{name} sent an unexpected answer: {other:?}"),
-                "reset the board",
-            )),
+            other => Err(reset(format!(
+                "{name} sent an unexpected answer: {other:?}"
+            ))),
         })?
     }
 
@@ -307,10 +301,10 @@ impl Link {
     pub fn target(&mut self) -> Result<Target, Refusal> {
         self.request(&Request::Held, |response| match response {
             Response::Held(target) => Ok(target),
-            other => Err(Refusal::new(
-                format!("the board answered the request for its target with {other:?}"),
-                "reset the board",
-            )),
+            other => {
+                let cause = format!("the board answered the request for its target with {other:?}");
+                Err(reset(cause))
+            }
         })?
     }
 
@@ -318,22 +312,20 @@ impl Link {
     pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A starting board sends its identity with sequence 0.
-        let question = write_identity_request(&mut buffer, 1)
-            .map(<[u8]>::to_vec)
-            .unwrap_or_default();
+        let question = write_identity_request(&mut buffer, 1);
+        let question = question.map(<[u8]>::to_vec).unwrap_or_default();
         let end = Instant::now() + ANSWER_TIMEOUT;
         while Instant::now() < end {
             self.send(&question)?;
-            let identity =
-                self.receive(Instant::now() + RETRY_INTERVAL, |answer| match answer {
-                    Outgoing::Identity { identity, .. } => Some((
-                        (identity.version, identity.schema),
-                        identity.image.to_string(),
-                    )),
-                    Outgoing::Response { .. } | Outgoing::Update { .. } => None,
-                })?;
-            if let Some((protocol, image)) = identity {
-                (self.protocol, self.image) = (protocol, image);
+            let read = |answer: Outgoing<'_>| match answer {
+                Outgoing::Identity { identity, .. } => {
+                    let protocol = (identity.version, identity.schema);
+                    Some((protocol, identity.image.to_string()))
+                }
+                Outgoing::Response { .. } | Outgoing::Update { .. } => None,
+            };
+            if let Some(identity) = self.receive(Instant::now() + RETRY_INTERVAL, read)? {
+                (self.protocol, self.image) = identity;
                 self.unsolicited.clear();
                 return Ok(());
             }
@@ -342,13 +334,11 @@ impl Link {
     }
 
     fn send(&mut self, frame: &[u8]) -> Result<(), Refusal> {
-        self.output
-            .write_all(frame)
-            .and_then(|()| self.output.flush())
-            .map_err(|error| {
-                let cause = format!("{}: the link broke: {error}", self.name);
-                Refusal::new(cause, "check that the board is connected")
-            })
+        let sent = self.output.write_all(frame);
+        sent.and_then(|()| self.output.flush()).map_err(|error| {
+            let cause = format!("{}: the link broke: {error}", self.name);
+            Refusal::new(cause, "check that the board is connected")
+        })
     }
 
     /// First result of `handle` over the received frames; `None` if there is none until `end`.
@@ -359,30 +349,25 @@ impl Link {
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
-                let answer = match self.receiver.push(byte) {
-                    Some(frame) => frame.and_then(read_answer),
-                    None => continue,
+                let Some(frame) = self.receiver.push(byte) else {
+                    continue;
                 };
-                let Ok(answer) = answer else {
+                let Ok(answer) = frame.and_then(read_answer) else {
                     self.unreadable = self.unreadable.wrapping_add(1);
                     continue;
                 };
-                match answer {
+                let message = match answer {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => self
-                        .unsolicited
-                        .push_back(Unsolicited::Telemetry(telemetry)),
+                    } => Some(Unsolicited::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
-                    } => {
-                        let image = identity.image.to_string();
-                        self.unsolicited.push_back(Unsolicited::Started(image));
-                    }
-                    _ => {}
-                }
+                    } => Some(Unsolicited::Started(identity.image.into())),
+                    _ => None,
+                };
+                self.unsolicited.extend(message);
                 if self.unsolicited.len() > MAX_UNSOLICITED {
                     self.unsolicited.pop_front();
                 }
@@ -422,18 +407,19 @@ impl Link {
             ..
         } = self;
         if *bytes_received > 0 && self.image.is_empty() {
-            return Refusal::new(
-                format!(
-                    "{name} sent {bytes_received} bytes: {unreadable} unreadable frames and no readable one"
-                ),
-                "check that this is the board's port, at 115200 baud, and that the board runs kband",
-            );
+            let frames = format!("{unreadable} unreadable frames and no readable one");
+            let cause = format!("{name} sent {bytes_received} bytes: {frames}");
+            let next = "check that this is the board's port, at 115200 baud";
+            return Refusal::new(cause, format!("{next}, and that the board runs kband"));
         }
-        Refusal::new(
-            format!("{name} does not answer"),
-            "check that the board runs kband, and that its send and receive lines are crossed",
-        )
+        let next =
+            "check that the board runs kband, and that its send and receive lines are crossed";
+        Refusal::new(format!("{name} does not answer"), next)
     }
+}
+
+pub(crate) fn reset(cause: String) -> Refusal {
+    Refusal::new(cause, "reset the board")
 }
 
 fn too_long() -> Refusal {

@@ -52,7 +52,6 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
     use rustix::fs::{OFlags, fcntl_setfl};
     use rustix::io::Errno;
     use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
-
     let name = &path.display();
     let busy = || {
         let next = "close the other kband or terminal program, and try again";
@@ -100,10 +99,8 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
 /// Refuses, because ports are not supported on this system.
 #[cfg(not(unix))]
 pub fn open(path: &Path) -> Result<File, Refusal> {
-    let cause = format!(
-        "{}: this kband opens serial ports on Linux and macOS only",
-        path.display()
-    );
+    let name = path.display();
+    let cause = format!("{name}: this kband opens serial ports on Linux and macOS only");
     Err(Refusal::new(cause, "use kband there, or --on qemu"))
 }
 
@@ -141,7 +138,6 @@ mod tests {
     #[test]
     fn a_port_opens_once_and_other_files_are_refused() {
         use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();

@@ -4,7 +4,7 @@ use kband_control::wire::{MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, Up
 use kband_scene::refusal::Refusal;
 
 use crate::Link;
-use crate::link::RIGHT_PIN;
+use crate::link::{RIGHT_PIN, reset};
 
 impl Link {
     /// Sends a request for an update; an error states why the board refused it.
@@ -57,14 +57,13 @@ impl Link {
         self.request_update(request, |answer| {
             look(answer).map_err(|other| match other {
                 UpdateAnswer::Refused(why) => refusal(&name, why),
-                UpdateAnswer::Loader => Refusal::new(
-                    format!("{name} has no program: its loader waits for an image"),
-                    "kband update IMAGE --key FILE",
-                ),
-                _ => Refusal::new(
-                    format!("{name} sent an unexpected answer during the update"),
-                    "reset the board",
-                ),
+                UpdateAnswer::Loader => {
+                    let cause = format!("{name} has no program: its loader waits for an image");
+                    Refusal::new(cause, "kband update IMAGE --key FILE")
+                }
+                _ => reset(format!(
+                    "{name} sent an unexpected answer during the update"
+                )),
             })
         })?
     }

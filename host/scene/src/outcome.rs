@@ -81,6 +81,7 @@ impl Outcome {
         let parts = file.scene.parts.len();
         let order = order(last_target(file));
         let mut record = Record::new(file.duration, cycles, parts, order, &watch);
+        let is_planned = |event| matches!(event, Event::KickPlanned | Event::KickUncertain);
         // An observer of every cycle receives complete cycles. Without one, only the end is
         // computed completely.
         let mut watched = watch.cycle.is_some() || watch.all_cycles;
@@ -255,9 +256,9 @@ impl Outcome {
 
     /// Mean time in gear before a loss, in drive periods; `None` without a loss.
     pub fn time_to_loss(&self) -> Option<f64> {
-        let all = self.record.shares();
-        all.fold(Share::default(), |sum, share| sum.plus(&share))
-            .time_to_loss()
+        let shares = self.record.shares();
+        let all = shares.fold(Share::default(), |sum, share| sum.plus(&share));
+        all.time_to_loss()
     }
 
     fn band_of_target(&self) -> Result<Band, BandError> {
@@ -517,10 +518,6 @@ fn order(target: Target) -> u32 {
         Target::Locked { order } | Target::Gear { order } => u32::from(order),
         _ => 1,
     }
-}
-
-fn is_planned(event: Event) -> bool {
-    matches!(event, Event::KickPlanned | Event::KickUncertain)
 }
 
 /// Number of drive cycles of a scene.

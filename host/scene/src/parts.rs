@@ -82,28 +82,22 @@ pub fn part_group(restitutions: &[f32]) -> Vec<PartGroup> {
     let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
     let value = |part: u8| restitutions[usize::from(part)];
     if restitutions.len() < 2 {
-        return vec![PartGroup {
-            name: "impacts of the part".into(),
-            parts: numbers,
-        }];
+        let (name, parts) = ("impacts of the part".into(), numbers);
+        return vec![PartGroup { name, parts }];
     }
     numbers.sort_by(|&a, &b| value(a).total_cmp(&value(b)));
+    let group = |parts: &[u8]| {
+        let (low, high) = (value(parts[0]), value(parts[parts.len() - 1]));
+        let name = match parts {
+            [part] => format!("part {}, R {low}", part + 1),
+            _ if low == high => format!("{} parts, R {low}", parts.len()),
+            _ => format!("{} parts, R {low}..{high}", parts.len()),
+        };
+        let parts = parts.into();
+        PartGroup { name, parts }
+    };
     let size = numbers.len().div_ceil(MAX_COLOURED_KINDS);
-    numbers
-        .chunks(size)
-        .map(|parts| {
-            let (low, high) = (value(parts[0]), value(parts[parts.len() - 1]));
-            let name = match parts {
-                [part] => format!("part {}, R {low}", part + 1),
-                _ if low == high => format!("{} parts, R {low}", parts.len()),
-                _ => format!("{} parts, R {low}..{high}", parts.len()),
-            };
-            PartGroup {
-                name,
-                parts: parts.into(),
-            }
-        })
-        .collect()
+    numbers.chunks(size).map(group).collect()
 }
 
 /// Random stream for drawing the parts, separate from the scene's noise.
@@ -183,9 +177,8 @@ fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution
     let count = section.number("count", 1.0..=max_count, &format!("1..{PARTS} parts"))?;
     scene.parts = core::iter::repeat_n(0.0, count as usize).collect();
     let kinds = "\"uniform\" with low and high, or \"normal\" with mean and deviation";
-    let kind = section
-        .take("distribution")
-        .ok_or_else(|| section.missing("distribution", kinds))?;
+    let kind = section.take("distribution");
+    let kind = kind.ok_or_else(|| section.missing("distribution", kinds))?;
     let unit = "0..1";
     let distribution = match kind.as_str() {
         Some("uniform") => Distribution::Uniform {

@@ -13,7 +13,6 @@ use crate::refusal::Refusal;
 /// Start of the statistics of gear and speed, in s. By then the drive has reached its setpoint and
 /// the first kicks are over.
 pub const STATISTICS_START: f64 = 5.0;
-
 /// Duration of the evaluated end of a scene, s.
 pub(crate) const END_PERIOD: f64 = 1.0;
 /// Windows before the end for the regime of a part, s. In 6 s there are enough impacts to detect

@@ -17,7 +17,6 @@ use crate::refusal::Refusal;
 
 /// The default scene, commented.
 pub const DEFAULT: &str = include_str!("default.toml");
-
 /// Default safe amplitude as a share of the amplitude that the hard limits allow.
 const MAX_SAFE_SHARE: f32 = 0.5;
 
@@ -49,7 +48,6 @@ const STARTS: [(&str, StartCause); 6] = [
 
 /// Default duration, s.
 pub const DEFAULT_DURATION: f32 = 10.0;
-
 /// Default length of a part, mm.
 pub const DEFAULT_PART_LENGTH: f32 = 15.0;
 
@@ -313,9 +311,8 @@ fn configured_scatter(parts: &[f32]) -> f32 {
 /// Parses TOML; a refusal names the line and the next step.
 pub fn toml_table(text: &str, next_step: &str) -> Result<toml::Table, Refusal> {
     text.parse().map_err(|error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| {
-            text[..span.start.min(text.len())].matches('\n').count() + 1
-        });
+        let start = error.span().map_or(0, |span| span.start.min(text.len()));
+        let line = text[..start].matches('\n').count() + 1;
         let message = error.message().replace('\n', " ");
         Refusal::new(format!("line {line} is not TOML: {message}"), next_step)
     })
@@ -361,9 +358,8 @@ mod tests {
             assert_ne!(text, DEFAULT);
             SceneFile::parse(&text).map(|file| file.scene.settings.safe_amplitude)
         };
-        let tuned = DEFAULT
-            .replace("frequency = 50.0 ", "frequency = 300.0 ")
-            .replace("resonance = 50.0 ", "resonance = 300.0 ");
+        let tuned = DEFAULT.replace("frequency = 50.0 ", "frequency = 300.0 ");
+        let tuned = tuned.replace("resonance = 50.0 ", "resonance = 300.0 ");
         // 120 m/s^2 at 300 Hz are 0.0338 mm.
         let fast = SceneFile::parse(&tuned).unwrap().scene.settings;
         assert!((fast.safe_amplitude - 0.0169).abs() < 1e-4, "{fast:?}");

@@ -100,11 +100,10 @@ impl Section {
 
     pub fn missing(&self, key: &str, accepted: &str) -> Refusal {
         self.misspelt(key, accepted).unwrap_or_else(|| {
-            let next = format!(
-                "add {} to the scene; kband simulate --print-scene shows a whole one",
-                self.path(key)
-            );
-            Refusal::value(self.path(key), "(missing)", accepted, next)
+            let path = self.path(key);
+            let all = "kband simulate --print-scene shows a whole one";
+            let next = format!("add {path} to the scene; {all}");
+            Refusal::value(path, "(missing)", accepted, next)
         })
     }
 

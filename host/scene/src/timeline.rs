@@ -100,9 +100,8 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
 /// first (e) and its phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
     let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
-    let numbers: Option<Vec<f64>> = value
-        .as_array()
-        .and_then(|list| list.iter().map(number).collect());
+    let list = value.as_array();
+    let numbers: Option<Vec<f64>> = list.and_then(|list| list.iter().map(number).collect());
     let (k, tones) = match numbers.as_deref() {
         Some(&[k, e, th]) => (k, [[e, th], [0.0; 2]]),
         Some(&[k, e, th, e3, th3]) => (k, [[e, th], [e3, th3]]),
@@ -116,10 +115,8 @@ fn read_tones(value: &Value) -> Result<Target, String> {
             return Err(accepted.to_string());
         }
         if degrees != 0.0 && degrees.abs() < std::f64::consts::TAU {
-            let meant = degrees.to_degrees();
-            return Err(format!(
-                "{accepted}; {degrees} rad would be {meant:.1} degrees"
-            ));
+            let meant = format!("{:.1} degrees", degrees.to_degrees());
+            return Err(format!("{accepted}; {degrees} rad would be {meant}"));
         }
         Ok(UpperTone::new(ratio as f32, degrees.to_radians() as f32))
     };

@@ -40,12 +40,10 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
     /// k for the given amplitude, or `k`.
     pub fn or_k(self, k: Option<f64>) -> Result<Option<f64>, Refusal> {
         match self.b {
-            Some(range) if range.count > 1 => Err(Refusal::value(
-                "--b",
-                range,
-                "one value",
-                "give one amplitude, for example --b 0.235",
-            )),
+            Some(range) if range.count > 1 => {
+                let next = "give one amplitude, for example --b 0.235";
+                Err(Refusal::value("--b", range, "one value", next))
+            }
             Some(range) => k_of(&self.track()?, range.low).map(Some),
             None => Ok(k),
         }
@@ -71,9 +69,8 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         let incline = track.incline().to_degrees();
         let [b, frequency, incline] =
             [1e3 * track.amplitude(k), track.frequency(), incline].map(|value| number(value, 6));
-        Ok(format!(
-            "b = {b} mm at {frequency} Hz, incline {incline}° ({k_text})"
-        ))
+        let drive = format!("{frequency} Hz, incline {incline}°");
+        Ok(format!("b = {b} mm at {drive} ({k_text})"))
     }
 }
 

@@ -66,9 +66,9 @@ pub fn replay(
     let mut identified = false;
     let mut piece = [0; 4096];
     loop {
+        let cause = |error| format!("the record cannot be read: {error}");
         let read = record.read(&mut piece);
-        let count = read
-            .map_err(|error| Refusal::new(format!("the record cannot be read: {error}"), NEXT))?;
+        let count = read.map_err(|error| Refusal::new(cause(error), NEXT))?;
         if count == 0 {
             break;
         }
@@ -96,10 +96,8 @@ pub fn replay(
     if identified {
         return Ok(damage);
     }
-    let cause = format!(
-        "this is no record: {} frames in it cannot be read, and none identifies the board",
-        damage.unreadable
-    );
+    let frames = format!("{} frames in it cannot be read", damage.unreadable);
+    let cause = format!("this is no record: {frames}, and none identifies the board");
     Err(Refusal::new(cause, NEXT))
 }
 
@@ -117,10 +115,8 @@ fn check_header(answer: &Outgoing<'_>) -> Result<(), Refusal> {
          this desk speaks {VERSION}, {SCHEMA:08x}",
         identity.image, identity.version, identity.schema
     );
-    Err(Refusal::new(
-        cause,
-        "replay it with the kband that recorded it",
-    ))
+    let next = "replay it with the kband that recorded it";
+    Err(Refusal::new(cause, next))
 }
 
 fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {

@@ -45,22 +45,18 @@ pub fn next<T>(received: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
         }
         match received.recv_timeout(STOP_POLL_INTERVAL) {
             Ok(received) => return Ok(received),
-            Err(RecvTimeoutError::Disconnected) => return Err(broken_off()),
+            // The work ended without a result.
+            Err(RecvTimeoutError::Disconnected) => {
+                let cause = "the connection to the probe was lost";
+                return Err(Refusal::new(cause, "plug the probe in and try again"));
+            }
             Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
-                let cause = format!(
-                    "the probe has not answered for {} s",
-                    SILENCE_TIMEOUT.as_secs()
-                );
+                let waited = SILENCE_TIMEOUT.as_secs();
+                let cause = format!("the probe has not answered for {waited} s");
                 let next = "unplug the probe, plug it in and try again";
                 return Err(Refusal::new(cause, next));
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
     }
-}
-
-/// The refusal for work that ended without a result.
-pub fn broken_off() -> Refusal {
-    let cause = "the connection to the probe was lost";
-    Refusal::new(cause, "plug the probe in and try again")
 }

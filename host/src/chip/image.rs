@@ -210,10 +210,8 @@ impl Image {
         let mut pieces = self.pieces.iter();
         let piece = pieces.find(|piece| (piece.address..piece.end()).contains(&address))?;
         let at = (address - piece.address) as usize;
-        piece.bytes[at..]
-            .first_chunk()
-            .copied()
-            .map(u32::from_le_bytes)
+        let word = piece.bytes[at..].first_chunk();
+        word.copied().map(u32::from_le_bytes)
     }
 
     /// Checks that the stack is in RAM, and that every handler is in the image and in Thumb.

@@ -85,10 +85,8 @@ fn write_image(
     }
     let started = session.core(0).and_then(|mut core| core.reset());
     started.map_err(|error| {
-        let cause = format!(
-            "written and verified, but the chip does not start: {}",
-            causes(&error)
-        );
+        let why = causes(&error);
+        let cause = format!("written and verified, but the chip does not start: {why}");
         Refusal::new(cause, "switch the board off and on")
     })
 }
@@ -160,9 +158,11 @@ fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Res
     });
     match written {
         Ok((0, true)) => Ok(()),
-        Ok((errors, _)) => Err(refuse_unwritten(&format!(
-            "its first words read back wrong (errors {errors:#x} of the flash's controller)"
-        ))),
+        Ok((errors, _)) => {
+            let state = format!("errors {errors:#x} of the flash's controller");
+            let why = format!("its first words read back wrong ({state})");
+            Err(refuse_unwritten(&why))
+        }
         Err(error) => Err(refuse_unwritten(&causes(&error))),
     }
 }
@@ -186,9 +186,8 @@ fn wait_until_idle(
 /// Refuses a protected chip: a change of its option bytes could erase it, or lock it permanently.
 fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
     let (mask, none) = options.protection;
-    let options_word = session
-        .core(0)
-        .and_then(|mut core| core.read_word_32(options.register.into()));
+    let core = session.core(0);
+    let options_word = core.and_then(|mut core| core.read_word_32(options.register.into()));
     let (cause, next) = match options_word {
         Ok(value) if value & mask == none => return Ok(()),
         Ok(value) => (

@@ -129,7 +129,6 @@ impl Picture {
 }
 
 const TITLE: f64 = 16.0;
-
 /// Smallest factor on the heights of panels in a narrower picture.
 const MIN_HEIGHT_RATIO: f64 = 0.6;
 
@@ -153,10 +152,8 @@ mod tests {
     use super::*;
 
     fn sample() -> Panel {
-        Panel::new(
-            Axis::new("k", "", 0.3, 0.5),
-            Axis::new("impact phase", "rad", 0.0, std::f64::consts::TAU).in_pi(),
-        )
+        let phase = Axis::new("impact phase", "rad", 0.0, std::f64::consts::TAU);
+        Panel::new(Axis::new("k", "", 0.3, 0.5), phase.in_pi())
     }
 
     fn all_items() -> Picture {
@@ -176,14 +173,10 @@ mod tests {
                 vec![(0.3, 0.4, Fill::Chaotic), (0.4, 0.5, Fill::Locked)],
                 &[(Fill::Locked, "locked")],
             );
-        let map = sample().heat(
-            Grid::new(2, vec![0.0, 1.0, 2.0, f64::NAN]),
-            Axis::new("speed", "mm/s", 0.0, 2.0),
-        );
-        let classes = sample().classes(
-            Grid::new(2, vec![Fill::Rest, Fill::Locked]),
-            &[(Fill::Rest, "rest")],
-        );
+        let speeds = Grid::new(2, vec![0.0, 1.0, 2.0, f64::NAN]);
+        let map = sample().heat(speeds, Axis::new("speed", "mm/s", 0.0, 2.0));
+        let fills = Grid::new(2, vec![Fill::Rest, Fill::Locked]);
+        let classes = sample().classes(fills, &[(Fill::Rest, "rest")]);
         Picture::new("Title")
             .caption("words ".repeat(60))
             .panel(panel)

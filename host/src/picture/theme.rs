@@ -248,9 +248,8 @@ mod tests {
 
     #[test]
     fn the_scale_is_monotone_in_lightness() {
-        let light: Vec<f64> = (0..=64)
-            .map(|n| Theme::Light.scale(f64::from(n) / 64.0).luminance())
-            .collect();
+        let light = (0..=64).map(|n| Theme::Light.scale(f64::from(n) / 64.0).luminance());
+        let light: Vec<f64> = light.collect();
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]));
     }
 

@@ -207,9 +207,9 @@ pub struct CsvRows<'a> {
 impl<'a> CsvRows<'a> {
     pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
         let names: Vec<String> = columns.iter().map(Column::header).collect();
-        provenance::write_comments(super::units(columns), out)
-            .and_then(|()| writeln!(out, "{}", names.join(",")))
-            .map_err(|error| write_refusal(&error))?;
+        let written = provenance::write_comments(super::units(columns), out);
+        let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
+        written.map_err(|error| write_refusal(&error))?;
         Ok(Self { out })
     }
 }

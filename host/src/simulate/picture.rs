@@ -203,8 +203,6 @@ fn highest<'a>(points: impl IntoIterator<Item = &'a (f64, f64)>) -> f64 {
 }
 
 fn is_labelled(event: Event) -> bool {
-    !matches!(
-        event,
-        Event::KickEnded | Event::KickPlanned | Event::TargetSet | Event::Stopped
-    )
+    use Event::{KickEnded, KickPlanned, Stopped, TargetSet};
+    !matches!(event, KickEnded | KickPlanned | TargetSet | Stopped)
 }

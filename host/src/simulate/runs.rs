@@ -250,10 +250,8 @@ fields! {
 /// Draws the share of runs that reached the requested state over time.
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
-    let mut panel = Panel::new(
-        Axis::new("time", "s", 0.0, end),
-        Axis::new("runs in the wanted state", "%", -5.0, 105.0),
-    );
+    let share = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
+    let mut panel = Panel::new(Axis::new("time", "s", 0.0, end), share);
     for (series, runs) in all.iter().enumerate() {
         let step = 100.0 / runs.runs.len().max(1) as f64;
         let mut points = vec![(0.0, 0.0)];
@@ -311,9 +309,8 @@ mod tests {
     #[test]
     fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
         let actual = "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #";
-        let text = super::super::DEFAULT
-            .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
-            .replace("scatter = 0.04", actual);
+        let text = super::super::DEFAULT.replace("scatter = 0.04", actual);
+        let text = text.replace("restitution = [0.18, 0.22]", "restitution = 0.3");
         let mut file = SceneFile::parse(&text).unwrap();
         file.scene.target = Target::K(0.45);
         file.duration = 60.0;

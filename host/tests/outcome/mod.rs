@@ -4,7 +4,7 @@
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use kband_host::provenance;
 use kband_machines::emulator::Machine;
@@ -61,13 +61,20 @@ pub fn on_board(folder: impl AsRef<Path>, limit: &str, args: &str, more: &[&str]
     run(folder, limit, &args)
 }
 
+/// Starts `kband` in `folder` with its output and its messages on pipes.
+pub fn start(folder: impl AsRef<Path>, args: &str) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kband"));
+    command.args(args.split(' ')).current_dir(folder);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    command.stderr(Stdio::piped()).spawn().unwrap()
+}
+
 /// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
 /// its name.
 #[cfg(unix)]
 pub fn port() -> (File, File, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();

@@ -38,12 +38,11 @@ struct Estimates {
 fn run(row: &Row, seed: u64) -> Estimates {
     let mut noise = Noise::new(seed);
     let [low, high] = row.lot;
+    let mut draw = || low + (high - low) * noise.uniform();
     let mut scene = Scene {
         target: Target::K(row.k),
         seed,
-        parts: (0..row.parts)
-            .map(|_| low + (high - low) * noise.uniform())
-            .collect(),
+        parts: (0..row.parts).map(|_| draw()).collect(),
         scatter: std::iter::repeat_n(row.scatter, row.parts).collect(),
         ..Scene::default()
     };
@@ -54,9 +53,7 @@ fn run(row: &Row, seed: u64) -> Estimates {
     scene.drive.second_lag = settings.second_lag;
     scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
     let mut closed = EnvelopeLoop::build(&scene).expect("the rows are feeders");
-    let mut watches: Vec<_> = (0..row.parts)
-        .map(|_| GearWatch::build(1).expect("order 1 is one"))
-        .collect();
+    let mut watches = vec![GearWatch::build(1).expect("order 1 is one"); row.parts];
     let mut all = Estimates::default();
     for cycle in 0..CYCLES {
         if cycle == SETTLING_CYCLES {
@@ -166,10 +163,8 @@ pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
             format!("{mean:+.3} ({spread:.3})")
         };
         let cells: Vec<String> = shares.iter().map(cell).collect();
-        let told = shares
-            .iter()
-            .flatten()
-            .filter(|run| run.with_estimate > 0.0);
+        let told = shares.iter().flatten();
+        let told = told.filter(|run| run.with_estimate > 0.0);
         let errors = told.map(|run| run.error);
         let min_error = errors.clone().fold(f64::INFINITY, f64::min);
         let max_error = errors.fold(0.0, f64::max);

@@ -37,14 +37,8 @@ fn share(
         .map(|part| Scatter::build(restitution, deviation, seed + part as u64))
         .collect::<Result<_, _>>()?;
     let mut sum = Share::default();
-    shares_from_rest(
-        &map,
-        ContactTime::INSTANT,
-        &scatters,
-        1,
-        periods,
-        |_, share| sum = sum.plus(&share),
-    )?;
+    let add = |_, share: Share| sum = sum.plus(&share);
+    shares_from_rest(&map, ContactTime::INSTANT, &scatters, 1, periods, add)?;
     Ok(sum.share())
 }
 

@@ -215,10 +215,7 @@ impl Design {
         }
         let feeders: Vec<Feeder> = result.front.iter().map(|best| best.feeder).collect();
         let simulated = simulate(file, &lot, &feeders, &[NOMINAL], FRONT_RUNS, workers)?;
-        let deviations = result.front.iter().zip(&simulated);
-        let error = error(
-            deviations.map(|(table, run)| [table.share - run.share, table.speed / run.speed - 1.0]),
-        );
+        let error = error(result.front.iter().zip(&simulated));
         let front = search::pareto_front(&simulated, |run| (run.share, run.speed)).into_iter();
         let front = front.map(|n| (feeders[n], simulated[n]));
         let front: Vec<(Feeder, Conveyed)> = front.collect();
@@ -336,25 +333,26 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
 }
 
 fn refuse_empty(result: &search::SearchResult, ranges: &Ranges) -> Refusal {
-    if result.within == 0 {
-        let tried = result.tried;
+    let (tried, within, share) = (result.tried, result.within, ranges.least_share);
+    if within == 0 {
+        let cause = format!("none of {tried} feeders of these ranges is within the limits");
+        let next = "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit";
         return Refusal::new(
-            format!("none of {tried} feeders of these ranges is within the limits of the drive"),
-            "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit in [drive]",
+            format!("{cause} of the drive"),
+            format!("{next} in [drive]"),
         );
     }
-    let cause = format!(
-        "none of {} feeders within the limits of the drive has a share in gear of {}",
-        result.within, ranges.least_share
-    );
+    let cause = format!("none of {within} feeders within the limits of the drive");
+    let cause = format!("{cause} has a share in gear of {share}");
     let next =
         "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share";
     Refusal::new(cause, next)
 }
 
-fn error(deviations: impl Iterator<Item = [f64; 2]>) -> TableError {
+fn error<'a>(points: impl Iterator<Item = (&'a search::Candidate, &'a Conveyed)>) -> TableError {
     let (mut error, mut count) = (TableError::default(), 0.0);
-    for [share, speed] in deviations {
+    for (table, run) in points {
+        let (share, speed) = (table.share - run.share, table.speed / run.speed - 1.0);
         error.share_rms += share * share;
         error.speed_rms += speed * speed;
         error.share_max = error.share_max.max(share.abs());

@@ -19,12 +19,9 @@ pub(super) struct Candidate {
 
 /// Frequency, angle of throw, phase lead, incline, k, e, th, e3.
 const COORDINATES: usize = 8;
-
 const TASK: usize = 8192;
-
 /// Amplitude over the first below which a second tone counts as absent.
 const MIN_TONE: f64 = 0.01;
-
 /// Step of the share; the front has at most one candidate in each.
 const STEP: f64 = 0.002;
 

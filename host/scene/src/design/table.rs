@@ -64,22 +64,20 @@ impl Lot {
         shift: f64,
     ) -> Result<Vec<Scatter>, OutOfRange> {
         let mean = (self.restitutions[part] + shift).clamp(0.0, 1.0);
-        runs.map(|run| {
+        let draw = |run| {
             let seed = self.seed.rotate_left(20) ^ (part as u64) << 40 ^ run;
             Scatter::build(mean, self.scatter, seed)
-        })
-        .collect()
+        };
+        runs.map(draw).collect()
     }
 }
 
 /// Axes of the table: k, e, th, e3; eta, phase lead in degrees, tangent of the incline.
 pub(super) type Axes = [Axis; 7];
 const SHARE_AXES: usize = 4;
-
 /// Runs of each part at a node; fewer for many laws of motion along the track.
 const RUNS: [u64; 2] = [12, 4];
 const MANY_LAWS: usize = 10;
-
 /// Angle of the third tone in rad, the best one of a random search
 /// (docs/theory-real-parts.md#t10.3).
 pub(super) const THIRD_TONE_ANGLE: f64 = 5.3;
@@ -134,9 +132,8 @@ impl Table {
         };
         for (share, speeds) in nodes {
             table.shares.push(share);
-            table
-                .speeds
-                .extend(speeds.iter().map(|speed| *speed as f32));
+            let speeds = speeds.iter().map(|speed| *speed as f32);
+            table.speeds.extend(speeds);
         }
         Ok(table)
     }

@@ -11,7 +11,6 @@ use super::memory::{JUDGED_IMPACTS, Memory};
 
 /// Distance in rad and `b w` from an attracting period-1 orbit at which it captures an orbit.
 const LOCK_TOLERANCE: f64 = 1e-5;
-
 /// Number of impacts between two judgements of an open orbit by its last impacts.
 const JUDGEMENT_INTERVAL: usize = 6000;
 
@@ -216,7 +215,6 @@ impl SavedState {
 
 /// Largest distance, in rad and `b w`, of a return that agrees to the last bits.
 const RETURN_TOLERANCE: f64 = 1e-9;
-
 /// The same after a shorter period during the approach: a thousand times as large, sufficient for a
 /// multiplier down to -0.999. With a multiplier nearer to -1 no orbit returns within
 /// [`MAX_ORBIT_IMPACTS`](super::MAX_ORBIT_IMPACTS) impacts.

@@ -7,10 +7,8 @@ use kband::impact::PartState;
 
 /// Number of phase stretches, each 1.4 degrees wide.
 const PHASE_STRETCHES: usize = 256;
-
 /// Tried durations of the chatter, in stretches of phase.
 const DURATIONS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
-
 const ROUNDING_MARGIN: f64 = 1e-9;
 
 /// Velocities below which a launched part rests before it is thrown again, by phase.

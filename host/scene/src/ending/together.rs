@@ -20,7 +20,6 @@ use super::{Endings, MAX_ORBIT_IMPACTS};
 /// to 3, R 0.025 to 0.925). The latest exit was after 29 640 impacts; 6500 orbits stayed for 100
 /// 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
-
 const SETTLING_IMPACTS: usize = 1000;
 
 /// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.

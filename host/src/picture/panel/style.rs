@@ -1,5 +1,7 @@
 //! Text, frames, swatches and markers of every panel.
 
+use std::f64::consts::TAU;
+
 use super::SMALL_TEXT_SIZE;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
@@ -105,10 +107,10 @@ pub(super) fn marks(
 ) -> Shape {
     let (colour, _, marker) = theme.series(series);
     let shape: Vec<(f64, f64)> = match marker {
-        Marker::Circle => (0..12)
-            .map(|n| (f64::from(n) / 12.0 * std::f64::consts::TAU).sin_cos())
-            .map(|(x, y)| (3.0 * x, 3.0 * y))
-            .collect(),
+        Marker::Circle => {
+            let turns = (0..12).map(|n| (f64::from(n) / 12.0 * TAU).sin_cos());
+            turns.map(|(x, y)| (3.0 * x, 3.0 * y)).collect()
+        }
         Marker::Square => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
         Marker::Triangle => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
         Marker::Diamond => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
