@@ -87,12 +87,10 @@ impl FileArguments {
             }
             picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
             other => {
-                return Err(Refusal::value(
-                    "ending of --out",
-                    format!("'{other}'"),
-                    ".svg, .png or .pdf for the picture, .csv or .json for the numbers",
-                    "give the file one of these endings",
-                ));
+                let key = "ending of --out";
+                let accepted = ".svg, .png or .pdf for the picture, .csv or .json for the numbers";
+                let next = "give the file one of these endings";
+                return Err(Refusal::value(key, format!("'{other}'"), accepted, next));
             }
         };
         let kind = Some((target, kind));
@@ -100,23 +98,20 @@ impl FileArguments {
     }
 }
 
-/// Whether a file with this beginning is a picture written by kband.
 pub fn own_picture(begin: &str) -> bool {
     begin.starts_with("<svg xmlns") && begin.contains("font-family=\"'DejaVu Sans'")
 }
 
 /// Refuses a picture on standard output if `format` prints numbers there.
 pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
-    if path == Path::new("-") && format != Format::Table {
-        return Err(Refusal::new(
-            "--out - writes a picture to standard output, and --format writes numbers there",
-            "leave out --out -, or leave out --format",
-        ));
+    if path != Path::new("-") || format == Format::Table {
+        return Ok(());
     }
-    Ok(())
+    let cause = "--out - writes a picture to standard output, and --format writes numbers there";
+    let next = "leave out --out -, or leave out --format";
+    Err(Refusal::new(cause, next))
 }
 
-/// The checked destination of a verb's `--out`.
 #[derive(Clone, Debug)]
 pub struct Output {
     format: Format,
@@ -148,7 +143,6 @@ impl Output {
         Ok(result)
     }
 
-    /// The file of numbers.
     pub fn rows_target(&self) -> Option<&Destination> {
         match &self.kind {
             Some((target, Kind::Numbers(_))) => Some(target),
@@ -199,14 +193,10 @@ impl Range {
     /// The values, `low` and `high` exact.
     pub fn values(self) -> impl Iterator<Item = f64> + Clone {
         let last = self.count.saturating_sub(1);
-        (0..self.count).map(move |n| {
-            if n == 0 {
-                self.low
-            } else if n == last {
-                self.high
-            } else {
-                self.low + (self.high - self.low) * (n as f64 / last as f64)
-            }
+        (0..self.count).map(move |n| match n {
+            0 => self.low,
+            _ if n == last => self.high,
+            _ => self.low + (self.high - self.low) * (n as f64 / last as f64),
         })
     }
 }
@@ -242,12 +232,8 @@ impl ContactArguments {
     /// Contact time as a phase of a drive of this frequency.
     pub fn time(self, frequency: f64) -> Result<ContactTime, Refusal> {
         ContactTime::from_milliseconds(self.contact, frequency).map_err(|refused| {
-            Refusal::value(
-                "--contact",
-                refused.value,
-                refused.accepted,
-                "give a shorter contact or a lower --frequency",
-            )
+            let next = "give a shorter contact or a lower --frequency";
+            Refusal::value("--contact", refused.value, refused.accepted, next)
         })
     }
 
@@ -318,7 +304,6 @@ pub struct NoScatter {
 }
 
 impl NoScatter {
-    /// Refuses scatter with the reason `why` and the `next` step.
     pub fn check(self, why: &str, next: &str) -> Result<(), Refusal> {
         match self.scatter {
             Some(scatter) if scatter > 0.0 => {
@@ -367,7 +352,6 @@ pub fn within(
     }
 }
 
-/// A parser of whole numbers within `low..=high`.
 pub fn count(
     low: usize,
     high: usize,
@@ -382,13 +366,10 @@ pub fn pin(text: &str) -> Result<kband_control::wire::Pin, String> {
     kband_control::wire::Pin::parse(text).ok_or_else(|| "accepted: 4 to 8 digits".into())
 }
 
-/// Parses a numeric address and port.
 pub fn socket(text: &str) -> Result<std::net::SocketAddr, String> {
+    let accepted = "ADDRESS:PORT with an IP address and a port of 0..65535";
     let read = text.trim().parse();
-    read.map_err(|_| {
-        "accepted: ADDRESS:PORT with an IP address and a port of 0..65535, such as 127.0.0.1:1502 or [::1]:1502"
-            .into()
-    })
+    read.map_err(|_| format!("accepted: {accepted}, such as 127.0.0.1:1502 or [::1]:1502"))
 }
 
 pub fn seed(text: &str) -> Result<u64, String> {
@@ -402,10 +383,8 @@ pub fn restitution(text: &str) -> Result<Restitution, String> {
         let (low, high) = text.split_once("..").unwrap_or((text, text));
         Restitution::interval(number(low).ok()?, number(high).ok()?).ok()
     };
-    read().ok_or_else(|| {
-        "accepted: one value R or an interval LO..HI, 0 <= LO <= HI <= 1, such as 0.2 or 0.18..0.22"
-            .into()
-    })
+    let accepted = "one value R or an interval LO..HI, 0 <= LO <= HI <= 1";
+    read().ok_or_else(|| format!("accepted: {accepted}, such as 0.2 or 0.18..0.22"))
 }
 
 /// Parses friction: one coefficient, or those of sliding and static friction, `MU,MU_S`.
@@ -415,10 +394,8 @@ pub fn friction(text: &str) -> Result<(f64, f64), String> {
     if sliding >= 0.0 && (sliding..=10.0).contains(&sticking) {
         return Ok((sliding, sticking));
     }
-    Err(
-        "accepted: 0..10, or sliding and sticking as 0.3,0.35, the second at least the first"
-            .into(),
-    )
+    let accepted = "0..10, or sliding and sticking as 0.3,0.35, the second at least the first";
+    Err(format!("accepted: {accepted}"))
 }
 
 /// Parses a harmonic of the track's motion, `E,TH`: amplitude over that of the first tone, and
@@ -430,11 +407,9 @@ pub fn tone(text: &str) -> Result<Tone, String> {
         let tone = Tone { amplitude, angle };
         Wave::build(tone, Tone::default()).ok().map(|_| tone)
     };
-    read().ok_or_else(|| {
-        "accepted: E,TH with the amplitude E in 0..0.5 of the first tone and the angle TH in -6.2832..6.2832 rad, \
-         such as 0.15,2.356 (135 degrees)"
-            .into()
-    })
+    let accepted = "E,TH with the amplitude E in 0..0.5 of the first tone and the angle TH in \
+                    -6.2832..6.2832 rad";
+    read().ok_or_else(|| format!("accepted: {accepted}, such as 0.15,2.356 (135 degrees)"))
 }
 
 /// A parser of one value or a range `LO..HI[:N]`, N = `count` if absent, with ends in `low..=high`.
@@ -448,12 +423,8 @@ pub fn range_or_value(
         let counted = when(is_open, || format!(":{count}"));
         let range = range(&format!("{text}{counted}")).ok();
         let within = range.filter(|range| low <= range.low && range.high <= high);
-        within.ok_or_else(|| {
-            format!(
-                "accepted: one number or LO..HI or LO..HI:N within {low}..{high}, LO < HI, \
-                 N in 2..1000000"
-            )
-        })
+        let accepted = || format!("one number or LO..HI or LO..HI:N within {low}..{high}");
+        within.ok_or_else(|| format!("accepted: {}, LO < HI, N in 2..1000000", accepted()))
     }
 }
 
@@ -469,9 +440,8 @@ pub fn range(text: &str) -> Result<Range, String> {
         let steps = count(2, 1_000_000)(steps).ok()?;
         (low < high).then_some(Range::new(low, high, steps))
     };
-    read().ok_or_else(|| {
-        "accepted: LO..HI:N with LO < HI and N in 2..1000000, such as 0.3..0.5:200, or one number".into()
-    })
+    let accepted = "LO..HI:N with LO < HI and N in 2..1000000";
+    read().ok_or_else(|| format!("accepted: {accepted}, such as 0.3..0.5:200, or one number"))
 }
 
 /// A parser of one number or `LO..HI` within `low..=high`, as both ends.
@@ -484,9 +454,10 @@ pub fn interval(
         let (from, to) = text.split_once("..").unwrap_or((text, text));
         match (number(from), number(to)) {
             (Ok(from), Ok(to)) if low <= from && from <= to && to <= high => Ok([from, to]),
-            _ => Err(format!(
-                "accepted: one number or LO..HI within {low}..{high} {unit}, LO <= HI"
-            )),
+            _ => {
+                let accepted = format!("{low}..{high} {unit}, LO <= HI");
+                Err(format!("accepted: one number or LO..HI within {accepted}"))
+            }
         }
     }
 }

@@ -32,7 +32,6 @@ pub struct BestSetpoint {
 }
 
 impl BestSetpoint {
-    /// The best setpoint of a lot and an order, as the controller plans it.
     pub fn from_settings(settings: &Settings, order: u8) -> Self {
         plan(settings, order).map_or(Self::default(), |(plan, amplitude)| Self {
             share: f64::from(plan.share),
@@ -65,7 +64,6 @@ pub fn unbounded(lot: Restitution, scatter: f64, contact: ContactTime) -> Settin
     }
 }
 
-/// One cause, with its remedy and the predicted effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cause {
     /// The cause with its numbers, and the change that removes it.
@@ -106,30 +104,19 @@ pub fn causes(settings: &Settings, order: u8, now: BestSetpoint) -> Vec<Cause> {
             lifted.third_gain = raised(lifted.third_gain);
         },
     );
-    lift(
-        format!(
-            "the drive on its resonance: it runs at {frequency} Hz, its resonance is {resonance} Hz"
-        ),
-        &|lifted| lifted.resonance = frequency,
-    );
-    lift(
-        format!("a higher acceleration limit than {acceleration_limit} m/s^2"),
-        &|lifted| lifted.acceleration_limit = 1000.0,
-    );
-    lift(
-        format!("a higher amplitude limit than {amplitude_limit} mm"),
-        &|lifted| lifted.amplitude_limit = 100.0,
-    );
-    lift(
-        format!(
-            "parts sorted by restitution: restitution of the lot is {restitution_low}..{restitution_high}"
-        ),
-        &|lifted| (lifted.restitution_low, lifted.restitution_high) = (middle, middle),
-    );
-    lift(
-        format!("parts that scatter less: their restitution scatters by {scatter}"),
-        &|lifted| lifted.scatter = 0.0,
-    );
+    let off = format!("it runs at {frequency} Hz, its resonance is {resonance} Hz");
+    let remedy = format!("the drive on its resonance: {off}");
+    lift(remedy, &|lifted| lifted.resonance = frequency);
+    let remedy = format!("a higher acceleration limit than {acceleration_limit} m/s^2");
+    lift(remedy, &|lifted| lifted.acceleration_limit = 1000.0);
+    let remedy = format!("a higher amplitude limit than {amplitude_limit} mm");
+    lift(remedy, &|lifted| lifted.amplitude_limit = 100.0);
+    let lot = format!("restitution of the lot is {restitution_low}..{restitution_high}");
+    lift(format!("parts sorted by restitution: {lot}"), &|lifted| {
+        (lifted.restitution_low, lifted.restitution_high) = (middle, middle);
+    });
+    let remedy = format!("parts that scatter less: their restitution scatters by {scatter}");
+    lift(remedy, &|lifted| lifted.scatter = 0.0);
     if settings.second_tone < SECOND_TONE && settings.second_gain > 0.0 {
         lift(
             format!(
@@ -140,29 +127,26 @@ pub fn causes(settings: &Settings, order: u8, now: BestSetpoint) -> Vec<Cause> {
             &|lifted| lifted.second_tone = SECOND_TONE,
         );
     }
-    all.into_iter()
-        .map(|(remedy, lifted)| Cause {
-            remedy,
-            best: BestSetpoint::from_settings(&lifted, order),
-        })
-        .filter(|cause| cause.best.share >= now.share + MIN_GAIN)
-        .collect()
+    let cause = |(remedy, lifted)| {
+        let best = BestSetpoint::from_settings(&lifted, order);
+        Cause { remedy, best }
+    };
+    let mut causes: Vec<Cause> = all.into_iter().map(cause).collect();
+    causes.retain(|cause| cause.best.share >= now.share + MIN_GAIN);
+    causes
 }
 
 /// Cause after the controller has detected that the parts do not fit the lot. `amplitude` in mm is
 /// the present one, without any share in gear.
 pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
     let (low, high) = (settings.restitution_low, settings.restitution_high);
+    let (share, scatter) = (0.0, settings.scatter);
     Cause {
         remedy: format!(
-            "parts that do not fit the lot: restitution {low}..{high} with scatter {}; they tumble, or are another sort \
-             (kband target identify)",
-            settings.scatter
+            "parts that do not fit the lot: restitution {low}..{high} with scatter {scatter}; \
+             they tumble, or are another sort (kband target identify)"
         ),
-        best: BestSetpoint {
-            share: 0.0,
-            amplitude,
-        },
+        best: BestSetpoint { share, amplitude },
     }
 }
 
@@ -256,10 +240,9 @@ mod tests {
             let cause = cause.unwrap_or_else(|| panic!("{remedy}: {now:?} {causes:?}"));
             assert!(cause.best.share > 0.9, "{remedy}: {now:?} {cause:?}");
             // Off resonance the drive also lacks output. A second tone is the last cause.
-            let others = causes.iter().filter(|other| {
-                !other.remedy.starts_with("a second tone") && other.remedy != cause.remedy
-            });
-            let others: Vec<&Cause> = others.collect();
+            let remedies = causes.iter().map(|cause| &cause.remedy);
+            let others = remedies.filter(|other| !other.starts_with("a second tone"));
+            let others: Vec<_> = others.filter(|other| **other != cause.remedy).collect();
             let expected = usize::from(remedy.contains("resonance"));
             assert_eq!(others.len(), expected, "{others:?}");
         }
@@ -276,9 +259,9 @@ mod tests {
         let causes = cache.causes(&settings, 1, now, Limits::MISFIT);
         assert_eq!(causes.len(), 1);
         let lines = describe(&causes);
-        let begin =
-            "0 in gear at 0.327 mm with parts that do not fit the lot: restitution 0.19..0.21";
-        assert!(lines[0].starts_with(begin), "{lines:?}");
+        let remedy = "parts that do not fit the lot: restitution 0.19..0.21";
+        let begin = format!("0 in gear at 0.327 mm with {remedy}");
+        assert!(lines[0].starts_with(&begin), "{lines:?}");
     }
 
     #[test]

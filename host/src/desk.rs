@@ -39,15 +39,12 @@ pub struct Desk {
 impl Desk {
     /// A desk with this many threads, or one for each core.
     pub fn new(threads: Option<usize>) -> Result<Self, Refusal> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or(0))
-            .build()
-            .map_err(|error| {
-                Refusal::new(
-                    format!("the threads could not be started: {error}"),
-                    "try --threads 1",
-                )
-            })?;
+        let pool = rayon::ThreadPoolBuilder::new();
+        let pool = pool.num_threads(threads.unwrap_or(0)).build();
+        let pool = pool.map_err(|error| {
+            let cause = format!("the threads could not be started: {error}");
+            Refusal::new(cause, "try --threads 1")
+        })?;
         Ok(Self {
             stop: Arc::new(AtomicBool::new(false)),
             pool,
@@ -69,10 +66,9 @@ impl Desk {
 
     /// Returns a refusal after a request to stop. Work of many steps calls it between them.
     pub fn check_stop(&self) -> Result<(), Refusal> {
-        if self.stop.load(Ordering::Relaxed) {
-            Err(Refusal::interrupted())
-        } else {
-            Ok(())
+        match self.stop.load(Ordering::Relaxed) {
+            true => Err(Refusal::interrupted()),
+            false => Ok(()),
         }
     }
 
@@ -142,10 +138,9 @@ impl Progress {
 
     /// A bar beside rows on standard output; none if rows and bar share a terminal.
     pub fn beside_rows(title: &str, length: u64) -> Self {
-        if std::io::stdout().is_terminal() {
-            Self::on(title, length, ProgressDrawTarget::hidden())
-        } else {
-            Self::new(title, length)
+        match std::io::stdout().is_terminal() {
+            true => Self::on(title, length, ProgressDrawTarget::hidden()),
+            false => Self::new(title, length),
         }
     }
 

@@ -6,7 +6,6 @@ pub(crate) use kband_scene::ending::*;
 
 use crate::picture::Fill;
 
-/// Fill of a regime in pictures.
 pub(crate) fn fill(regime: Regime) -> Fill {
     match regime {
         Regime::Locked { .. } => Fill::Locked,

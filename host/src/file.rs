@@ -15,15 +15,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use used::Role;
+
 use crate::refusal::Refusal;
 
 /// Temporary files of this run, removed before a forced stop.
 static UNFINISHED_FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
-
 /// Whether a result goes to standard output: messages then go to standard error.
 static STANDARD_OUTPUT_IN_USE: AtomicBool = AtomicBool::new(false);
 
-/// Whether a result goes to standard output.
 pub fn is_standard_output_in_use() -> bool {
     STANDARD_OUTPUT_IN_USE.load(Ordering::Relaxed)
 }
@@ -63,9 +63,10 @@ impl Write for Standard {
 fn standard(path: &Path) -> Option<&str> {
     match path.to_str()? {
         "-" => Some(""),
-        name => name
-            .strip_prefix("-.")
-            .filter(|ending| !ending.contains('/')),
+        name => {
+            let ending = name.strip_prefix("-.");
+            ending.filter(|ending| !ending.contains('/'))
+        }
     }
 }
 
@@ -74,7 +75,6 @@ fn standard(path: &Path) -> Option<&str> {
 pub struct Destination {
     path: PathBuf,
     standard: bool,
-    /// Whether a file of this name already existed.
     replaces: bool,
     /// Whether the file must survive a loss of power: it cannot be computed again.
     durable: bool,
@@ -88,16 +88,11 @@ impl Destination {
             return Self::check(path);
         };
         if STANDARD_OUTPUT_IN_USE.swap(true, Ordering::Relaxed) {
-            return Err(Refusal::new(
-                "standard output (-) is named for two outputs of this run",
-                "give one of them the name of a file",
-            ));
+            let cause = "standard output (-) is named for two outputs of this run";
+            return Err(Refusal::new(cause, "give one of them the name of a file"));
         }
-        let ending = if requested.is_empty() {
-            ending
-        } else {
-            requested
-        };
+        let requested = Some(requested).filter(|requested| !requested.is_empty());
+        let ending = requested.unwrap_or(ending);
         Ok(Self {
             path: format!("-.{ending}").into(),
             standard: true,
@@ -137,7 +132,7 @@ impl Destination {
             let cause = format!("{name} is a symbolic link to nothing");
             return refuse(cause, "remove the link, or give another path");
         }
-        used::add_output(path)?;
+        used::add(path, Role::Output)?;
         Ok(Self {
             path: path.into(),
             replaces: path.is_file(),
@@ -156,16 +151,14 @@ impl Destination {
             begin.truncate(read.unwrap_or(0));
             if !own(&String::from_utf8_lossy(&begin)) {
                 let name = path.display();
-                return Err(Refusal::new(
-                    format!("{name} is there already, and kband did not write it"),
-                    format!("name the file: {option}, or move this one away"),
-                ));
+                let cause = format!("{name} is there already, and kband did not write it");
+                let next = format!("name the file: {option}, or move this one away");
+                return Err(Refusal::new(cause, next));
             }
         }
         Ok(target)
     }
 
-    /// Message for the user that the file was written.
     pub fn describe_write(&self) -> String {
         if self.standard {
             return "wrote standard output".into();
@@ -180,17 +173,13 @@ impl Destination {
         ending.to_string_lossy().to_lowercase()
     }
 
-    /// Refuses an ending that is not in the list, for an option's file.
     pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<(), Refusal> {
         if endings.contains(&self.ending().as_str()) {
             return Ok(());
         }
-        Err(Refusal::value(
-            option,
-            self.path.display(),
-            format!("a file name that ends in .{}", endings.join(" or .")),
-            "change the ending",
-        ))
+        let value = self.path.display();
+        let accepted = format!("a file name that ends in .{}", endings.join(" or ."));
+        Err(Refusal::value(option, value, accepted, "change the ending"))
     }
 
     /// The same destination, whose content is on the disk once it is written.
@@ -267,39 +256,35 @@ impl Destination {
     }
 }
 
-/// Next step after a failure to write.
 pub const NEXT_WRITABLE: &str = "check space and permissions of the folder";
-
-/// Ending of a temporary file, after the number of the process.
 const UNFINISHED_ENDING: &str = ".unfinished";
 
 /// The source of an input: standard input for `-`.
 fn source(path: &Path) -> &Path {
-    if path == Path::new("-") {
-        Path::new("/dev/stdin")
-    } else {
-        path
+    match path == Path::new("-") {
+        true => Path::new("/dev/stdin"),
+        false => path,
     }
 }
 
 /// Opens an input; `next` is the next step of the error.
 pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
     let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::add_input(path)?;
+    used::add(path, Role::Input)?;
     Ok(file)
 }
 
-/// Reads a whole input; `next` is the next step of the error.
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::add_input(path)?;
+    used::add(path, Role::Input)?;
     Ok(bytes)
 }
 
 pub fn read_text(path: &Path) -> Result<String, Refusal> {
-    let text = fs::read_to_string(source(path))
-        .map_err(|error| Refusal::file(path, &error, "give the path of a readable text file"))?;
-    used::add_input(path)?;
+    let next = "give the path of a readable text file";
+    let text = fs::read_to_string(source(path));
+    let text = text.map_err(|error| Refusal::file(path, &error, next))?;
+    used::add(path, Role::Input)?;
     Ok(text)
 }
 

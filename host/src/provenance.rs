@@ -14,10 +14,8 @@ use serde_json::{Map, Value as Json, json};
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The commit of the build, with `-dirty` if the sources differed; `unknown` outside a git tree.
 const COMMIT: &str = env!("KBAND_COMMIT");
-
 /// Prefix of the first comment of a CSV.
 pub const FIRST_COMMENT: &str = "# kband ";
-
 static RUN: Mutex<Option<Run>> = Mutex::new(None);
 
 #[derive(Clone, Debug, Default)]
@@ -171,17 +169,11 @@ fn parameters(verb: &clap::Command, matches: &ArgMatches) -> Map<String, Json> {
 
 /// A typed value; a number where it parses as one.
 fn read(text: &str) -> Json {
-    match text {
-        "true" => return true.into(),
-        "false" => return false.into(),
-        _ => {}
-    }
-    if let Ok(count) = text.parse::<i64>() {
-        return count.into();
-    }
-    match text.parse::<f64>() {
-        Ok(number) if number.is_finite() => number.into(),
-        _ => text.into(),
+    let number = || text.parse::<f64>().ok().filter(|number| number.is_finite());
+    match (text.parse::<bool>(), text.parse::<i64>()) {
+        (Ok(flag), _) => flag.into(),
+        (_, Ok(count)) => count.into(),
+        _ => number().map_or(text.into(), Json::from),
     }
 }
 
@@ -338,10 +330,8 @@ mod tests {
         git(&["add", "a"]);
         git(&["commit", "-q", "-m", "first"]);
         let clean = commit::commit(path);
-        assert!(
-            clean.len() == 40 && clean.chars().all(|c| c.is_ascii_hexdigit()),
-            "{clean}"
-        );
+        assert_eq!(clean.len(), 40, "{clean}");
+        assert!(clean.chars().all(|c| c.is_ascii_hexdigit()), "{clean}");
         std::fs::write(path.join("a"), "2").unwrap();
         assert_eq!(commit::commit(path), format!("{clean}-dirty"));
     }

@@ -57,13 +57,11 @@ impl Printout {
         }
     }
 
-    /// The printout with a line above the table.
     pub fn heading(mut self, heading: impl Into<String>) -> Self {
         self.heading = heading.into();
         self
     }
 
-    /// The printout with one more line below the table.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.notes.push(note.into());
         self
@@ -81,7 +79,6 @@ impl Printout {
         self
     }
 
-    /// The printout with its own JSON form.
     pub fn json(mut self, value: &impl Serialize) -> Result<Self, Refusal> {
         self.json = Some(serde_json::to_value(value).map_err(|error| {
             let cause = format!("the result has no JSON form: {error}");
@@ -100,7 +97,6 @@ impl Printout {
         self
     }
 
-    /// The printout with another table as CSV.
     pub fn csv_of(self, table: Table) -> Self {
         let columns = table.columns.clone();
         self.csv(&columns, move |rows| table.write_rows(rows))
@@ -118,10 +114,8 @@ impl Printout {
             }
             .map_err(std::io::Error::other),
             Format::Json => {
-                let document = match &self.json {
-                    Some(json) => json.clone(),
-                    None => self.table.to_json(),
-                };
+                let document = self.json.clone();
+                let document = document.unwrap_or_else(|| self.table.to_json());
                 let units = columns::units_of(&document);
                 let whole = provenance::add(document, units);
                 serde_json::to_writer_pretty(&mut *out, &whole)?;
@@ -138,11 +132,8 @@ impl Printout {
             parts.push(within(&self.heading) + "\n");
         }
         if !self.table.columns.is_empty() {
-            let table = match screen {
-                Some(_) => self.table.within(screen),
-                None => self.table.to_text(),
-            };
-            parts.push(table);
+            let fitted = screen.map(|_| self.table.within(screen));
+            parts.push(fitted.unwrap_or_else(|| self.table.to_text()));
         }
         if !self.notes.is_empty() {
             let notes: Vec<String> = self.notes.iter().map(|note| within(note) + "\n").collect();
@@ -152,14 +143,13 @@ impl Printout {
     }
 
     pub fn print(&self, format: Format) -> Result<(), Refusal> {
-        if let (Format::Table, Some(screen)) = (format, screen()) {
-            return print(&self.to_text(Some(screen)));
+        if let (Format::Table, screen @ Some(_)) = (format, screen()) {
+            return print(&self.to_text(screen));
         }
         let mut out = std::io::BufWriter::new(text_output());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
 
-    /// Writes the whole printout to a file.
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
         if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
             let mut counted = table::CountedRows::default();
@@ -170,7 +160,6 @@ impl Printout {
     }
 }
 
-/// Largest number of rows of a text table.
 const MAX_ROWS_TO_READ: usize = 50_000;
 
 /// Rows for a text table; column widths need all of them.
@@ -179,12 +168,9 @@ struct RowsToRead(Table);
 impl Rows for RowsToRead {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
         if self.0.len() == MAX_ROWS_TO_READ {
-            return Err(Refusal::value(
-                "--format",
-                "table",
-                format!("csv or json for more than {MAX_ROWS_TO_READ} rows"),
-                "choose one of them, or ask for fewer rows",
-            ));
+            let accepted = format!("csv or json for more than {MAX_ROWS_TO_READ} rows");
+            let next = "choose one of them, or ask for fewer rows";
+            return Err(Refusal::value("--format", "table", accepted, next));
         }
         self.0.push_row(row.to_vec());
         Ok(())
@@ -237,10 +223,9 @@ pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
 
 /// Output for messages: standard output, or standard error if a result uses standard output.
 fn text_output() -> Box<dyn Write> {
-    if file::is_standard_output_in_use() {
-        Box::new(std::io::stderr().lock())
-    } else {
-        Box::new(file::standard_output())
+    match file::is_standard_output_in_use() {
+        true => Box::new(std::io::stderr().lock()),
+        false => Box::new(file::standard_output()),
     }
 }
 
@@ -298,10 +283,8 @@ fn wrapped(text: &str, screen: usize) -> String {
 fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::is_reader_closed() => {
-            Err(Refusal::new(
-                format!("standard output: {error}"),
-                "check where the output goes, or write a file with --out",
-            ))
+            let next = "check where the output goes, or write a file with --out";
+            Err(Refusal::new(format!("standard output: {error}"), next))
         }
         _ => Ok(()),
     }

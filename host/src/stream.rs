@@ -50,10 +50,10 @@ impl<W: Write> Stream<W> {
         match written.and_then(|()| self.out.flush()) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
-            Err(error) => Err(Refusal::new(
-                format!("standard output: {error}"),
-                "check where the output goes",
-            )),
+            Err(error) => {
+                let cause = format!("standard output: {error}");
+                Err(Refusal::new(cause, "check where the output goes"))
+            }
         }
     }
 
@@ -90,11 +90,9 @@ impl<W: Write> Stream<W> {
 /// A row as an object, without missing values.
 pub fn object(columns: &[(Column, usize)], row: &[Value]) -> Json {
     let pairs = columns.iter().zip(row);
-    let object: Map<String, Json> = pairs
-        .filter(|(_, value)| **value != Value::Missing)
-        .map(|((column, _), value)| (column.name.to_string(), value.json()))
-        .collect();
-    Json::Object(object)
+    let given = pairs.filter(|(_, value)| **value != Value::Missing);
+    let pair = |((column, _), value): (&(Column, _), &Value)| (column.name.into(), value.json());
+    Json::Object(given.map(pair).collect())
 }
 
 #[cfg(test)]
@@ -115,9 +113,9 @@ mod tests {
     fn a_row_is_printed_in_three_forms() {
         let table = "time (s)     state\n    0.02       off\n    0.04         -\n";
         assert_eq!(printed(Format::Table), table);
-        assert!(printed(Format::Csv).ends_with(
-            "\n# units: {\"time\":\"s\"}\ntime (s),state\n0.02,off\n0.040000000000000001,\n"
-        ));
+        let rows = "time (s),state\n0.02,off\n0.040000000000000001,\n";
+        let csv = format!("\n# units: {{\"time\":\"s\"}}\n{rows}");
+        assert!(printed(Format::Csv).ends_with(&csv));
         let json = printed(Format::Json);
         assert!(json.starts_with("{\"provenance\":{"), "{json}");
         assert!(json.ends_with("}\n{\"time\":0.02,\"state\":\"off\"}\n{\"time\":0.04}\n"));

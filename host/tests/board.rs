@@ -18,6 +18,7 @@ use kband_machines::images;
 use kband_machines::terminal::Terminal;
 use outcome::Outcome;
 use serde_json::Value;
+use tempfile::TempDir;
 
 /// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 const TIMEOUT: &str = "60";
@@ -27,21 +28,22 @@ const STATUS_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Runs `kband` in `folder` on the emulated board; killed at the limit.
 fn kband(folder: impl AsRef<Path>, args: &str) -> Outcome {
-    kband_with(folder, args, &[])
+    outcome::on_board(folder, TIMEOUT, args, &[])
 }
 
 /// The same; the board's flash, with its settings, is kept in a file between commands.
 fn on_flash(folder: impl AsRef<Path>, args: &str) -> Outcome {
-    kband_with(folder, args, &["--flash-image", "board.flash"])
+    outcome::on_board(folder, TIMEOUT, args, &["--flash-image", "board.flash"])
 }
 
-fn kband_with(folder: impl AsRef<Path>, args: &str, more: &[&str]) -> Outcome {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    let board = ["--on", "qemu", "--image", image.to_str().unwrap()];
-    run(folder, args, &[&board[..], more].concat())
+fn flash(folder: &TempDir) -> Vec<u8> {
+    std::fs::read(folder.path().join("board.flash")).unwrap()
 }
 
-/// Runs `kband` in `folder`; killed at the limit.
+fn text(folder: &TempDir, name: &str) -> String {
+    std::fs::read_to_string(folder.path().join(name)).unwrap()
+}
+
 fn run(folder: impl AsRef<Path>, args: &str, more: &[&str]) -> Outcome {
     let args: Vec<&str> = args.split(' ').chain(more.iter().copied()).collect();
     outcome::run(folder, TIMEOUT, &args)
@@ -53,25 +55,19 @@ fn an_image_is_checked_without_a_probe() {
     let args = "flash --dry-run --format json";
     let (package, bin, machine) = ("kband-firmware", "feeder", Machine::CortexM4F);
     let nucleo = images::build_with(package, bin, machine, Some("stm32g474re"));
-    let plan = run(&folder, args, &[nucleo.to_str().unwrap()]).done();
-    let plan: Value = serde_json::from_str(&plan).unwrap();
+    let plan = run(&folder, args, &[nucleo.to_str().unwrap()]).json();
     assert_eq!(plan["chip"], "STM32G474RE");
     let last = plan["sectors"].as_array().unwrap().last().unwrap();
     assert_eq!(last["what"], "settings and faults, kept");
     assert_eq!(last["sectors"], serde_json::json!([252, 255]));
     let image = images::build(package, bin, machine);
-    let plan = run(&folder, args, &[image.to_str().unwrap()]).done();
-    let plan: Value = serde_json::from_str(&plan).unwrap();
+    let plan = run(&folder, args, &[image.to_str().unwrap()]).json();
     let sectors = plan["sectors"].as_array().unwrap();
-    let bytes: u64 = sectors
-        .iter()
-        .map(|sector| sector["image_size"].as_u64().unwrap())
-        .sum();
+    let sizes = sectors.iter().map(|sector| &sector["image_size"]);
+    let bytes: u64 = sizes.filter_map(Value::as_u64).sum();
     assert_eq!(Some(bytes), plan["flash_used"].as_u64());
-    assert!(
-        bytes > 100_000 && plan["ram_used"].as_u64().unwrap() > 32 * 1024,
-        "{plan}"
-    );
+    assert!(bytes > 100_000, "{plan}");
+    assert!(plan["ram_used"].as_u64().unwrap() > 32 * 1024, "{plan}");
     assert_eq!(plan["written"], false);
     assert_eq!(plan["chip"], "STM32F405RG");
     let stored = &sectors[1];
@@ -80,22 +76,16 @@ fn an_image_is_checked_without_a_probe() {
     assert_eq!(plan["option_bytes"], Value::Null);
     // Pending changes of option bytes are listed. Changes that kband cannot make are refused.
     let requested = ["--option-bytes", image.to_str().unwrap()];
-    let plan = run(&folder, args, &requested).done();
-    assert!(plan.contains("brown-out reset at level 3"), "{plan}");
-    let emulated = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    run(&folder, "flash --dry-run", &[emulated.to_str().unwrap()])
-        .refused(&["emulated board", "cargo feeder"]);
+    run(&folder, args, &requested).prints(&["brown-out reset at level 3"]);
+    let emulated = run(&folder, "flash --dry-run", &[&outcome::image()]);
+    emulated.refused(&["emulated board", "cargo feeder"]);
     // This build may lack support for probes; else no probe is connected.
     let outcome = run(&folder, "flash", &[image.to_str().unwrap()]);
-    let expected = if cfg!(feature = "flash") {
-        "no debug probe"
-    } else {
-        "--features flash"
-    };
-    outcome.refused(&[expected, "next:"]);
+    let expected = ["--features flash", "no debug probe"];
+    outcome.refused(&[expected[usize::from(cfg!(feature = "flash"))], "next:"]);
 }
 
-fn folder() -> tempfile::TempDir {
+fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
@@ -103,17 +93,12 @@ fn folder() -> tempfile::TempDir {
 fn identify_reports_identity_and_condition() {
     let folder = folder();
     let board = kband(&folder, "identify --format json").json();
-    assert_eq!(
-        board["schema"],
-        format!("{:08x}", kband_control::wire::SCHEMA)
-    );
+    assert_eq!(board["schema"], format!("{SCHEMA:08x}"));
     assert_eq!(board["fits_this_desk"], true);
-    assert_eq!(board["self_test"]["sensor"], true);
-    assert_eq!(board["self_test"]["settings"], "never saved");
-    assert!(
-        board["self_test"]["stack_free"].as_u64().unwrap() > 1000,
-        "{board}"
-    );
+    let test = &board["self_test"];
+    assert_eq!(test["sensor"], true);
+    assert_eq!(test["settings"], "never saved");
+    assert!(test["stack_free"].as_u64().unwrap() > 1000, "{board}");
     assert_eq!(board["last_words"], Value::Null);
 }
 
@@ -122,49 +107,39 @@ fn a_saved_change_of_settings_outlasts_a_restart() {
     let folder = folder();
     let list = kband(&folder, "settings list --format json").json();
     let list = list.as_array().unwrap();
-    assert_eq!(list.len(), kband_control::Settings::KEYS.len());
-    for (row, key) in list.iter().zip(kband_control::Settings::KEYS) {
-        assert_eq!(
-            (row["key"].as_str(), row["unit"].as_str()),
-            (Some(key.name), Some(key.unit))
-        );
+    assert_eq!(list.len(), Settings::KEYS.len());
+    for (row, key) in list.iter().zip(Settings::KEYS) {
+        assert_eq!(row["key"], key.name);
+        assert_eq!(row["unit"], key.unit);
         for (name, value) in [("value", key.default), ("low", key.low), ("high", key.high)] {
-            assert_eq!(
-                row[name].as_f64().map(|value| value as f32),
-                Some(value),
-                "{row}"
-            );
+            let printed = row[name].as_f64().map(|value| value as f32);
+            assert_eq!(printed, Some(value), "{row}");
         }
     }
-    on_flash(&folder, "settings set restitution_high 0.31").prints("--save");
+    on_flash(&folder, "settings set restitution_high 0.31").prints(&["--save"]);
     let value = |key: &str| {
-        on_flash(&folder, &format!("settings get {key} --format json")).json()[0]["value"].as_f64()
+        on_flash(&folder, &format!("settings get {key} --format json")).json()[0]["value"].clone()
     };
-    assert_eq!(value("restitution_high"), Some(0.22));
-    on_flash(&folder, "settings set restitution_high 0.31 --save").prints("saved: ");
+    assert_eq!(value("restitution_high"), 0.22);
+    on_flash(&folder, "settings set restitution_high 0.31 --save").prints(&["saved: "]);
     on_flash(&folder, "settings set incline -2.5 --save").done();
-    assert_eq!(value("restitution_high"), Some(0.31));
-    assert_eq!(value("incline"), Some(-2.5));
+    assert_eq!(value("restitution_high"), 0.31);
+    assert_eq!(value("incline"), -2.5);
 }
 
 #[test]
 fn a_settings_file_is_applied_whole_or_not_at_all() {
     let folder = folder();
     on_flash(&folder, "settings export all.toml").done();
-    let all = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
-    assert_eq!(
-        all.matches(" = ").count(),
-        kband_control::Settings::KEYS.len()
-    );
+    let all = text(&folder, "all.toml");
+    assert_eq!(all.matches(" = ").count(), Settings::KEYS.len());
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     // Neither bound of the interval may move alone.
-    write(
-        "good.toml",
-        "frequency = 55\nrestitution_low = 0.4\nrestitution_high = 0.5\n",
-    );
-    on_flash(&folder, "settings import good.toml --save")
-        .prints("3 settings in the file, 3 changed");
-    let changed = std::fs::read(folder.path().join("board.flash")).unwrap();
+    let good = "frequency = 55\nrestitution_low = 0.4\nrestitution_high = 0.5\n";
+    write("good.toml", good);
+    let imported = on_flash(&folder, "settings import good.toml --save");
+    imported.prints(&["3 settings in the file, 3 changed"]);
+    let changed = flash(&folder);
     for (text, expected) in [
         (
             "frequency = 60\nrestitution_high = 0.1\n",
@@ -178,32 +153,24 @@ fn a_settings_file_is_applied_whole_or_not_at_all() {
     ] {
         write("bad.toml", text);
         on_flash(&folder, "settings import bad.toml --save").refused(&expected);
-        assert_eq!(
-            std::fs::read(folder.path().join("board.flash")).unwrap(),
-            changed,
-            "{text}"
-        );
+        assert_eq!(flash(&folder), changed, "{text}");
     }
     // An import of the exported file restores all settings.
-    on_flash(&folder, "settings import all.toml --save").prints("3 changed");
+    on_flash(&folder, "settings import all.toml --save").prints(&["3 changed"]);
     on_flash(&folder, "settings export again.toml").done();
-    assert_eq!(
-        std::fs::read_to_string(folder.path().join("again.toml")).unwrap(),
-        all
-    );
+    assert_eq!(text(&folder, "again.toml"), all);
 }
 
 #[test]
 fn recipes_are_saved_used_exported_and_imported() {
     let folder = folder();
     let recipe = |args: &str| on_flash(&folder, &format!("recipe {args}"));
-    let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     // Recipes are saved together with the settings, and a new board has no saved settings.
     recipe("save 1 caps").refused(&["no saved settings", "kband settings save"]);
     on_flash(&folder, "settings set restitution_high 0.31 --save").done();
     on_flash(&folder, "target k 0.5 --save").done();
-    recipe("save 1 caps").prints("k = 0.5");
+    recipe("save 1 caps").prints(&["k = 0.5"]);
     let list = recipe("list --format json").json();
     let list = list.as_array().unwrap();
     assert_eq!(list.len(), 1);
@@ -214,31 +181,27 @@ fn recipes_are_saved_used_exported_and_imported() {
     let args = "settings get restitution_high --format json";
     assert_eq!(on_flash(&folder, args).json()[0]["value"], 0.31);
     recipe("export all.toml").done();
-    let text = std::fs::read_to_string(folder.path().join("all.toml")).unwrap();
-    let second = text
-        .replace("number = 1", "number = 7")
-        .replace("caps", "M3 screws");
+    let second = text(&folder, "all.toml").replace("number = 1", "number = 7");
+    let second = second.replace("caps", "M3 screws");
     let second = second.replace("value = 0.5", "value = 0.41");
     write("second.toml", &second);
-    recipe("import second.toml").prints("saved 1 recipes");
-    let before = flash();
+    recipe("import second.toml").prints(&["saved 1 recipes"]);
+    let before = flash(&folder);
     let cut = &second[..second.len() - 120];
     // Each value is within its range, but the drive does not reach the amplitude.
-    let far = second.replace(
-        "target = \"k\"\nvalue = 0.41",
-        "target = \"mm\"\nvalue = 1.5",
-    );
+    let k = "target = \"k\"\nvalue = 0.41";
+    let far = second.replace(k, "target = \"mm\"\nvalue = 1.5");
     for (bad, expected) in [
         (cut, ["bad.toml", "line ", "next:"]),
         (&far[..], ["line 9", "1.5", "accepted"]),
     ] {
         write("bad.toml", bad);
         recipe("import bad.toml").refused(&expected);
-        assert_eq!(flash(), before, "{bad}");
+        assert_eq!(flash(&folder), before, "{bad}");
     }
     recipe("use 3").refused(&["no such recipe", "kband recipe list"]);
     recipe("use 8").refused(&["8", "0..=7"]);
-    recipe("use 7").prints("k = 0.41");
+    recipe("use 7").prints(&["k = 0.41"]);
     recipe("delete 1").done();
     recipe("delete 1").refused(&["no recipe 1", "kband recipe list"]);
     let list = recipe("list --format json").json();
@@ -246,12 +209,12 @@ fn recipes_are_saved_used_exported_and_imported() {
     assert_eq!(list[0]["name"], "M3 screws");
     // A locked board keeps its recipes.
     on_flash(&folder, "settings save").done();
-    recipe("list").prints("M3 screws");
+    recipe("list").prints(&["M3 screws"]);
     on_flash(&folder, "lock 4711").done();
-    let before = flash();
+    let before = flash(&folder);
     recipe("delete 7").refused(&["locked by a PIN", "kband unlock"]);
     recipe("import second.toml").refused(&["locked by a PIN"]);
-    assert_eq!(flash(), before);
+    assert_eq!(flash(&folder), before);
 }
 
 #[test]
@@ -259,36 +222,27 @@ fn a_board_is_monitored_recorded_and_replayed() {
     let folder = folder();
     let args = "monitor --every 5 --format json --record run.kband --rows 6";
     let now = kband(&folder, args).done();
-    let rows: Vec<Value> = now
-        .lines()
-        .skip(1)
+    let lines = now.lines().skip(1);
+    let rows: Vec<Value> = lines
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
-    let cycles: Vec<u64> = rows
-        .iter()
-        .filter(|row| row["k"].is_number() || row["state"].is_string())
-        .map(|row| row["cycle"].as_u64().unwrap())
-        .collect();
+    let cycles = rows.iter();
+    let cycles = cycles.filter(|row| row["k"].is_number() || row["state"].is_string());
+    let cycles: Vec<u64> = cycles.map(|row| row["cycle"].as_u64().unwrap()).collect();
     assert_eq!(cycles.len(), 6, "{now}");
-    assert!(
-        cycles.windows(2).all(|pair| pair[1] == pair[0] + 5),
-        "{cycles:?}"
-    );
+    let mut pairs = cycles.windows(2);
+    assert!(pairs.all(|pair| pair[1] == pair[0] + 5), "{cycles:?}");
     assert!(rows.iter().any(|row| row["event"] == "started"), "{now}");
     // The record contains the printed cycles, and those that arrived while the recording ended.
     let replayed = run(&folder, "monitor --replay run.kband --format json", &[]).done();
     let replayed: Vec<&str> = replayed.lines().collect();
-    assert!(
-        now.lines().skip(1).all(|row| replayed.contains(&row)),
-        "{now}{replayed:#?}"
-    );
+    for row in now.lines().skip(1) {
+        assert!(replayed.contains(&row), "{now}{replayed:#?}");
+    }
     let csv = run(&folder, "monitor --replay run.kband --format csv", &[]).done();
-    assert!(
-        provenance::stripped(&csv).starts_with("time (s),cycle,state,k,b (mm),"),
-        "{csv}"
-    );
-    run(&folder, "monitor --replay run.kband", &[]).prints("starting");
-
+    let csv = provenance::stripped(&csv);
+    assert!(csv.starts_with("time (s),cycle,state,k,b (mm),"), "{csv}");
+    run(&folder, "monitor --replay run.kband", &[]).prints(&["starting"]);
     let args = "monitor --record run.kband --duration 1";
     kband(&folder, args).refused(&["run.kband", "exists", "never overwritten"]);
     std::fs::write(folder.path().join("other.kband"), "no record\0\0\0").unwrap();
@@ -300,16 +254,15 @@ fn a_board_is_monitored_recorded_and_replayed() {
 #[test]
 fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
-    let flash = || std::fs::read(folder.path().join("board.flash")).unwrap();
     on_flash(&folder, "settings save").done();
-    let saved = flash();
+    let saved = flash(&folder);
     let args = "settings commission --within 2";
     on_flash(&folder, args).refused(&["after 2 s", "no result", "--within"]);
-    assert_eq!(flash(), saved);
+    assert_eq!(flash(&folder), saved);
 }
 
 /// Reads a saved setting by its key.
-fn stored(folder: &tempfile::TempDir) -> impl Fn(&str) -> f64 {
+fn stored(folder: &TempDir) -> impl Fn(&str) -> f64 {
     let all = on_flash(folder, "settings list --format json").json();
     move |key| {
         let mut settings = all.as_array().unwrap().iter();
@@ -328,29 +281,16 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
                 third_gain = 0.0065\nthird_lag = 160.0\n";
     std::fs::write(folder.path().join("told.toml"), configured).unwrap();
     on_flash(&folder, "settings import told.toml --save").done();
-    for (option, gain, lag, answer, exact) in [
-        (
-            "--second-tone",
-            "second_gain",
-            "second_lag",
-            0.04 / 3.0,
-            0.03,
-        ),
-        ("--third-tone", "third_gain", "third_lag", 0.04 / 8.0, 0.05),
-    ] {
-        let args = format!("settings commission {option} --apply --within 50 --format json");
-        let result: Value = serde_json::from_str(&on_flash(&folder, &args).done()).unwrap();
+    for (tone, answer, exact) in [("second", 0.04 / 3.0, 0.03), ("third", 0.04 / 8.0, 0.05)] {
+        let args = format!("settings commission --{tone}-tone --apply --within 50 --format json");
+        let result = on_flash(&folder, &args).json();
         assert_eq!(result["applied"], true, "{result}");
         let stored = stored(&folder);
-        let (measured, late) = (stored(gain), stored(lag));
-        assert!(
-            (measured / answer - 1.0).abs() < exact,
-            "{option}: {measured} {result}"
-        );
-        assert!(
-            (late.rem_euclid(360.0) - 180.0).abs() < 60.0 * exact,
-            "{option}: {late} {result}"
-        );
+        let [gain, lag] = ["gain", "lag"].map(|what| stored(&format!("{tone}_{what}")));
+        let deviation = (gain / answer - 1.0).abs();
+        assert!(deviation < exact, "{tone}: {gain} {result}");
+        let late = (lag.rem_euclid(360.0) - 180.0).abs();
+        assert!(late < 60.0 * exact, "{tone}: {lag} {result}");
     }
 }
 
@@ -377,12 +317,11 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     assert!((1.3..2.0).contains(&tolerance), "{result}");
     // The next start passes its tests. Without --apply the measurement is repeated and no setting
     // changes.
-    let printed = on_flash(&folder, "settings commission --sensor --within 100").done();
-    assert!(printed.contains("settings set gain_tolerance"), "{printed}");
-    assert!(
-        printed.contains("settings set current_gain 0."),
-        "{printed}"
-    );
+    let outcome = on_flash(&folder, "settings commission --sensor --within 100");
+    outcome.prints(&[
+        "settings set gain_tolerance",
+        "settings set current_gain 0.",
+    ]);
 }
 
 /// An emulated board at a pseudo-terminal that keeps running between commands.
@@ -390,8 +329,8 @@ struct EmulatedBoard(Terminal);
 
 impl EmulatedBoard {
     fn start() -> Self {
-        let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-        Self(Terminal::start(&image, "run", BOARD_TIMEOUT))
+        let image = outcome::image();
+        Self(Terminal::start(image.as_ref(), "run", BOARD_TIMEOUT))
     }
 
     fn port(&self) -> &str {
@@ -430,14 +369,10 @@ fn a_board_gets_targets_and_enable_and_reports_status() {
     let held = board.query("target gear 2");
     assert_eq!(held["target"], "gear of order 2");
     let off = board.query("disable");
-    assert_eq!(
-        (&off["state"], &off["enable_desk"]),
-        (&"off".into(), &false.into())
-    );
-    assert!(
-        off["next"].as_str().unwrap().contains("kband enable"),
-        "{off}"
-    );
+    assert_eq!(off["state"], "off", "{off}");
+    assert_eq!(off["enable_desk"], false, "{off}");
+    let next = off["next"].as_str().unwrap();
+    assert!(next.contains("kband enable"), "{off}");
     board.query("target mm 0.15");
     let on = board.query("enable");
     assert_eq!(on["enable_desk"], true, "{on}");
@@ -446,8 +381,8 @@ fn a_board_gets_targets_and_enable_and_reports_status() {
         now["state"] == "holding" && now["ready"] == true && (amplitude - 0.15).abs() < 0.005
     });
     let folder = folder();
-    run(&folder, "target mm 0.2 --save", &["--on", board.port()])
-        .refused(&["is running its drive", "kband disable"]);
+    let saved = run(&folder, "target mm 0.2 --save", &["--on", board.port()]);
+    saved.refused(&["is running its drive", "kband disable"]);
     assert_eq!(board.query("status")["target"], "amplitude 0.15 mm");
 }
 
@@ -455,7 +390,6 @@ fn a_board_gets_targets_and_enable_and_reports_status() {
 #[test]
 fn commissioning_writes_a_record_with_settings_and_pictures() {
     use kband_machines::browser::Browser;
-
     let board = EmulatedBoard::start();
     let folder = folder();
     let on = ["--on", board.port()];
@@ -472,7 +406,6 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     board.wait(|now| now["ready"] == true);
     let printed = step(&["--step", "drive", "--note", "empty <track>"]);
     assert!(printed.contains("amplitude 0.15 mm"), "{printed}");
-
     let file = folder.path().join("record.html");
     let browser = Browser::start();
     browser.open(&file);
@@ -482,45 +415,34 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     let settings = tables[0].as_str().unwrap();
     let lines: Vec<&str> = settings.lines().collect();
     assert_eq!(lines.len(), 3, "{settings}");
-    assert!(lines[1].starts_with("scatter\t0.05\t0.07"), "{settings}");
-    assert!(
-        lines[2].starts_with("soft_start\t0.4\t0.5\ts"),
-        "{settings}"
-    );
+    for (line, begin) in [(1, "scatter\t0.05\t0.07"), (2, "soft_start\t0.4\t0.5\ts")] {
+        assert!(lines[line].starts_with(begin), "{settings}");
+    }
     let readings = tables[2].as_str().unwrap();
-    assert!(
-        readings.contains("as found") && readings.contains("holding"),
-        "{readings}"
-    );
-    assert_eq!(
-        browser.script("return document.querySelectorAll('.plot svg').length"),
-        4
-    );
+    for expected in ["as found", "holding"] {
+        assert!(readings.contains(expected), "{readings}");
+    }
+    let plots = browser.script("return document.querySelectorAll('.plot svg').length");
+    assert_eq!(plots, 4);
     assert!(browser.text("main").contains("empty <track>"));
     // Only an HTML page that kband wrote is read as a record. The record also exists as JSON.
     std::fs::write(folder.path().join("other.html"), "<!doctype html>").unwrap();
-    let other = ["commission", "other.html", "--step", "a"];
-    outcome::run(&folder, TIMEOUT, &[&other[..], &on].concat())
-        .refused(&["is no record", "another name"]);
-    let mut other = vec!["commission", "record.json", "--seconds", "1"];
-    other.extend(["--step", "as left"].iter().chain(&on));
-    outcome::run(&folder, TIMEOUT, &other).done();
-    let record = std::fs::read_to_string(folder.path().join("record.json")).unwrap();
-    let record: Value = serde_json::from_str(&record).unwrap();
+    let other = run(&folder, "commission other.html --step a", &on);
+    other.refused(&["is no record", "another name"]);
+    let more = ["--step", "as left", "--on", board.port()];
+    run(&folder, "commission record.json --seconds 1", &more).done();
+    let record: Value = serde_json::from_str(&text(&folder, "record.json")).unwrap();
     let last = &record["commissioning"][0];
     assert_eq!(last["settings"]["scatter"]["value"], 0.07);
     let rows = last["telemetry"].as_array().unwrap();
-    assert!(
-        rows.len() > 1 && rows.last().is_some_and(|row| row["state"] == "holding"),
-        "{last}"
-    );
+    assert!(rows.len() > 1, "{last}");
+    assert_eq!(rows[rows.len() - 1]["state"], "holding", "{last}");
 }
 
 /// Runs `kband` on a pseudo-terminal whose other end sends these bytes repeatedly.
 #[cfg(unix)]
 fn run_on_sending_port(args: &str, bytes: &[u8]) -> Outcome {
     use std::sync::atomic::{AtomicBool, Ordering};
-
     let (mut far, near, name) = outcome::port();
     let done = AtomicBool::new(false);
     let folder = folder();
@@ -532,7 +454,7 @@ fn run_on_sending_port(args: &str, bytes: &[u8]) -> Outcome {
                 if done.load(Ordering::Relaxed) || far.write_all(bytes).is_err() {
                     break;
                 }
-                std::thread::sleep(std::time::Duration::from_millis(100));
+                std::thread::sleep(Duration::from_millis(100));
             }
         });
         let outcome = run(&folder, args, &["--on", &name]);
@@ -541,7 +463,6 @@ fn run_on_sending_port(args: &str, bytes: &[u8]) -> Outcome {
     })
 }
 
-/// A frame with the identity of a board.
 fn identity(sequence: u8, schema: u32, image: &str) -> Vec<u8> {
     let identity = Identity {
         version: VERSION,
@@ -638,11 +559,7 @@ impl Commissioned {
         let response = write_response(&mut buffer, sequence, &response);
         let mut answers = response.unwrap().to_vec();
         if let Request::Telemetry(1) = request {
-            let state = if self.running {
-                State::Holding
-            } else {
-                State::Off
-            };
+            let state = [State::Off, State::Holding][usize::from(self.running)];
             let telemetry = Telemetry {
                 state: state.number(),
                 ..Telemetry::default()
@@ -669,10 +586,10 @@ fn commissioning_saves_its_result_with_the_old_target() {
         };
         let folder = folder();
         let args = "settings commission --format json --within 20";
-        let args = args.to_string() + if apply { " --apply" } else { "" };
+        let more = ["--on", &name, "--apply"];
         let outcome = std::thread::scope(|scope| {
             scope.spawn(|| board.serve(&mut far));
-            let outcome = run(&folder, &args, &["--on", &name]);
+            let outcome = run(&folder, args, &more[..2 + usize::from(apply)]);
             // Closing the last near end stops the reader at the far end.
             drop(near);
             outcome
@@ -696,23 +613,12 @@ fn commissioning_saves_its_result_with_the_old_target() {
 fn garbage_and_another_version_give_different_messages() {
     // Causes: a wrong baud rate, or a device of another program.
     let args = "settings list";
-    run_on_sending_port(args, b"\x80\x7f\0\xf8\x06\0").refused(&[
-        "unreadable frames",
-        "115200 baud",
-        "next:",
-    ]);
-    let identity = Identity {
-        version: VERSION,
-        schema: 0x0bad_cafe,
-        image: "0.0.9+old",
-    };
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = write_identity(&mut buffer, 0, &identity).unwrap();
-    run_on_sending_port(args, frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
+    let garbage = run_on_sending_port(args, b"\x80\x7f\0\xf8\x06\0");
+    garbage.refused(&["unreadable frames", "115200 baud", "next:"]);
+    let frame = identity(0, 0x0bad_cafe, "0.0.9+old");
+    run_on_sending_port(args, &frame).refused(&["0.0.9+old", "0badcafe", "kband flash"]);
     // Any board answers an identity request.
-    let args = "identify --format json";
-    let outcome = run_on_sending_port(args, frame);
-    assert_eq!(outcome.status, Some(1), "{}", outcome.stderr);
+    let outcome = run_on_sending_port("identify --format json", &frame).ended(1);
     let board: Value = serde_json::from_str(&outcome.out).unwrap();
     assert_eq!(board["image"], "0.0.9+old");
     assert_eq!(board["fits_this_desk"], false);

@@ -2,12 +2,12 @@
 
 mod outcome;
 
+use std::collections::BTreeSet;
+use std::fs::DirEntry;
 use std::process::{Command, Stdio};
 
 use kband_host::provenance;
-use kband_machines::emulator::Machine;
-use kband_machines::images;
-use outcome::kband;
+use outcome::{kband, start};
 use tempfile::TempDir;
 
 fn folder() -> TempDir {
@@ -15,12 +15,9 @@ fn folder() -> TempDir {
 }
 
 fn names(folder: &TempDir) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let mut names: Vec<String> = entries
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    names.sort();
-    names
+    let name = |entry: std::io::Result<DirEntry>| entry.unwrap().file_name().into_string();
+    let names: Result<BTreeSet<_>, _> = std::fs::read_dir(folder).unwrap().map(name).collect();
+    names.unwrap().into_iter().collect()
 }
 
 fn scene(folder: &TempDir) -> String {
@@ -28,22 +25,14 @@ fn scene(folder: &TempDir) -> String {
 }
 
 /// A wrong input of the list: the line after `$`, and the expected message.
-struct Wrong<'a> {
-    line: &'a str,
-    message: &'a str,
-}
+type Wrong<'a> = (&'a str, &'a str);
 
 fn wrong_inputs(list: &str) -> Vec<Wrong<'_>> {
-    let blocks = list.split("\n$ ").skip(1);
-    blocks
-        .map(|block| {
-            let (line, message) = block.split_once('\n').unwrap_or((block, ""));
-            Wrong {
-                line,
-                message: message.trim_end(),
-            }
-        })
-        .collect()
+    let wrong = |block| {
+        let (line, message) = str::split_once(block, '\n').unwrap_or((block, ""));
+        (line, message.trim_end())
+    };
+    list.split("\n$ ").skip(1).map(wrong).collect()
 }
 
 /// Output for one wrong input, run in its own folder.
@@ -70,41 +59,25 @@ fn message_of(folder: &TempDir, scene: &str, line: &str) -> String {
             std::fs::remove_file(place.join(name)).unwrap();
             outcome
         }
-        ("board", args) => {
-            let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-            let board = ["--on", "qemu", "--image", image.to_str().unwrap()];
-            let args: Vec<&str> = args.split(' ').chain(board).collect();
-            outcome::run(place, outcome::TIMEOUT, &args)
-        }
+        ("board", args) => outcome::on_board(place, outcome::TIMEOUT, args, &[]),
         (_, args) => kband(place, args),
     };
     outcome.refused(&[]);
     let message = outcome.stderr.trim_end();
     assert!(outcome.out.is_empty(), "{line} printed a result");
     assert!(message.starts_with("error: "), "{line}: {message}");
-    assert_eq!(
-        message.matches("\n  next: ").count(),
-        1,
-        "{line}: {message}"
-    );
+    let steps = message.matches("\n  next: ").count();
+    assert_eq!(steps, 1, "{line}: {message}");
     let mut left = names(folder);
     left.retain(|name| name != "bad.toml" && !INPUT_FILES.iter().any(|(given, _)| given == name));
     assert!(left.is_empty(), "{line} left {left:?}");
     message.to_string()
 }
 
-/// Input files of the list's commands.
-const INPUT_FILES: [(&str, &str); 3] = [
-    (
-        "rows.csv",
-        "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n",
-    ),
-    (
-        "words.csv",
-        "k,restitution,phase,velocity\n0.43,R,0.5,0.4\n",
-    ),
-    ("empty.csv", ""),
-];
+const INPUT_FILES: [(&str, &str); 3] =
+    [("rows.csv", ROWS), ("words.csv", WORDS), ("empty.csv", "")];
+const ROWS: &str = "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n";
+const WORDS: &str = "k,restitution,phase,velocity\n0.43,R,0.5,0.4\n";
 
 /// Each line of `wrong_inputs.txt` is refused with the message below it.
 #[test]
@@ -122,29 +95,26 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
                 std::fs::write(folder.path().join(name), text).unwrap();
             }
             let messages = share.iter();
-            let messages = messages.map(|wrong| message_of(&folder, &scene, wrong.line));
+            let messages = messages.map(|(line, _)| message_of(&folder, &scene, line));
             messages.collect::<Vec<_>>()
         };
-        let threads: Vec<_> = shares
-            .into_iter()
-            .map(|share| scope.spawn(move || run(share)))
-            .collect();
+        let spawn = |share| scope.spawn(move || run(share));
+        let threads: Vec<_> = shares.into_iter().map(spawn).collect();
         let ended = threads.into_iter().map(|thread| thread.join());
-        ended
-            .flat_map(|messages| messages.expect("no input panics"))
-            .collect()
+        let messages: Result<Vec<_>, _> = ended.collect();
+        messages.expect("no input panics").concat()
     });
     if std::env::var_os("KBAND_ACCEPT").is_some() {
         let head = list.split("\n$ ").next().unwrap_or_default();
         let mut text = head.to_string();
-        for (wrong, message) in inputs.iter().zip(&messages) {
-            text.push_str(&format!("\n$ {}\n{message}\n", wrong.line));
+        for ((line, _), message) in inputs.iter().zip(&messages) {
+            text.push_str(&format!("\n$ {line}\n{message}\n"));
         }
         std::fs::write(path, text).unwrap();
         return;
     }
-    for (wrong, message) in inputs.iter().zip(&messages) {
-        assert_eq!(message, wrong.message, "$ {}", wrong.line);
+    for ((line, expected), message) in inputs.iter().zip(&messages) {
+        assert_eq!(message, expected, "$ {line}");
     }
 }
 
@@ -158,13 +128,10 @@ fn a_foreign_file_is_replaced_only_where_it_is_named() {
     let remove = |name: &str| std::fs::remove_file(folder.path().join(name)).unwrap();
     let replaces = |verb: &str, name: &str| {
         mine(name);
-        let outcome = kband(&folder, &format!("{verb} --out {name}")).ended(0);
+        let outcome = kband(&folder, &format!("{verb} --out {name}"));
+        let stderr = outcome.ended(0).stderr;
         let replaced = format!("replaced {name}");
-        assert!(
-            outcome.stderr.contains(&replaced),
-            "{verb}: {}",
-            outcome.stderr
-        );
+        assert!(stderr.contains(&replaced), "{verb}: {stderr}");
         assert_ne!(read(name), b"mine");
         remove(name);
     };
@@ -215,19 +182,16 @@ fn a_dash_is_standard_output_and_words_go_to_standard_error() {
     };
     let (picture, table) = both("bands --restitution 0.2 --out -");
     assert!(picture.starts_with("<svg ") && picture.trim_end().ends_with("</svg>"));
-    assert!(
-        table.contains("setpoint") && table.contains("wrote standard output"),
-        "{table}"
-    );
+    for expected in ["setpoint", "wrote standard output"] {
+        assert!(table.contains(expected), "{table}");
+    }
     let (rows, _) = both("bands --restitution 0.2 --out=-.csv");
     assert!(rows.contains("k2,k1") && !rows.contains("wrote"), "{rows}");
     let (image, _) = both("cascade --doublings 2 --out=-.png");
     assert!(image.contains("PNG"));
     let (trace, stderr) = both("simulate --duration 1 --out a.svg --trace -");
-    assert!(
-        trace.lines().filter(|line| !line.starts_with('#')).count() > 45,
-        "{trace}"
-    );
+    let rows = trace.lines().filter(|line| !line.starts_with('#'));
+    assert!(rows.count() > 45, "{trace}");
     assert!(stderr.contains("state  "), "{stderr}");
     let refused = kband(&folder, "simulate --duration 1 --out - --trace -");
     refused.refused(&["two outputs of this run"]);
@@ -242,23 +206,17 @@ fn any_number_of_threads_gives_the_same_bytes() {
         std::fs::read(folder.path().join(out)).unwrap()
     };
     let diagram = "diagram --k 0.3..0.5:40 --impacts 50 --settle 50";
+    let capture = "capture --restitution 0.18..0.22 --runs 30 --parts 2 --factor 1..2:11";
+    let gear = "gear --restitution 0.2..0.3 --scatter 0.06 --k 0.4..0.48:3 --runs 8 --periods 200";
+    let transport = "transport --restitution 0.9 --k 0.05..0.07:3 --impacts 300 --settle 100";
     for (verb, out) in [
         ("design --candidates 2000 --checked 1", "out.json"),
         (diagram, "out.csv"),
         (diagram, "out.svg"),
         (diagram, "out.png"),
-        (
-            "capture --restitution 0.18..0.22 --runs 30 --parts 2 --factor 1..2:11",
-            "out.json",
-        ),
-        (
-            "gear --restitution 0.2..0.3 --scatter 0.06 --k 0.4..0.48:3 --runs 8 --periods 200",
-            "out.csv",
-        ),
-        (
-            "transport --restitution 0.9 --k 0.05..0.07:3 --impacts 300 --settle 100",
-            "out.csv",
-        ),
+        (capture, "out.json"),
+        (gear, "out.csv"),
+        (transport, "out.csv"),
     ] {
         let one = run(verb, 1, out);
         assert!(one.len() > 100, "{verb}");
@@ -277,22 +235,17 @@ fn an_input_is_never_written_over_by_whatever_name() {
     std::fs::write(place("my.toml"), &scene).unwrap();
     std::os::unix::fs::symlink(place("s.csv"), place("link.csv")).unwrap();
     let before = names(&folder);
-    for (line, cause) in [
-        ("impacts --from s.csv --out s.csv", "an input of this run"),
-        ("impacts --from s.csv --out ./s.csv", "an input of this run"),
-        (
-            "impacts --from s.csv --out link.csv",
-            "an input of this run",
-        ),
-        ("simulate my.toml --trace my.toml", "an input of this run"),
-        ("simulate my.toml --out ./my.toml", "an input of this run"),
-        (
-            "simulate my.toml --trace x.csv --scope ./x.csv",
-            "two outputs",
-        ),
+    for line in [
+        "impacts --from s.csv --out s.csv",
+        "impacts --from s.csv --out ./s.csv",
+        "impacts --from s.csv --out link.csv",
+        "simulate my.toml --trace my.toml",
+        "simulate my.toml --out ./my.toml",
     ] {
-        kband(&folder, line).refused(&[cause]);
+        kband(&folder, line).refused(&["an input of this run"]);
     }
+    let twice = "simulate my.toml --trace x.csv --scope ./x.csv";
+    kband(&folder, twice).refused(&["two outputs"]);
     assert_eq!(names(&folder), before);
     assert_eq!(std::fs::read_to_string(place("s.csv")).unwrap(), rows);
     assert_eq!(std::fs::read_to_string(place("my.toml")).unwrap(), scene);
@@ -304,12 +257,8 @@ fn a_scene_of_megabytes_is_refused_in_a_short_message() {
     let bad = "\n[[disturbance]]\nat = 1.0\nchange = \"nonsense\"\n";
     let text = scene(&folder) + &bad.repeat(20_000);
     std::fs::write(folder.path().join("long.toml"), text).unwrap();
-    let outcome = kband(&folder, "simulate long.toml").ended(2);
-    assert!(
-        (50..6500).contains(&outcome.stderr.len()),
-        "{}",
-        outcome.stderr.len()
-    );
+    let length = kband(&folder, "simulate long.toml").ended(2).stderr.len();
+    assert!((50..6500).contains(&length), "{length}");
 }
 
 #[test]
@@ -332,10 +281,8 @@ fn a_seed_on_the_command_line_is_the_scenes() {
         let in_scene = printed(&format!("simulate 7.toml {rest}"));
         let on_line = printed(&format!("simulate 1.toml --seed 7 {rest}"));
         assert!(in_scene == on_line, "{rest}");
-        assert!(
-            in_scene != printed(&format!("simulate 1.toml {rest}")),
-            "{rest}"
-        );
+        let other = printed(&format!("simulate 1.toml {rest}"));
+        assert!(in_scene != other, "{rest}");
     }
 }
 
@@ -360,27 +307,15 @@ fn misplaced_amplitude_names_the_motion_and_the_right_one() {
     ] {
         let own = scene(&folder).replacen("gear = 1 ", &format!("k = {k} "), 1);
         std::fs::write(folder.path().join("my.toml"), own).unwrap();
-        let text = kband(&folder, "simulate my.toml").done();
-        for expected in [
-            motion,
-            wrong,
-            "0.252 mm keeps them in gear for 98 % of the time",
-        ] {
-            assert!(text.contains(expected), "{expected}: {text}");
-        }
+        let best = "0.252 mm keeps them in gear for 98 % of the time";
+        kband(&folder, "simulate my.toml").prints(&[motion, wrong, best]);
     }
 }
 
 #[test]
 fn a_scene_from_stdin_runs_and_a_table_fits_the_screen() {
     let folder = folder();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args(["simulate", "-", "--duration", "1"])
-        .current_dir(&folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(&folder, "simulate - --duration 1");
     let mut stdin = child.stdin.take().unwrap();
     std::io::Write::write_all(&mut stdin, scene(&folder).as_bytes()).unwrap();
     drop(stdin);
@@ -405,14 +340,7 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
         "diagram --restitution 0.2 --out=-.csv",
         "basins --k 0.43 --restitution 0.2 --grid 200 --format csv",
     ] {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
-            .args(line.split(' '))
-            .current_dir(folder.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child = start(&folder, line);
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -424,9 +352,8 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
 #[test]
 fn gear_draws_by_default_and_regimes_stay_below_their_limit() {
     let folder = folder();
-    let small =
-        "gear --restitution 0.3 --runs 1 --periods 40 --k 0.4..0.5:2 --second-tone 0.15,2.356";
-    kband(&folder, small).done();
+    let small = "gear --restitution 0.3 --runs 1 --periods 40 --k 0.4..0.5:2";
+    kband(&folder, &format!("{small} --second-tone 0.15,2.356")).done();
     assert_eq!(names(&folder), ["kband-gear.svg"]);
     let wide = "diagram --show regimes --restitution 0..0.9:2 --format csv --k 1.5..2";
     let rows = kband(&folder, wide).done();
@@ -436,9 +363,8 @@ fn gear_draws_by_default_and_regimes_stay_below_their_limit() {
 #[test]
 fn design_reports_its_changes_to_the_feeder_of_the_scene() {
     let folder = folder();
-    let stdout = kband(&folder, "design --candidates 2000 --checked 1").done();
-    assert!(stdout.contains("\nYour feeder at 50 Hz: 37"), "{stdout}");
-    assert!(stdout.contains("held by: the drive's stroke"), "{stdout}");
+    let designed = kband(&folder, "design --candidates 2000 --checked 1");
+    designed.prints(&["\nYour feeder at 50 Hz: 37", "held by: the drive's stroke"]);
     assert_eq!(names(&folder), ["kband-design.svg"]);
 }
 
@@ -458,22 +384,13 @@ fn write_scene(folder: &TempDir, changes: &[(&str, &str)]) {
 #[test]
 fn a_lot_that_nothing_serves_is_held_as_well_as_may_be() {
     let folder = folder();
-    write_scene(
-        &folder,
-        &[
-            ("restitution", "[0.05, 0.6]"),
-            ("scatter", "0.1"),
-            ("duration", "6.0"),
-        ],
-    );
-    let text = kband(&folder, "simulate my.toml").done();
-    for expected in [
+    let lot = [("restitution", "[0.05, 0.6]"), ("scatter", "0.1")];
+    write_scene(&folder, &[&lot[..], &[("duration", "6.0")]].concat());
+    kband(&folder, "simulate my.toml").prints(&[
         "gear poor for the lot",
         "Next: parts sorted by restitution",
         "one change at a time is predicted to give",
-    ] {
-        assert!(text.contains(expected), "{expected}: {text}");
-    }
+    ]);
 }
 
 #[test]
@@ -481,28 +398,18 @@ fn feeder_off_resonance_is_advised_no_second_tone() {
     let folder = folder();
     let lot = [("restitution", "[0.35, 0.45]"), ("frequency", "60.0")];
     write_scene(&folder, &lot);
-    let text = kband(&folder, "simulate my.toml").done();
-    let (_, causes) = text.split_once("causes  ").expect("causes");
-    for expected in [
+    let text = kband(&folder, "simulate my.toml").prints(&[
         "Next: a stronger drive: the output is at its limit",
         "the drive on its resonance: it runs at 60 Hz, its resonance is 50 Hz",
-    ] {
-        assert!(text.contains(expected), "{expected}: {text}");
-    }
+    ]);
+    let (_, causes) = text.split_once("causes  ").expect("causes");
     assert!(!causes.contains("second tone"), "{text}");
 }
 
 #[test]
 fn a_file_of_more_than_100_mb_is_announced_before_it_is_written() {
     let folder = folder();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_kband"))
-        .args("simulate --duration 86400 --trace trace.csv".split(' '))
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(&folder, "simulate --duration 86400 --trace trace.csv");
     let mut stderr = String::new();
     let mut lines = std::io::BufReader::new(child.stderr.take().unwrap());
     std::io::BufRead::read_line(&mut lines, &mut stderr).unwrap();
@@ -519,7 +426,6 @@ fn a_long_command_is_seen_to_work_before_its_first_step_is_done() {
     use std::io::Read;
 
     use rustix::termios::{Winsize, tcsetwinsize};
-
     let (mut master, terminal, _) = outcome::port();
     let size = Winsize {
         ws_row: 24,

@@ -6,20 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use kband_machines::emulator::Machine;
-use kband_machines::images;
-
 fn pages() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("host/ lies in the workspace");
-    let manual = fs::read_dir(root.join("docs"))
-        .expect("docs/ is there")
-        .flatten()
-        .map(|entry| entry.path());
-    let mut pages: Vec<PathBuf> = manual
-        .filter(|path| path.extension().is_some_and(|e| e == "md"))
-        .collect();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let manual = fs::read_dir(root.join("docs")).expect("docs/ is there");
+    let mut pages: Vec<PathBuf> = manual.flatten().map(|entry| entry.path()).collect();
+    pages.retain(|path| path.extension().is_some_and(|e| e == "md"));
     pages.push(root.join("README.md"));
     pages.sort();
     pages
@@ -31,10 +22,7 @@ fn commands(text: &str) -> Vec<String> {
     let mut block: Option<bool> = None;
     for line in text.lines() {
         if let Some(kind) = line.strip_prefix("```") {
-            block = match block {
-                Some(_) => None,
-                None => Some(kind == "console"),
-            };
+            block = block.is_none().then_some(kind == "console");
         } else if let (Some(true), Some(command)) = (block, line.strip_prefix("$ ")) {
             commands.push(command.to_owned());
         }
@@ -54,10 +42,9 @@ fn through_the_binary(command: &str) -> String {
 
 /// Puts the image of the emulated board where a clone of the project has it.
 fn as_built_here(folder: &Path) {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     let place = folder.join("target/thumbv7em-none-eabihf/firmware");
     fs::create_dir_all(&place).expect("a folder for the image");
-    fs::copy(image, place.join("virtual_feeder")).expect("the image is copied");
+    fs::copy(outcome::image(), place.join("virtual_feeder")).expect("the image is copied");
 }
 
 /// Failures of the page's commands, run in order in a temporary folder.
@@ -71,13 +58,8 @@ fn failures(page: &Path) -> Vec<String> {
     for command in commands(&text) {
         let log = fs::File::create(folder.path().join(".log")).expect("a log file");
         let status = Command::new("timeout")
-            .args([
-                "--kill-after=5",
-                outcome::TIMEOUT,
-                "sh",
-                "-c",
-                &through_the_binary(&command),
-            ])
+            .args(["--kill-after=5", outcome::TIMEOUT, "sh", "-c"])
+            .arg(through_the_binary(&command))
             .current_dir(&folder)
             .stdin(Stdio::null())
             .stdout(log.try_clone().expect("a file handle is copied"))
@@ -97,16 +79,12 @@ fn every_command_of_the_manual_succeeds() {
     let pages = pages();
     // Two pages at a time: most commands use all cores.
     let failures: Vec<String> = std::thread::scope(|scope| {
-        let halves: Vec<_> = (0..2)
-            .map(|half| {
-                let pages = pages.iter().skip(half).step_by(2);
-                scope.spawn(move || pages.flat_map(|page| failures(page)).collect::<Vec<_>>())
-            })
-            .collect();
-        halves
-            .into_iter()
-            .flat_map(|half| half.join().expect("a page is tried"))
-            .collect()
+        let halves = [0, 1].map(|half| {
+            let pages = pages.iter().skip(half).step_by(2);
+            scope.spawn(move || pages.flat_map(|page| failures(page)).collect::<Vec<_>>())
+        });
+        let halves = halves.map(|half| half.join().expect("a page is tried"));
+        halves.concat()
     });
     assert!(failures.is_empty(), "{}", failures.join("\n"));
     let count = commands(&page("quick-start.md")).len();
@@ -114,12 +92,9 @@ fn every_command_of_the_manual_succeeds() {
 }
 
 fn page(name: &str) -> String {
-    let all = pages();
-    let path = all
-        .iter()
-        .find(|page| page.ends_with(name))
-        .expect("the page is there");
-    fs::read_to_string(path).expect("the page is read")
+    let mut all = pages().into_iter();
+    let path = all.find(|page| page.ends_with(name));
+    fs::read_to_string(path.expect("the page is there")).expect("the page is read")
 }
 
 #[track_caller]

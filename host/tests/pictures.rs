@@ -15,8 +15,6 @@ fn every_picture_is_what_its_command_draws() {
         .expect("bash is on the path");
     let printed = String::from_utf8_lossy(&output.stdout);
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        output.status.success(),
-        "docs/pictures/draw.sh draws anew:\n{printed}{stderr}"
-    );
+    let same = output.status.success();
+    assert!(same, "docs/pictures/draw.sh draws anew:\n{printed}{stderr}");
 }

@@ -23,7 +23,6 @@ const TIMEOUT: &str = "120";
 const SETTINGS: u8 = 0x5a;
 /// Content of the rest of the flash, from an older image.
 const OLD_IMAGE_BYTE: u8 = 0x00;
-
 /// Time in s after power-on. By then a board without records has erased the sector of its first
 /// fault, which takes at most 2 s.
 const ERASE_TIME: f64 = 2.5;
@@ -36,7 +35,6 @@ fn kband_flash(probe: &str, more: &[&str]) -> Outcome {
     outcome::run(folder, TIMEOUT, &[&args[..], more].concat())
 }
 
-/// Flashes a chip through a probe.
 fn flash(chip: Chip, more: &[&str]) -> (Outcome, Probe) {
     let probe = Probe::before(chip);
     (kband_flash(&probe.name(), more), probe)
@@ -75,9 +73,8 @@ fn board() -> Chip {
 }
 
 fn settings_are_kept(chip: &Chip) -> bool {
-    chip.flash()[settings()]
-        .iter()
-        .all(|byte| *byte == SETTINGS)
+    let mut bytes = chip.flash()[settings()].iter();
+    bytes.all(|byte| *byte == SETTINGS)
 }
 
 fn contains(chip: &Chip, image: &Image) -> bool {
@@ -91,8 +88,7 @@ fn contains(chip: &Chip, image: &Image) -> bool {
 fn a_written_image_boots_with_the_drive_off_and_answers_the_desk() {
     let image = Image::read(&feeder()).unwrap();
     let (outcome, probe) = flash(board(), &[]);
-    let out = outcome.done();
-    assert!(out.contains("written, verified, started"), "{out}");
+    outcome.prints(&["written, verified, started"]);
     let chip = probe.chip().clone();
     assert!(contains(&chip, &image));
     assert!(settings_are_kept(&chip));
@@ -117,7 +113,7 @@ fn option_bytes_are_never_set_on_a_protected_chip() {
     assert_eq!(set(&probe.chip()), (3, false));
     assert_eq!(probe.chip().board.flash.options, before);
     let (outcome, probe) = flash(board(), &["--option-bytes"]);
-    outcome.prints("option bytes     brown-out reset at level 3");
+    outcome.prints(&["option bytes     brown-out reset at level 3"]);
     let chip = probe.chip().clone();
     assert_eq!(set(&chip), (0, true));
     let others = !(3 << 2 | 1 << 5);

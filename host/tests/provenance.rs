@@ -11,23 +11,19 @@ use outcome::kband;
 use serde_json::Value;
 
 fn comments(csv: &str) -> BTreeMap<String, String> {
+    let pair = |line| {
+        let (key, value) = str::split_once(line, ": ").expect("a key and its value");
+        (key.into(), value.into())
+    };
     let lines = csv.lines().map_while(|line| line.strip_prefix("# "));
-    lines
-        .skip(1)
-        .map(|line| {
-            let (key, value) = line.split_once(": ").expect("a key and its value");
-            (key.into(), value.into())
-        })
-        .collect()
+    lines.skip(1).map(pair).collect()
 }
 
 /// Required content of every file, for `kband basins` with b in mm.
 fn complete(recorded: &Value, command: &str) {
     assert_eq!(recorded["kband"], env!("CARGO_PKG_VERSION"), "{recorded}");
-    assert!(
-        !recorded["commit"].as_str().unwrap().is_empty(),
-        "{recorded}"
-    );
+    let commit = recorded["commit"].as_str().unwrap();
+    assert!(!commit.is_empty(), "{recorded}");
     assert_eq!(recorded["command"], command, "{recorded}");
     let parameters = &recorded["parameters"];
     let b = serde_json::json!({"value": 0.235, "unit": "mm"});
@@ -58,13 +54,11 @@ fn every_kind_of_file_has_its_provenance() {
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let recorded: Value = match ending {
             "csv" => {
-                let mut recorded: Value = comments(&text)
-                    .into_iter()
-                    .map(|(key, value)| {
-                        let value = serde_json::from_str(&value).unwrap_or(Value::String(value));
-                        (key, value)
-                    })
-                    .collect();
+                let read = |(key, value): (String, String)| {
+                    let value = serde_json::from_str(&value).unwrap_or(Value::String(value));
+                    (key, value)
+                };
+                let mut recorded: Value = comments(&text).into_iter().map(read).collect();
                 let first = text.lines().next().unwrap();
                 recorded["kband"] = first.trim_start_matches(provenance::FIRST_COMMENT).into();
                 recorded
@@ -94,22 +88,14 @@ fn every_kind_of_file_has_its_provenance() {
 #[test]
 fn outputs_contain_their_whole_scene() {
     let folder = tempfile::tempdir().unwrap();
-    let out = kband(
-        &folder,
-        "simulate --duration 1 --seed 5 --scope scope.csv --format json",
-    );
-    let document: Value = serde_json::from_str(&out.done()).unwrap();
+    let args = "simulate --duration 1 --seed 5 --scope scope.csv --format json";
+    let document: Value = serde_json::from_str(&kband(&folder, args).done()).unwrap();
     let recorded = &document["provenance"];
     assert_eq!(recorded["seed"], 5, "{recorded}");
     let frequency = serde_json::json!({"value": 50.0, "unit": "Hz"});
-    assert_eq!(
-        recorded["scene"]["track.frequency"], frequency,
-        "{recorded}"
-    );
-    assert_eq!(
-        recorded["scene"]["sensor.noise"]["unit"], "m/s^2",
-        "{recorded}"
-    );
+    let scene = &recorded["scene"];
+    assert_eq!(scene["track.frequency"], frequency, "{recorded}");
+    assert_eq!(scene["sensor.noise"]["unit"], "m/s^2", "{recorded}");
     for name in ["kband-simulate.csv", "scope.csv"] {
         let text = fs::read_to_string(folder.path().join(name)).unwrap();
         let scene: Value = serde_json::from_str(&comments(&text)["scene"]).unwrap();
@@ -124,13 +110,10 @@ fn outputs_contain_their_whole_scene() {
 #[test]
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();
+    let two_tones = "bands --restitution 0.2 --second-tone 0.15,2.356 --orders 1";
     let commands = [
         ("bands --restitution 0.2", "b", "mm"),
-        (
-            "bands --restitution 0.2 --second-tone 0.15,2.356 --orders 1",
-            "margin",
-            "%",
-        ),
+        (two_tones, "margin", "%"),
         ("basins --k 0.43 --restitution 0.2 --grid 3", "phase", "rad"),
         ("cascade --doublings 2", "k", ""),
         ("diagram --b 0.2..0.3:3 --impacts 2 --settle 2", "b", "mm"),
@@ -140,33 +123,22 @@ fn a_csv_is_read_with_its_units_by_another_program() {
         kband(&folder, &format!("{args} --out a.csv")).done();
         let path = folder.path().join("a.csv");
         let text = fs::read_to_string(&path).unwrap();
-        let units: BTreeMap<String, String> = comments(&text)
-            .get("units")
-            .map_or_else(BTreeMap::new, |units| serde_json::from_str(units).unwrap());
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .from_path(&path)
-            .unwrap();
+        let units = comments(&text).remove("units").unwrap_or("{}".into());
+        let units: BTreeMap<String, String> = serde_json::from_str(&units).unwrap();
+        let mut reader = csv::ReaderBuilder::new();
+        let mut reader = reader.comment(Some(b'#')).from_path(&path).unwrap();
         let header = reader.headers().unwrap().clone();
         // pandas reads `#` anywhere in a line as a comment, so it may occur only at the beginning.
-        assert!(
-            !text.lines().any(|line| line.rfind('#') > Some(0)),
-            "{args}"
-        );
+        let mut lines = text.lines();
+        assert!(!lines.any(|line| line.rfind('#') > Some(0)), "{args}");
         for name in &header {
             if let Some((name, printed_unit)) = name.split_once(" (") {
-                let printed_unit = printed_unit.trim_end_matches(')');
-                assert_eq!(
-                    units.get(name).map(String::as_str),
-                    Some(printed_unit),
-                    "{args}"
-                );
+                assert_eq!(units[name], printed_unit.trim_end_matches(')'), "{args}");
             }
         }
-        let place = header
-            .iter()
-            .position(|name| name.split(" (").next() == Some(column))
-            .unwrap_or_else(|| panic!("{args}: {column} is not in {header:?}"));
+        let mut names = header.iter().map(|name| name.split(" (").next());
+        let place = names.position(|name| name == Some(column));
+        let place = place.unwrap_or_else(|| panic!("{args}: {column} is not in {header:?}"));
         assert_eq!(units.get(column).map_or("", String::as_str), unit, "{args}");
         let mut numbers = 0;
         for row in reader.records() {

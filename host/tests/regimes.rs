@@ -17,10 +17,8 @@ fn json(args: &str) -> serde_json::Value {
 
 fn close(value: &serde_json::Value, reference: f64, tolerance: f64) {
     let value = value.as_f64().expect("a number");
-    assert!(
-        (value - reference).abs() <= tolerance,
-        "{value} {reference}"
-    );
+    let deviation = (value - reference).abs();
+    assert!(deviation <= tolerance, "{value} {reference}");
 }
 
 #[test]
@@ -28,11 +26,9 @@ fn an_empty_band_is_reported_plainly() {
     let bands = json("bands --restitution 0.1..0.3 --orders 1");
     assert_eq!(bands[0]["empty"], true);
     assert!(bands[0]["setpoint"].is_null());
-    let out = printed("bands --restitution 0.1..0.3 --orders 1");
-    assert!(
-        out.contains("no band of order 1") && out.contains("would allow it"),
-        "{out}"
-    );
+    let args = "bands --restitution 0.1..0.3 --orders 1";
+    let bands = kband(tempfile::tempdir().unwrap(), args);
+    bands.prints(&["no band of order 1", "would allow it"]);
 }
 
 #[test]
@@ -70,33 +66,28 @@ fn every_verb_gives_the_same_answer() {
     ] {
         let at = format!("--k {k} --restitution {restitution}");
         let basins = json(&format!("basins --grid 2 {at}"));
-        let from_rest = basins["from_rest"].as_str().expect("words").to_string();
-        assert!(
-            from_rest.starts_with(expected),
-            "{k} {restitution}: {from_rest}"
-        );
+        let from_rest = basins["from_rest"].as_str().expect("words");
+        assert!(from_rest.starts_with(expected), "{at}: {from_rest}");
         let transport = json(&format!("transport --starts 2 {at}"));
         let rows = transport["rows"].as_array().expect("rows").iter();
         let rested: Vec<_> = rows.filter(|row| row["from_rest"] == true).collect();
         assert_eq!(rested.len(), 1);
-        assert_eq!(rested[0]["regime"], from_rest.as_str());
+        assert_eq!(rested[0]["regime"], from_rest);
         let next_k = k.parse::<f64>().expect("a number") + 0.01;
-        let diagram = json(&format!(
-            "diagram --k {k}..{next_k}:2 --restitution {restitution} --starts rest"
-        ));
-        assert_eq!(diagram["regimes"][0]["regime"], from_rest.as_str());
+        let ks = format!("--k {k}..{next_k}:2 --restitution {restitution}");
+        let diagram = json(&format!("diagram {ks} --starts rest"));
+        assert_eq!(diagram["regimes"][0]["regime"], from_rest);
         // Centres of the cells of a grid of 2 by 2.
         let csv = printed(&format!("basins --grid 2 --format csv {at}"));
         for line in provenance::stripped(&csv).lines().skip(1) {
-            let mut cells = line.splitn(3, ',');
-            let (phase, velocity) = (
-                cells.next().expect("phase"),
-                cells.next().expect("velocity"),
-            );
-            let ending = cells.next().expect("regime").trim_matches('"');
+            let cells: Vec<&str> = line.splitn(3, ',').collect();
+            let [phase, velocity, ending] = cells[..] else {
+                panic!("{line}");
+            };
             let start = format!("--phase {phase} --velocity {velocity} --impacts 320");
             let exponent = json(&format!("exponent {at} {start}"));
-            assert_eq!(exponent[0]["regime"], ending, "{k} {restitution} {line}");
+            let ending = ending.trim_matches('"');
+            assert_eq!(exponent[0]["regime"], ending, "{at} {line}");
         }
     }
 }
@@ -106,12 +97,13 @@ fn every_verb_gives_the_same_answer() {
 #[test]
 fn a_simulation_agrees_on_the_regime_or_is_undecided() {
     let folder = tempfile::tempdir().expect("a folder");
-    for (k, restitution) in [
+    let places = [
         ("0.4", "0.7"),
         ("0.35", "0.2"),
         ("0.405", "0.2"),
         ("0.43", "0.2"),
-    ] {
+    ];
+    for (k, restitution) in places {
         let text = format!(
             "duration = 20.0\n[track]\nfrequency = 50.0\nincline = 3.0\namplitude_ratio = 1.5\n\
              [part]\nrestitution = {restitution}\n[drive]\nresonance = 50.0\nquality = 25.0\ngain = 1.0\n\
@@ -119,19 +111,16 @@ fn a_simulation_agrees_on_the_regime_or_is_undecided() {
         );
         std::fs::write(folder.path().join("scene.toml"), text).expect("a scene");
         let simulated = kband(&folder, "simulate scene.toml --format json").json();
-        let reported = simulated["regime"].as_str().expect("words").to_string();
-        let basins = json(&format!(
-            "basins --grid 2 --k {k} --restitution {restitution}"
-        ));
+        let reported = simulated["regime"].as_str().expect("words");
+        let at = format!("--k {k} --restitution {restitution}");
+        let basins = json(&format!("basins --grid 2 {at}"));
         let from_rest = basins["from_rest"].as_str().expect("words");
         let expected = match (k, restitution) {
             ("0.4", "0.7") => "undecided after",
             _ => from_rest.split(',').next().expect("words"),
         };
-        assert!(
-            reported.starts_with(expected),
-            "{k} {restitution}: {reported}, {from_rest}"
-        );
+        let agrees = reported.starts_with(expected);
+        assert!(agrees, "{at}: {reported}, {from_rest}");
     }
 }
 
@@ -139,13 +128,9 @@ fn a_simulation_agrees_on_the_regime_or_is_undecided() {
 fn an_unsettled_orbit_is_undecided_with_its_length() {
     let basins = json("basins --k 0.05 --restitution 0.9 --grid 4 --impacts 100");
     let shares = basins["shares"].as_array().expect("shares");
-    assert!(
-        shares
-            .iter()
-            .any(|one| one["regime"] == "undecided after 100 impacts"),
-        "{shares:?}"
-    );
-    assert!(shares.iter().all(|one| one["regime"] != "chaotic"));
+    let has = |regime: &str| shares.iter().any(|one| one["regime"] == regime);
+    assert!(has("undecided after 100 impacts"), "{shares:?}");
+    assert!(!has("chaotic"), "{shares:?}");
 }
 
 #[test]

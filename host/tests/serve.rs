@@ -15,13 +15,12 @@ use std::time::{Duration, Instant};
 use kband_control::Event;
 use kband_control::wire::{Request, Response};
 use kband_host::board::{Address, Emulated};
-use kband_machines::emulator::Machine;
 use kband_machines::images;
+use outcome::image;
 
 /// Longest wait for a state of the feeder, s; sufficient on a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Registers of the table.
 mod register {
     pub const CONTROL: u16 = 0;
     pub const KIND: u16 = 1;
@@ -58,9 +57,8 @@ impl Server {
         let mut out = BufReader::new(child.stdout.take().unwrap());
         out.read_line(&mut line).unwrap();
         child.stdout = Some(out.into_inner());
-        let address = line
-            .split([' ', ','])
-            .find(|word| word.starts_with("127.0.0.1:"));
+        let mut words = line.split([' ', ',']);
+        let address = words.find(|word| word.starts_with("127.0.0.1:"));
         Self {
             address: address.unwrap_or_else(|| panic!("{line}")).to_string(),
             child,
@@ -158,10 +156,8 @@ impl Master {
             if word & set == set && word & clear == 0 {
                 return;
             }
-            assert!(
-                start.elapsed() < TIMEOUT,
-                "{set:04x} {clear:04x}: {word:04x}"
-            );
+            let waited = start.elapsed();
+            assert!(waited < TIMEOUT, "{set:04x} {clear:04x}: {word:04x}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -254,11 +250,6 @@ fn gateway(bus: f32, timeout: f32) -> (Server, tempfile::TempDir) {
     (Server::from_board(folder.path()), folder)
 }
 
-fn image() -> String {
-    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
-    image.to_str().unwrap().to_string()
-}
-
 #[test]
 fn a_gateway_board_reaches_gear_and_detects_a_silent_bus() {
     let (server, _folder) = gateway(2.0, 2.0);
@@ -305,13 +296,9 @@ fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
     let clients = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/clients");
     let (server, folder) = gateway(1.0, 60.0);
     let client = folder.path().join("client");
-    let compiled = Command::new("gcc")
-        .arg("-o")
-        .arg(&client)
-        .arg(clients.join("board.c"))
-        .arg("-lmodbus")
-        .status();
-    assert!(compiled.unwrap().success());
+    let mut compiler = Command::new("gcc");
+    compiler.arg(clients.join("board.c")).arg("-o").arg(&client);
+    assert!(compiler.arg("-lmodbus").status().unwrap().success());
     let mut python = Command::new(images::target_folder().join("python/venv/bin/python3"));
     python.arg(clients.join("board.py"));
     for (mut command, begin) in [
@@ -329,12 +316,9 @@ fn pymodbus_and_libmodbus_run_a_board_through_the_gateway() {
 #[test]
 fn a_commissioned_board_runs_recipe_1_after_a_power_cut() {
     let folder = tempfile::tempdir().unwrap();
-    let image = image();
     let kband = |args: &str| {
-        let board = ["--on", "qemu", "--image", &image];
         let flash = ["--flash-image", "board.flash"];
-        let args: Vec<&str> = args.split(' ').chain(board).chain(flash).collect();
-        outcome::run(&folder, outcome::TIMEOUT, &args).done()
+        outcome::on_board(&folder, outcome::TIMEOUT, args, &flash).done()
     };
     kband("commission line3.html --step found --seconds 1");
     kband("settings save");
@@ -352,12 +336,9 @@ fn a_commissioned_board_runs_recipe_1_after_a_power_cut() {
         let server = Server::from_board(folder.path());
         let (_, port) = server.address.split_once(':').unwrap();
         let write = |register: &str, value: &str| {
-            let fixed = [
-                "-m", "tcp", "-p", port, "-a", "17", "-0", "-1", "-q", "-o", "5",
-            ];
             let ran = Command::new("mbpoll")
-                .args(fixed)
-                .args(["-r", register, "127.0.0.1", value])
+                .args(["-m", "tcp", "-p", port, "-a", "17", "-0", "-1", "-q"])
+                .args(["-o", "5", "-r", register, "127.0.0.1", value])
                 .output()
                 .unwrap();
             assert!(ran.status.success(), "{ran:?}");

@@ -21,7 +21,6 @@ pub enum Emulated {
 pub(crate) const BUILD: &str = "in kband's own folder: cargo build -p kband-firmware --profile firmware \
     --target thumbv7em-none-eabihf --bin virtual_feeder";
 
-/// Oldest QEMU version that runs the image.
 const MIN_QEMU: [u32; 2] = [9, 2];
 
 /// Refuses a QEMU version that is too old, from the output of `--version`.
@@ -33,12 +32,10 @@ fn check_version(printed: &str) -> Result<(), Refusal> {
         return Ok(());
     }
     let [major, minor] = MIN_QEMU;
-    Err(Refusal::value(
-        "the version of qemu-system-arm",
-        version,
-        format!("{major}.{minor} or newer"),
-        "run tests/setup.sh in kband's own folder, which installs it, or use a board",
-    ))
+    let key = "the version of qemu-system-arm";
+    let accepted = format!("{major}.{minor} or newer");
+    let next = "run tests/setup.sh in kband's own folder, which installs it, or use a board";
+    Err(Refusal::value(key, version, accepted, next))
 }
 
 /// Starts the emulator with its serial port on pipes and its settings in the file `flash`.
@@ -49,13 +46,10 @@ pub fn start(
 ) -> Result<Child, Refusal> {
     let image = image.map_or_else(|| PathBuf::from(IMAGE), Path::to_path_buf);
     if !image.is_file() {
-        return Err(Refusal::new(
-            format!(
-                "{}: there is no image for the emulated CPU",
-                image.display()
-            ),
-            format!("{BUILD}, or name it with --image"),
-        ));
+        let path = image.display();
+        let cause = format!("{path}: there is no image for the emulated CPU");
+        let next = format!("{BUILD}, or name it with --image");
+        return Err(Refusal::new(cause, next));
     }
     let resolve = |path: &Path| {
         path.canonicalize()
@@ -83,15 +77,8 @@ pub fn start(
         }
     }
     command
-        .args([
-            "-M",
-            "olimex-stm32-h405",
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-        ])
-        .args(["-serial", "null", "-serial", "stdio"])
+        .args(["-M", "olimex-stm32-h405", "-display", "none"])
+        .args(["-monitor", "none", "-serial", "null", "-serial", "stdio"])
         .arg("-semihosting-config")
         .arg(option)
         .arg("-kernel")
@@ -101,10 +88,8 @@ pub fn start(
         .stderr(Stdio::null())
         .spawn()
         .map_err(|error| {
-            Refusal::new(
-                format!("qemu-system-arm does not start: {error}"),
-                "run tests/setup.sh, which installs it",
-            )
+            let cause = format!("qemu-system-arm does not start: {error}");
+            Refusal::new(cause, "run tests/setup.sh, which installs it")
         })
 }
 
@@ -114,7 +99,6 @@ pub fn start(
 fn tether(command: &mut Command) {
     use rustix::process::{Signal, set_parent_process_death_signal};
     use std::os::unix::process::CommandExt;
-
     let tie = || set_parent_process_death_signal(Some(Signal::KILL)).map_err(Into::into);
     // SAFETY: between fork and exec the closure makes one system call, and uses no lock and no
     // memory.

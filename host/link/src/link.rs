@@ -39,7 +39,6 @@ pub enum Unsolicited {
 
 /// Called during a wait; a refusal ends the wait.
 pub type CheckStop = Box<dyn FnMut() -> Result<(), Refusal> + Send>;
-/// Time between two such calls.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Link to one board. Dropping it ends an emulated board.
@@ -72,10 +71,8 @@ impl Link {
     ) -> Result<Self, Refusal> {
         let mut child = emulator::start(image, emulated, flash)?;
         let (Some(output), Some(input)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Refusal::new(
-                "qemu-system-arm has no pipes",
-                "close other programs and try again",
-            ));
+            let cause = "qemu-system-arm has no pipes";
+            return Err(Refusal::new(cause, "close other programs and try again"));
         };
         Self::over("qemu".to_string(), output, input, Some(child), check_stop)
     }
@@ -83,9 +80,9 @@ impl Link {
     /// Link to the board on a serial port; `check_stop` is called during a wait.
     pub fn open(path: &Path, check_stop: CheckStop) -> Result<Self, Refusal> {
         let output = serial::open(path)?;
-        let input = output
-            .try_clone()
-            .map_err(|error| Refusal::file(path, &error, "close other programs and try again"))?;
+        let next = "close other programs and try again";
+        let input = output.try_clone();
+        let input = input.map_err(|error| Refusal::file(path, &error, next))?;
         Self::over(path.display().to_string(), output, input, None, check_stop)
     }
 
@@ -156,11 +153,9 @@ impl Link {
 
     /// Instruction for the user on how to write the firmware of this version to the board.
     pub fn fitting_firmware(&self) -> String {
+        let build = emulator::BUILD;
         match self.emulator {
-            Some(_) => format!(
-                "build the image that belongs to this desk, {}",
-                emulator::BUILD
-            ),
+            Some(_) => format!("build the image that belongs to this desk, {build}"),
             None => {
                 "flash the firmware that belongs to this desk (kband flash or kband update)".into()
             }
@@ -173,14 +168,12 @@ impl Link {
             return Ok(());
         }
         let ((version, schema), image) = (self.protocol, &self.image);
-        Err(Refusal::new(
-            format!(
-                "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
-                 this desk speaks {VERSION}, {SCHEMA:08x}",
-                self.name
-            ),
-            self.fitting_firmware(),
-        ))
+        let cause = format!(
+            "{} runs kband {image}, which speaks version {version}, schema {schema:08x}; \
+             this desk speaks {VERSION}, {SCHEMA:08x}",
+            self.name
+        );
+        Err(Refusal::new(cause, self.fitting_firmware()))
     }
 
     /// From now on writes every byte from the board to `record`, after a frame with the board's
@@ -231,7 +224,6 @@ impl Link {
         })
     }
 
-    /// Sends a request of an update and passes its answer to `handle`.
     pub(crate) fn request_update<T>(
         &mut self,
         request: &UpdateRequest<'_>,
@@ -267,11 +259,8 @@ impl Link {
         let end = Instant::now() + self.answer_timeout;
         while Instant::now() < end {
             self.send(frame)?;
-            let until = if is_idempotent {
-                Instant::now() + RETRY_INTERVAL
-            } else {
-                end
-            };
+            let retry = Instant::now() + RETRY_INTERVAL;
+            let until = if is_idempotent { retry } else { end };
             if let Some(value) = self.receive(until, &mut handle)? {
                 return Ok(value);
             }
@@ -285,10 +274,9 @@ impl Link {
         self.request(request, |response| match response {
             Response::Done => Ok(()),
             Response::Refused(refused) => Err(refusal(&name, refused)),
-            other => Err(Refusal::new(
-                format!("{name} sent an unexpected answer: {other:?}"),
-                "reset the board",
-            )),
+            other => Err(reset(format!(
+                "{name} sent an unexpected answer: {other:?}"
+            ))),
         })?
     }
 
@@ -313,10 +301,10 @@ impl Link {
     pub fn target(&mut self) -> Result<Target, Refusal> {
         self.request(&Request::Held, |response| match response {
             Response::Held(target) => Ok(target),
-            other => Err(Refusal::new(
-                format!("the board answered the request for its target with {other:?}"),
-                "reset the board",
-            )),
+            other => {
+                let cause = format!("the board answered the request for its target with {other:?}");
+                Err(reset(cause))
+            }
         })?
     }
 
@@ -324,22 +312,20 @@ impl Link {
     pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A starting board sends its identity with sequence 0.
-        let question = write_identity_request(&mut buffer, 1)
-            .map(<[u8]>::to_vec)
-            .unwrap_or_default();
+        let question = write_identity_request(&mut buffer, 1);
+        let question = question.map(<[u8]>::to_vec).unwrap_or_default();
         let end = Instant::now() + ANSWER_TIMEOUT;
         while Instant::now() < end {
             self.send(&question)?;
-            let identity =
-                self.receive(Instant::now() + RETRY_INTERVAL, |answer| match answer {
-                    Outgoing::Identity { identity, .. } => Some((
-                        (identity.version, identity.schema),
-                        identity.image.to_string(),
-                    )),
-                    Outgoing::Response { .. } | Outgoing::Update { .. } => None,
-                })?;
-            if let Some((protocol, image)) = identity {
-                (self.protocol, self.image) = (protocol, image);
+            let read = |answer: Outgoing<'_>| match answer {
+                Outgoing::Identity { identity, .. } => {
+                    let protocol = (identity.version, identity.schema);
+                    Some((protocol, identity.image.to_string()))
+                }
+                Outgoing::Response { .. } | Outgoing::Update { .. } => None,
+            };
+            if let Some(identity) = self.receive(Instant::now() + RETRY_INTERVAL, read)? {
+                (self.protocol, self.image) = identity;
                 self.unsolicited.clear();
                 return Ok(());
             }
@@ -348,15 +334,11 @@ impl Link {
     }
 
     fn send(&mut self, frame: &[u8]) -> Result<(), Refusal> {
-        self.output
-            .write_all(frame)
-            .and_then(|()| self.output.flush())
-            .map_err(|error| {
-                Refusal::new(
-                    format!("{}: the link broke: {error}", self.name),
-                    "check that the board is connected",
-                )
-            })
+        let sent = self.output.write_all(frame);
+        sent.and_then(|()| self.output.flush()).map_err(|error| {
+            let cause = format!("{}: the link broke: {error}", self.name);
+            Refusal::new(cause, "check that the board is connected")
+        })
     }
 
     /// First result of `handle` over the received frames; `None` if there is none until `end`.
@@ -367,30 +349,25 @@ impl Link {
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
-                let answer = match self.receiver.push(byte) {
-                    Some(frame) => frame.and_then(read_answer),
-                    None => continue,
+                let Some(frame) = self.receiver.push(byte) else {
+                    continue;
                 };
-                let Ok(answer) = answer else {
+                let Ok(answer) = frame.and_then(read_answer) else {
                     self.unreadable = self.unreadable.wrapping_add(1);
                     continue;
                 };
-                match answer {
+                let message = match answer {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => self
-                        .unsolicited
-                        .push_back(Unsolicited::Telemetry(telemetry)),
+                    } => Some(Unsolicited::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
-                    } => {
-                        let image = identity.image.to_string();
-                        self.unsolicited.push_back(Unsolicited::Started(image));
-                    }
-                    _ => {}
-                }
+                    } => Some(Unsolicited::Started(identity.image.into())),
+                    _ => None,
+                };
+                self.unsolicited.extend(message);
                 if self.unsolicited.len() > MAX_UNSOLICITED {
                     self.unsolicited.pop_front();
                 }
@@ -415,10 +392,8 @@ impl Link {
                 }
                 Err(RecvTimeoutError::Disconnected) => {
                     self.over = true;
-                    return Err(Refusal::new(
-                        format!("{} ended", self.name),
-                        "check that the board is connected, or that the emulator runs",
-                    ));
+                    let next = "check that the board is connected, or that the emulator runs";
+                    return Err(Refusal::new(format!("{} ended", self.name), next));
                 }
             }
         }
@@ -432,18 +407,19 @@ impl Link {
             ..
         } = self;
         if *bytes_received > 0 && self.image.is_empty() {
-            return Refusal::new(
-                format!(
-                    "{name} sent {bytes_received} bytes: {unreadable} unreadable frames and no readable one"
-                ),
-                "check that this is the board's port, at 115200 baud, and that the board runs kband",
-            );
+            let frames = format!("{unreadable} unreadable frames and no readable one");
+            let cause = format!("{name} sent {bytes_received} bytes: {frames}");
+            let next = "check that this is the board's port, at 115200 baud";
+            return Refusal::new(cause, format!("{next}, and that the board runs kband"));
         }
-        Refusal::new(
-            format!("{name} does not answer"),
-            "check that the board runs kband, and that its send and receive lines are crossed",
-        )
+        let next =
+            "check that the board runs kband, and that its send and receive lines are crossed";
+        Refusal::new(format!("{name} does not answer"), next)
     }
+}
+
+pub(crate) fn reset(cause: String) -> Refusal {
+    Refusal::new(cause, "reset the board")
 }
 
 fn too_long() -> Refusal {
@@ -451,10 +427,8 @@ fn too_long() -> Refusal {
 }
 
 fn unrecorded(error: std::io::Error) -> Refusal {
-    Refusal::new(
-        format!("the record cannot be written: {error}"),
-        "make room, or give another path with --record",
-    )
+    let cause = format!("the record cannot be written: {error}");
+    Refusal::new(cause, "make room, or give another path with --record")
 }
 
 impl Drop for Link {
@@ -467,71 +441,55 @@ impl Drop for Link {
 }
 
 fn refusal(name: &str, refused: Refused<'_>) -> Refusal {
-    match refused {
+    let cause = match &refused {
         Refused::OutOfRange {
             parameter,
             accepted,
-        } => Refusal::new(
-            format!("{name} refuses {parameter}: it accepts {accepted}"),
-            "change the value",
+        } => format!("{name} refuses {parameter}: it accepts {accepted}"),
+        Refused::Running => format!("{name} is running its drive"),
+        Refused::Unknown => format!("{name} has no such setting"),
+        Refused::Store => format!("{name} could not save its settings"),
+        Refused::TooOften => format!("{name} has saved its settings 60 times within an hour"),
+        Refused::ReadOnly(Access::Strapped) => {
+            format!("the link of {name} is read-only: its strap, PC1, is wired to ground")
+        }
+        Refused::ReadOnly(_) => format!("the link of {name} is locked by a PIN"),
+        Refused::WrongPin => format!("{name} was locked with another PIN"),
+        Refused::Wait(_) => format!("{name} was given five wrong PINs"),
+        Refused::Faster(least) => {
+            format!("the line of {name} carries telemetry every {least} drive cycles at most")
+        }
+        Refused::SupplyLow => format!(
+            "{name} saved nothing: its supply of 3.3 V is too low, or was within the last 0.1 s"
         ),
-        Refused::Running => Refusal::new(
-            format!("{name} is running its drive"),
-            "withdraw the enable input first",
-        ),
-        Refused::Unknown => Refusal::new(
-            format!("{name} has no such setting"),
-            "kband settings list shows its settings",
-        ),
-        Refused::Store => Refusal::new(
-            format!("{name} could not save its settings"),
-            "the flash may be worn: reset the board and try again",
-        ),
-        Refused::TooOften => Refusal::new(
-            format!("{name} has saved its settings 60 times within an hour"),
-            "its flash wears: save once more in a minute, after all changes",
-        ),
-        Refused::ReadOnly(Access::Strapped) => Refusal::new(
-            format!("the link of {name} is read-only: its strap, PC1, is wired to ground"),
-            "open the strap to change the board from the desk",
-        ),
-        Refused::ReadOnly(_) => Refusal::new(
-            format!("the link of {name} is locked by a PIN"),
-            "kband unlock PIN lets the desk change it until its next start",
-        ),
-        Refused::WrongPin => Refusal::new(
-            format!("{name} was locked with another PIN"),
-            "give the right PIN; after five wrong ones the board waits for a minute",
-        ),
-        Refused::Wait(seconds) => Refusal::new(
-            format!("{name} was given five wrong PINs"),
-            format!("wait for {seconds} s, then give the right PIN"),
-        ),
-        Refused::Faster(min_period) => Refusal::new(
-            format!("the line of {name} carries telemetry every {min_period} drive cycles at most"),
-            format!("kband monitor --every {min_period}, or more"),
-        ),
-        Refused::SupplyLow => Refusal::new(
-            format!(
-                "{name} saved nothing: its supply of 3.3 V is too low, or was within the last 0.1 s"
-            ),
-            "check the supply, then save again",
-        ),
-        Refused::NoRecipe => Refusal::new(
-            format!("{name} has no such recipe, or a newer firmware saved it"),
-            "kband recipe list shows all",
-        ),
-        Refused::NoSettings => Refusal::new(
-            format!("{name} has no saved settings, and recipes are saved with them"),
-            "kband settings save first",
-        ),
-        Refused::NotInControl => Refusal::new(
-            format!("{name} is controlled by its fieldbus: the desk only reads, and stops it"),
-            "with the drive at rest: kband settings set bus 0",
-        ),
-        Refused::OutOfStep => Refusal::new(
-            format!("{name} and the desk fell out of step"),
-            "reset the board and start again",
-        ),
-    }
+        Refused::NoRecipe => format!("{name} has no such recipe, or a newer firmware saved it"),
+        Refused::NoSettings => {
+            format!("{name} has no saved settings, and recipes are saved with them")
+        }
+        Refused::NotInControl => {
+            format!("{name} is controlled by its fieldbus: the desk only reads, and stops it")
+        }
+        Refused::OutOfStep => format!("{name} and the desk fell out of step"),
+    };
+    let next = match refused {
+        Refused::OutOfRange { .. } => "change the value",
+        Refused::Running => "withdraw the enable input first",
+        Refused::Unknown => "kband settings list shows its settings",
+        Refused::Store => "the flash may be worn: reset the board and try again",
+        Refused::TooOften => "its flash wears: save once more in a minute, after all changes",
+        Refused::ReadOnly(Access::Strapped) => "open the strap to change the board from the desk",
+        Refused::ReadOnly(_) => "kband unlock PIN lets the desk change it until its next start",
+        Refused::WrongPin => RIGHT_PIN,
+        Refused::Wait(seconds) => &format!("wait for {seconds} s, then give the right PIN"),
+        Refused::Faster(least) => &format!("kband monitor --every {least}, or more"),
+        Refused::SupplyLow => "check the supply, then save again",
+        Refused::NoRecipe => "kband recipe list shows all",
+        Refused::NoSettings => "kband settings save first",
+        Refused::NotInControl => "with the drive at rest: kband settings set bus 0",
+        Refused::OutOfStep => "reset the board and start again",
+    };
+    Refusal::new(cause, next)
 }
+
+pub(crate) const RIGHT_PIN: &str =
+    "give the right PIN; after five wrong ones the board waits for a minute";

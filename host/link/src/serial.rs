@@ -1,6 +1,6 @@
 //! Serial ports: search for them, and exclusive opening.
 
-use std::fs::File;
+use std::fs::{DirEntry, File};
 use std::path::{Path, PathBuf};
 
 use kband_scene::refusal::Refusal;
@@ -15,36 +15,33 @@ pub fn only_port() -> Result<PathBuf, Refusal> {
 
 fn only(mut ports: Vec<PathBuf>) -> Result<PathBuf, Refusal> {
     if ports.len() > 1 {
-        let names = ports.iter();
-        let names: Vec<String> = names.map(|port| port.display().to_string()).collect();
-        return Err(Refusal::new(
-            format!("there are several serial ports: {}", names.join(", ")),
-            format!("name the board's, such as --on {}", names[0]),
-        ));
+        let cause = format!("there are several serial ports: {}", names(&ports));
+        let next = format!("name the board's, such as --on {}", ports[0].display());
+        return Err(Refusal::new(cause, next));
     }
     ports.pop().ok_or_else(|| {
-        Refusal::new(
-            "no board: there is no serial port (/dev/ttyACM*, /dev/ttyUSB*)",
-            "plug in the board's link, name its port with --on /dev/PORT, or try --on qemu",
-        )
+        let cause = "no board: there is no serial port (/dev/ttyACM*, /dev/ttyUSB*)";
+        let next = "plug in the board's link, name its port with --on /dev/PORT, or try --on qemu";
+        Refusal::new(cause, next)
     })
 }
 
-/// The ports in a folder of devices, by name.
 fn ports(folder: &Path) -> Vec<PathBuf> {
-    let mut ports: Vec<PathBuf> = std::fs::read_dir(folder)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter(|entry| {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            NAMES.iter().any(|beginning| name.starts_with(beginning))
-        })
-        .map(|entry| entry.path())
-        .collect();
+    let is_port = |entry: &DirEntry| {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        NAMES.iter().any(|beginning| name.starts_with(beginning))
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let ports = entries.filter(is_port).map(|entry| entry.path());
+    let mut ports: Vec<PathBuf> = ports.collect();
     ports.sort();
     ports
+}
+
+fn names(ports: &[PathBuf]) -> String {
+    let names = ports.iter().map(|port| port.display().to_string());
+    names.collect::<Vec<_>>().join(", ")
 }
 
 /// Opens a port exclusively, at 115200 baud, 8 bits, no parity.
@@ -55,13 +52,15 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
     use rustix::fs::{OFlags, fcntl_setfl};
     use rustix::io::Errno;
     use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
-
     let name = &path.display();
     let busy = || {
-        Refusal::new(
-            format!("{name}: another program uses the port"),
-            "close the other kband or terminal program, and try again",
-        )
+        let next = "close the other kband or terminal program, and try again";
+        Refusal::new(format!("{name}: another program uses the port"), next)
+    };
+    let unopened = |why: &str| {
+        let accepted = "qemu, or a serial port such as /dev/ttyACM0";
+        let next = format!("{why}: {}", present(&ports(Path::new("/dev"))));
+        Refusal::value("--on", name, accepted, next)
     };
     // Does not wait for a carrier, and does not become the controlling terminal.
     let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
@@ -76,24 +75,9 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
                 format!("{name}: you have no permission to open this port"),
                 "join the group that owns it (sudo usermod -aG dialout $USER), and log in again",
             ),
-            _ => Refusal::value(
-                "--on",
-                name,
-                "qemu, or a serial port such as /dev/ttyACM0",
-                format!("{error}: {}", present(&ports(Path::new("/dev")))),
-            ),
+            _ => unopened(&error.to_string()),
         })?;
-    let is_none = |_: Errno| {
-        Refusal::value(
-            "--on",
-            name,
-            "qemu, or a serial port such as /dev/ttyACM0",
-            format!(
-                "this is no serial port: {}",
-                present(&ports(Path::new("/dev")))
-            ),
-        )
-    };
+    let is_none = |_: Errno| unopened("this is no serial port");
     let mut modes = tcgetattr(&port).map_err(&is_none)?;
     // The lock excludes another kband, the exclusive mode all programs except those of root.
     port.try_lock().map_err(|_| busy())?;
@@ -106,10 +90,8 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
         .and_then(|()| tcsetattr(&port, OptionalActions::Flush, &modes))
         .and_then(|()| fcntl_setfl(&port, OFlags::empty()))
         .map_err(|error| {
-            Refusal::new(
-                format!("{name}: the port does not take 115200 baud: {error}"),
-                "use another adapter",
-            )
+            let cause = format!("{name}: the port does not take 115200 baud: {error}");
+            Refusal::new(cause, "use another adapter")
         })?;
     Ok(port)
 }
@@ -117,22 +99,15 @@ pub fn open(path: &Path) -> Result<File, Refusal> {
 /// Refuses, because ports are not supported on this system.
 #[cfg(not(unix))]
 pub fn open(path: &Path) -> Result<File, Refusal> {
-    Err(Refusal::new(
-        format!(
-            "{}: this kband opens serial ports on Linux and macOS only",
-            path.display()
-        ),
-        "use kband there, or --on qemu",
-    ))
+    let name = path.display();
+    let cause = format!("{name}: this kband opens serial ports on Linux and macOS only");
+    Err(Refusal::new(cause, "use kband there, or --on qemu"))
 }
 
 fn present(ports: &[PathBuf]) -> String {
-    if ports.is_empty() {
-        "plug in the board, no serial port is there".into()
-    } else {
-        let names = ports.iter();
-        let names: Vec<String> = names.map(|port| port.display().to_string()).collect();
-        format!("there is {}", names.join(", "))
+    match ports {
+        [] => "plug in the board, no serial port is there".into(),
+        ports => format!("there is {}", names(ports)),
     }
 }
 
@@ -146,27 +121,23 @@ mod tests {
         for other in ["tty0", "null", "ttyS0"] {
             std::fs::write(folder.path().join(other), "").unwrap();
         }
-        let message = only(ports(folder.path())).unwrap_err().to_string();
-        assert!(
-            message.contains("no serial port") && message.contains("--on qemu"),
-            "{message}"
-        );
+        let message = || only(ports(folder.path())).unwrap_err().to_string();
+        for expected in ["no serial port", "--on qemu"] {
+            assert!(message().contains(expected), "{}", message());
+        }
         let one = folder.path().join("ttyUSB3");
         std::fs::write(&one, "").unwrap();
         assert_eq!(only(ports(folder.path())).unwrap(), one);
         std::fs::write(folder.path().join("ttyACM0"), "").unwrap();
-        let message = only(ports(folder.path())).unwrap_err().to_string();
-        assert!(
-            message.contains("ttyACM0") && message.contains("ttyUSB3"),
-            "{message}"
-        );
+        for expected in ["ttyACM0", "ttyUSB3"] {
+            assert!(message().contains(expected), "{}", message());
+        }
     }
 
     #[cfg(unix)]
     #[test]
     fn a_port_opens_once_and_other_files_are_refused() {
         use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
@@ -179,10 +150,9 @@ mod tests {
         open(path).unwrap();
         for none in ["/dev/null", "/dev/nothing"] {
             let message = open(Path::new(none)).unwrap_err().to_string();
-            assert!(
-                message.contains(none) && message.contains("/dev/ttyACM0"),
-                "{message}"
-            );
+            for expected in [none, "/dev/ttyACM0"] {
+                assert!(message.contains(expected), "{message}");
+            }
         }
     }
 }

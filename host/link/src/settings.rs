@@ -28,9 +28,8 @@ pub struct BoardSetting {
 impl BoardSetting {
     /// The accepted range with its unit, in words.
     pub fn accepted(&self) -> String {
-        format!("{}..{} {}", self.low, self.high, self.unit)
-            .trim_end()
-            .to_string()
+        let accepted = format!("{}..{} {}", self.low, self.high, self.unit);
+        accepted.trim_end().to_string()
     }
 
     /// Meaning; empty for a key unknown to this version.
@@ -46,12 +45,8 @@ impl BoardSetting {
         if (self.low..=self.high).contains(&single) {
             return Ok(single);
         }
-        Err(Refusal::value(
-            &self.key,
-            value,
-            self.accepted(),
-            format!("give {} a value in this range", self.key),
-        ))
+        let next = format!("give {} a value in this range", self.key);
+        Err(Refusal::value(&self.key, value, self.accepted(), next))
     }
 }
 
@@ -93,18 +88,15 @@ impl BoardSettings {
         if let Some(setting) = self.iter().find(|setting| setting.key == key) {
             return Ok(setting);
         }
-        let nearest = self.iter().max_by(|a, b| {
-            let similarity = |setting: &BoardSetting| strsim::jaro_winkler(&setting.key, key);
+        let keys: Vec<&str> = self.iter().map(|setting| &setting.key[..]).collect();
+        let nearest = keys.iter().max_by(|a, b| {
+            let similarity = |other: &str| strsim::jaro_winkler(other, key);
             similarity(a).total_cmp(&similarity(b))
         });
         let next = match nearest {
-            Some(setting) => format!(
-                "did you mean {}? kband settings list shows all",
-                setting.key
-            ),
+            Some(other) => format!("did you mean {other}? kband settings list shows all"),
             None => "check that the board runs kband".into(),
         };
-        let keys: Vec<&str> = self.iter().map(|setting| &setting.key[..]).collect();
         Err(Refusal::value("key", key, keys.join(", "), next))
     }
 
@@ -145,27 +137,18 @@ impl BoardSettings {
     }
 }
 
-/// The refusal of a combination of settings.
 fn inconsistent(refused: &OutOfRange, settings: &Settings) -> Refusal {
-    let refusal = Refusal::value(
-        refused.parameter,
-        refused.value as f32,
-        refused.accepted,
-        "change the other setting first, or both by kband settings import",
-    );
-    if refused.parameter != "safe_amplitude" {
-        return refusal;
+    let (key, value) = (refused.parameter, refused.value as f32);
+    if key != "safe_amplitude" {
+        let next = "change the other setting first, or both by kband settings import";
+        return Refusal::value(key, value, refused.accepted, next);
     }
     // Rounded down, so that the shown value is accepted.
     let largest = (settings.largest_safe_amplitude() * 1e4).floor() / 1e4;
     let frequency = settings.frequency + settings.tracking;
-    refusal
-        .accepting(format!(
-            "0..{largest} mm, by amplitude_limit and acceleration_limit at {frequency} Hz"
-        ))
-        .then(format!(
-            "kband settings set safe_amplitude {largest}, or less, first"
-        ))
+    let limits = format!("by amplitude_limit and acceleration_limit at {frequency} Hz");
+    let next = format!("kband settings set safe_amplitude {largest}, or less, first");
+    Refusal::value(key, value, format!("0..{largest} mm, {limits}"), next)
 }
 
 /// Sets all values. Refused ones are tried again after the others, on which they may depend.

@@ -4,6 +4,7 @@ use kband_control::wire::{MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, Up
 use kband_scene::refusal::Refusal;
 
 use crate::Link;
+use crate::link::{RIGHT_PIN, reset};
 
 impl Link {
     /// Sends a request for an update; an error states why the board refused it.
@@ -56,88 +57,72 @@ impl Link {
         self.request_update(request, |answer| {
             look(answer).map_err(|other| match other {
                 UpdateAnswer::Refused(why) => refusal(&name, why),
-                UpdateAnswer::Loader => Refusal::new(
-                    format!("{name} has no program: its loader waits for an image"),
-                    "kband update IMAGE --key FILE",
-                ),
-                _ => Refusal::new(
-                    format!("{name} sent an unexpected answer during the update"),
-                    "reset the board",
-                ),
+                UpdateAnswer::Loader => {
+                    let cause = format!("{name} has no program: its loader waits for an image");
+                    Refusal::new(cause, "kband update IMAGE --key FILE")
+                }
+                _ => reset(format!(
+                    "{name} sent an unexpected answer during the update"
+                )),
             })
         })?
     }
 }
 
 fn refusal(name: &str, why: UpdateRefusal) -> Refusal {
-    let (cause, next): (String, String) = match why {
-        UpdateRefusal::Running => (
-            "is running its drive, and is updated at rest only".into(),
-            "withdraw the enable input first".into(),
+    let cause = match why {
+        UpdateRefusal::Running => "is running its drive, and is updated at rest only",
+        UpdateRefusal::ReadOnly => {
+            "has a read-only link: a PIN locks it, or its strap, PC1, is wired to ground"
+        }
+        UpdateRefusal::WrongPin => "was locked with another PIN",
+        UpdateRefusal::Wait(_) => "was given five wrong PINs",
+        UpdateRefusal::NotInControl => "is controlled by its fieldbus",
+        UpdateRefusal::NoSlot => "has no slot for an update",
+        UpdateRefusal::NoKey => "has no key for updates",
+        UpdateRefusal::HasKey => "has another key, and no PIN that protects it",
+        UpdateRefusal::Length => "refuses the length of the key, the image or the signature",
+        UpdateRefusal::OtherBoard => "is another board than the image's",
+        UpdateRefusal::Order(has) => &format!("has {has} bytes of the image, and needs the next"),
+        UpdateRefusal::Signature => {
+            "has another key than the image's signature, or the image changed on the line"
+        }
+        UpdateRefusal::OnTrial => "runs an image on trial",
+        UpdateRefusal::SupplyLow => {
+            "has a supply of 3.3 V that is too low, or was within the last 0.1 s"
+        }
+        UpdateRefusal::Store => "could not write its flash, or has no saved settings",
+        UpdateRefusal::TooOften => &format!(
+            "was given {MAX_UPDATES_PER_START} updates since its start; each wears its flash"
         ),
-        UpdateRefusal::ReadOnly => (
-            "has a read-only link: a PIN locks it, or its strap, PC1, is wired to ground".into(),
-            "give --pin PIN, or open the strap".into(),
-        ),
-        UpdateRefusal::WrongPin => (
-            "was locked with another PIN".into(),
-            "give the right PIN; after five wrong ones the board waits for a minute".into(),
-        ),
-        UpdateRefusal::Wait(seconds) => (
-            "was given five wrong PINs".into(),
-            format!("wait for {seconds} s, then give the right PIN"),
-        ),
-        UpdateRefusal::NotInControl => (
-            "is controlled by its fieldbus".into(),
+    };
+    let next = match why {
+        UpdateRefusal::Running => "withdraw the enable input first",
+        UpdateRefusal::ReadOnly => "give --pin PIN, or open the strap",
+        UpdateRefusal::WrongPin => RIGHT_PIN,
+        UpdateRefusal::Wait(seconds) => &format!("wait for {seconds} s, then give the right PIN"),
+        UpdateRefusal::NotInControl => {
             "with the drive at rest: kband settings set bus 0 --save; afterwards set it again"
-                .into(),
-        ),
-        UpdateRefusal::NoSlot => (
-            "has no slot for an update".into(),
-            "write the image through a debug probe: kband flash".into(),
-        ),
-        UpdateRefusal::NoKey => (
-            "has no key for updates".into(),
-            "give it one: kband update --set-key FILE.pub".into(),
-        ),
-        UpdateRefusal::HasKey => (
-            "has another key, and no PIN that protects it".into(),
-            "kband lock PIN first, then kband update --set-key FILE.pub --pin PIN".into(),
-        ),
-        UpdateRefusal::Length => (
-            "refuses the length of the key, the image or the signature".into(),
-            "build the image anew: cargo feeder".into(),
-        ),
-        UpdateRefusal::OtherBoard => (
-            "is another board than the image's".into(),
-            "build the image of this board; kband identify names the board".into(),
-        ),
-        UpdateRefusal::Order(has) => (
-            format!("has {has} bytes of the image, and needs the next"),
-            "start the update again".into(),
-        ),
-        UpdateRefusal::Signature => (
-            "has another key than the image's signature, or the image changed on the line".into(),
-            "start the update again, with the --key whose .pub the board has".into(),
-        ),
-        UpdateRefusal::OnTrial => (
-            "runs an image on trial".into(),
-            "wait for a minute: without a confirmation the previous image returns".into(),
-        ),
-        UpdateRefusal::SupplyLow => (
-            "has a supply of 3.3 V that is too low, or was within the last 0.1 s".into(),
-            "check the supply, then start again".into(),
-        ),
-        UpdateRefusal::Store => (
-            "could not write its flash, or has no saved settings".into(),
-            "kband settings save, then start again".into(),
-        ),
-        UpdateRefusal::TooOften => (
-            format!(
-                "was given {MAX_UPDATES_PER_START} updates since its start; each wears its flash"
-            ),
-            "switch the board off and on, then start again".into(),
-        ),
+        }
+        UpdateRefusal::NoSlot => "write the image through a debug probe: kband flash",
+        UpdateRefusal::NoKey => "give it one: kband update --set-key FILE.pub",
+        UpdateRefusal::HasKey => {
+            "kband lock PIN first, then kband update --set-key FILE.pub --pin PIN"
+        }
+        UpdateRefusal::Length => "build the image anew: cargo feeder",
+        UpdateRefusal::OtherBoard => {
+            "build the image of this board; kband identify names the board"
+        }
+        UpdateRefusal::Order(_) => "start the update again",
+        UpdateRefusal::Signature => {
+            "start the update again, with the --key whose .pub the board has"
+        }
+        UpdateRefusal::OnTrial => {
+            "wait for a minute: without a confirmation the previous image returns"
+        }
+        UpdateRefusal::SupplyLow => "check the supply, then start again",
+        UpdateRefusal::Store => "kband settings save, then start again",
+        UpdateRefusal::TooOften => "switch the board off and on, then start again",
     };
     Refusal::new(format!("{name} {cause}"), next)
 }

@@ -26,13 +26,10 @@ use crate::refusal::Refusal;
 
 /// Default number of impacts after which an orbit that neither closed nor rested is undecided.
 pub const MAX_ORBIT_IMPACTS: usize = 20_000;
-
 /// Number of orbits per thread: most end soon, and the rest are fastest in blocks.
 pub const ORBITS_PER_BLOCK: usize = 4096;
-
 /// Number of starts on one track from which the table of certain rests saves time.
 const MIN_STARTS_FOR_TABLE: usize = 64;
-
 /// Number of gear orders in which chaos is detected.
 const ORDERS: usize = 8;
 
@@ -54,20 +51,20 @@ pub fn chaotic_so_far(impacts: usize) -> String {
 
 /// Name of a regime in tables and legends.
 pub fn name(regime: Regime) -> String {
-    let plural = |count: u32| if count == 1 { "" } else { "s" };
+    let counted = |count: u32, what: &str| match count {
+        1 => format!("1 {what}"),
+        _ => format!("{count} {what}s"),
+    };
     match regime {
         Regime::Locked { order } => format!("locked, r = {order}"),
         Regime::Doubled { order, doublings } => {
             format!("doubled to {}, r = {order}", 1_u64 << doublings.min(63))
         }
-        Regime::Periodic { impacts, cycles } => format!(
-            "periodic, {impacts} impact{} in {cycles} cycle{}",
-            plural(impacts),
-            plural(cycles)
-        ),
-        Regime::HopAndRest { cycles } => {
-            format!("hops and rests, {cycles} cycle{}", plural(cycles))
+        Regime::Periodic { impacts, cycles } => {
+            let (impacts, cycles) = (counted(impacts, "impact"), counted(cycles, "cycle"));
+            format!("periodic, {impacts} in {cycles}")
         }
+        Regime::HopAndRest { cycles } => format!("hops and rests, {}", counted(cycles, "cycle")),
         Regime::Rest => "rests for ever".into(),
         Regime::Chaotic => "chaotic".into(),
         Regime::Undecided => "chaotic so far".into(),
@@ -296,10 +293,8 @@ mod tests {
                 phase: TAU * (f64::from(n) * 0.618_034).fract(),
                 velocity: 3.0 * (f64::from(n) * 0.414_214).fract(),
             });
-            let alone: Vec<Regime> = starts
-                .clone()
-                .map(|start| endings.classify(start))
-                .collect();
+            let alone = starts.clone().map(|start| endings.classify(start));
+            let alone: Vec<Regime> = alone.collect();
             assert_eq!(endings.classify_all(starts), alone, "{k} {restitution}");
         }
     }

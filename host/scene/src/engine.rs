@@ -63,10 +63,9 @@ impl Glance {
         if numbers.iter().all(|number| number.is_finite()) && !self.k.is_nan() {
             return Ok(self);
         }
-        Err(Refusal::new(
-            format!("a value at {:.5} s is no finite number", self.time),
-            "this is an error of kband: report the scene and what kband --version prints",
-        ))
+        let cause = format!("a value at {:.5} s is no finite number", self.time);
+        let next = "this is an error of kband: report the scene and what kband --version prints";
+        Err(Refusal::new(cause, next))
     }
 
     fn at(moment: &Moment) -> Self {
@@ -85,7 +84,6 @@ impl Glance {
     }
 }
 
-/// Computes the next cycle of a closed loop, and its impacts.
 pub(crate) type Next<'a> = &'a mut (dyn FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send);
 
 /// A closed loop of a scene.
@@ -124,7 +122,6 @@ impl<'a> Engine<'a> {
         Ok(Self { kind, last: None })
     }
 
-    /// A loop with the cycles of `next`.
     pub(crate) fn given(next: Next<'a>) -> Self {
         Self {
             kind: Kind::Given(next, Vec::new()),
@@ -132,7 +129,6 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// The controller; `None` for a loop with given cycles.
     fn controller(&self) -> Option<&Controller> {
         match &self.kind {
             Kind::Envelope(closed) => Some(closed.controller()),
@@ -257,7 +253,6 @@ pub struct Lot {
     pub scatter: f32,
 }
 
-/// Largest number of cached plans of a kind.
 const MAX_CACHED_PLANS: usize = 256;
 
 /// Cache of search results, shared by the controllers of this process. A result depends on its
@@ -345,7 +340,6 @@ impl Plans {
     }
 }
 
-/// Caches a plan, unless one for the same settings is cached.
 fn remember<T>(cached: &mut Vec<T>, plan: Option<T>, same: impl Fn(&T, &T) -> bool) {
     if let Some(plan) = plan
         && cached.len() < MAX_CACHED_PLANS

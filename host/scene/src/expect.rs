@@ -3,7 +3,7 @@
 use kband_control::{Event, Fault, Limits, State};
 use toml::Value;
 
-use super::section::{Section, number};
+use super::section::{Section, number, pair};
 use crate::refusal::Refusal;
 
 /// Expected result of a scene.
@@ -62,7 +62,8 @@ impl Expectation {
         for (key, range) in keys.into_iter().zip(&mut expected.ranges) {
             if let Some(value) = section.take(key) {
                 let refused = || section.refuse(key, &value, "[low, high] with low <= high");
-                *range = Some(pair(&value).ok_or_else(refused)?);
+                let ordered = pair(&value).filter(|(low, high)| value.is_array() && low <= high);
+                *range = Some(ordered.ok_or_else(refused)?);
             }
         }
         if let Some(value) = section.take("within") {
@@ -73,12 +74,4 @@ impl Expectation {
         section.finish()?;
         Ok(expected)
     }
-}
-
-fn pair(value: &Value) -> Option<(f64, f64)> {
-    let [low, high] = &value.as_array()?[..] else {
-        return None;
-    };
-    let pair = number(low).zip(number(high));
-    pair.filter(|(low, high)| low <= high)
 }

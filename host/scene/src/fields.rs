@@ -206,7 +206,6 @@ pub const CONTROLLER: [&str; 9] = [
     "contact",
 ];
 
-/// Section of a scene that contains a key.
 pub(crate) fn section_with(key: &str) -> Option<&'static str> {
     let sections = SECTIONS.into_iter().map(|(name, keys, _)| (name, keys));
     let others: [(&str, &[&str]); 2] = [("sensor", &SENSOR_SETTINGS), ("controller", &CONTROLLER)];

@@ -4,8 +4,7 @@ use std::time::Instant;
 
 use kband::arithmetic::Phase;
 use kband::regime::Lock;
-use kband::regime::band::Band;
-use kband::regime::band::BandError;
+use kband::regime::band::{Band, BandError};
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 use kband::regime::gear::Share;
 use kband_control::{
@@ -26,7 +25,6 @@ const JITTER: TimingAccuracy = TimingAccuracy {
     resolution: 1e-3,
 };
 
-/// Number of drive cycles at the end that the scope shows.
 const SCOPE_CYCLES: usize = 10;
 
 /// Receives the number of completed cycles; a refusal ends the run.
@@ -37,7 +35,7 @@ pub type ProgressCheck<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
 pub struct Outcome {
     file: SceneFile,
     record: Record,
-    /// Wall-clock time of the simulation, s.
+    /// Of the simulation, s.
     wall_time: f64,
     /// Controller with the final target; it gives the predicted setpoint.
     controller: Controller,
@@ -83,6 +81,7 @@ impl Outcome {
         let parts = file.scene.parts.len();
         let order = order(last_target(file));
         let mut record = Record::new(file.duration, cycles, parts, order, &watch);
+        let is_planned = |event| matches!(event, Event::KickPlanned | Event::KickUncertain);
         // An observer of every cycle receives complete cycles. Without one, only the end is
         // computed completely.
         let mut watched = watch.cycle.is_some() || watch.all_cycles;
@@ -182,9 +181,8 @@ impl Outcome {
     /// Sum of a quantity over the last cycles, and their number, at least 1.
     fn sum_at_end(&self, value: impl Fn(&Report) -> f64) -> (f64, f64) {
         let end = &self.record.end;
-        let sum = end
-            .iter()
-            .fold(0.0, |sum, moment| sum + value(&moment.report));
+        let values = end.iter().map(|moment| value(&moment.report));
+        let sum = values.fold(0.0, |sum, value| sum + value);
         (sum, f64::max(end.len() as f64, 1.0))
     }
 
@@ -228,11 +226,9 @@ impl Outcome {
 
     /// Numbers, from 0, of the parts on the track at the end.
     fn on_track(&self) -> Vec<u8> {
-        let file = self.file();
-        let parts = 0..file.scene.parts.len() as u8;
-        let on =
-            |part: &u8| arrival(&file.scene, usize::from(*part), file.duration) <= file.duration;
-        parts.filter(on).collect()
+        let (scene, end) = (&self.file.scene, self.file.duration);
+        let on = |part: &u8| arrival(scene, usize::from(*part), end) <= end;
+        (0..scene.parts.len() as u8).filter(on).collect()
     }
 
     /// Mass of the parts on the track at the end, in g.
@@ -242,15 +238,12 @@ impl Outcome {
 
     /// Mean conveying speed at the end in m/s, positive upwards (time mean).
     pub fn speed(&self) -> f64 {
-        let (Some(first), Some(last)) = (self.record.end.first(), self.record.last) else {
-            return 0.0;
+        let speed = |(first, last): (&Moment, Moment)| {
+            let time = last.time - first.time;
+            (time > 0.0).then(|| (last.displacement - first.displacement) / time)
         };
-        let time = last.time - first.time;
-        if time > 0.0 {
-            (last.displacement - first.displacement) / time
-        } else {
-            0.0
-        }
+        let ends = self.record.end.first().zip(self.record.last);
+        ends.and_then(speed).unwrap_or(0.0)
     }
 
     /// Simulated share of time in gear from [`STATISTICS_START`](super::STATISTICS_START) on,
@@ -263,9 +256,9 @@ impl Outcome {
 
     /// Mean time in gear before a loss, in drive periods; `None` without a loss.
     pub fn time_to_loss(&self) -> Option<f64> {
-        let all = self.record.shares();
-        all.fold(Share::default(), |sum, share| sum.plus(&share))
-            .time_to_loss()
+        let shares = self.record.shares();
+        let all = shares.fold(Share::default(), |sum, share| sum.plus(&share));
+        all.time_to_loss()
     }
 
     fn band_of_target(&self) -> Result<Band, BandError> {
@@ -317,14 +310,10 @@ impl Outcome {
 
     /// Regime of one part in words; an undecided one has its number of impacts.
     fn regime_in_words(&self, part: u8) -> String {
+        let impacts = || self.late(part, IMPACT_WINDOWS[0]).count();
         match self.regime_of(part) {
-            Regime::Chaotic if !self.stays_chaotic(part) => {
-                chaotic_so_far(self.late(part, IMPACT_WINDOWS[0]).count())
-            }
-            Regime::Undecided => {
-                let impacts = self.late(part, IMPACT_WINDOWS[0]).count();
-                format!("undecided after {impacts} impacts")
-            }
+            Regime::Chaotic if !self.stays_chaotic(part) => chaotic_so_far(impacts()),
+            Regime::Undecided => format!("undecided after {} impacts", impacts()),
             regime => regime_text(regime),
         }
     }
@@ -397,8 +386,8 @@ impl Outcome {
         let parts = self.on_track();
         let strikes = parts.iter().flat_map(|part| self.late(*part, END_PERIOD));
         let in_air: f64 = strikes.map(|strike| f64::from(strike.flight)).sum();
-        let watched =
-            END_PERIOD.min(self.file.duration) * f64::from(self.file.scene.settings.frequency);
+        let frequency = f64::from(self.file.scene.settings.frequency);
+        let watched = END_PERIOD.min(self.file.duration) * frequency;
         in_air / (watched * parts.len().max(1) as f64)
     }
 
@@ -429,10 +418,9 @@ impl Outcome {
     /// Restitutions of the simulated parts outside the configured lot.
     pub fn strays(&self) -> Vec<f32> {
         let scene = &self.file.scene;
-        let settings = &scene.settings;
-        let lot = settings.restitution_low..=settings.restitution_high;
-        let strays = scene.parts.iter().copied().filter(|r| !lot.contains(r));
-        let mut strays: Vec<f32> = strays.collect();
+        let lot = scene.settings.restitution_low..=scene.settings.restitution_high;
+        let mut strays: Vec<f32> = scene.parts.iter().copied().collect();
+        strays.retain(|r| !lot.contains(r));
         strays.sort_by(f32::total_cmp);
         strays.dedup();
         strays
@@ -459,15 +447,13 @@ impl Outcome {
         let no_setpoint = self.last().limits.contains(Limits::NO_SETPOINT);
         // Without a stated reason it is chaos: only a search shows that a lot has none.
         let why = self.controller.no_setpoint().unwrap_or(NoSetpoint::Chaos);
+        let settings = &self.file.scene.settings;
         let distance = match why {
-            NoSetpoint::Gear { .. } | NoSetpoint::Output { .. } => {
-                describe_detuning(&self.file.scene.settings)
-            }
+            NoSetpoint::Gear { .. } | NoSetpoint::Output { .. } => describe_detuning(settings),
             _ => None,
         };
-        no_setpoint.then(|| {
-            distance.map_or_else(|| why.to_string(), |distance| format!("{why}; {distance}"))
-        })
+        let distance = distance.map_or(String::new(), |distance| format!("; {distance}"));
+        no_setpoint.then(|| format!("{why}{distance}"))
     }
 
     /// Estimated restitution, if identification succeeded.
@@ -532,10 +518,6 @@ fn order(target: Target) -> u32 {
         Target::Locked { order } | Target::Gear { order } => u32::from(order),
         _ => 1,
     }
-}
-
-fn is_planned(event: Event) -> bool {
-    matches!(event, Event::KickPlanned | Event::KickUncertain)
 }
 
 /// Number of drive cycles of a scene.

@@ -5,8 +5,8 @@ use kband::feeder::Restitution;
 use kband_plant::{PARTS, Scene};
 use toml::Value;
 
-use super::fields::{ACTUAL_RESTITUTION, Field, SCATTER};
-use super::section::{Section, number};
+use super::fields::{ACTUAL_RESTITUTION, Field};
+use super::section::{Section, pair};
 use crate::refusal::Refusal;
 
 /// A distribution of restitution.
@@ -75,7 +75,6 @@ pub struct PartGroup {
     pub parts: Vec<u8>,
 }
 
-/// Largest number of groups of parts with different colours.
 const MAX_COLOURED_KINDS: usize = 4;
 
 /// Groups of parts for a picture, by ascending restitution. A few parts have a group each.
@@ -83,28 +82,22 @@ pub fn part_group(restitutions: &[f32]) -> Vec<PartGroup> {
     let mut numbers: Vec<u8> = (0..restitutions.len() as u8).collect();
     let value = |part: u8| restitutions[usize::from(part)];
     if restitutions.len() < 2 {
-        return vec![PartGroup {
-            name: "impacts of the part".into(),
-            parts: numbers,
-        }];
+        let (name, parts) = ("impacts of the part".into(), numbers);
+        return vec![PartGroup { name, parts }];
     }
     numbers.sort_by(|&a, &b| value(a).total_cmp(&value(b)));
+    let group = |parts: &[u8]| {
+        let (low, high) = (value(parts[0]), value(parts[parts.len() - 1]));
+        let name = match parts {
+            [part] => format!("part {}, R {low}", part + 1),
+            _ if low == high => format!("{} parts, R {low}", parts.len()),
+            _ => format!("{} parts, R {low}..{high}", parts.len()),
+        };
+        let parts = parts.into();
+        PartGroup { name, parts }
+    };
     let size = numbers.len().div_ceil(MAX_COLOURED_KINDS);
-    numbers
-        .chunks(size)
-        .map(|parts| {
-            let (low, high) = (value(parts[0]), value(parts[parts.len() - 1]));
-            let name = match parts {
-                [part] => format!("part {}, R {low}", part + 1),
-                _ if low == high => format!("{} parts, R {low}", parts.len()),
-                _ => format!("{} parts, R {low}..{high}", parts.len()),
-            };
-            PartGroup {
-                name,
-                parts: parts.into(),
-            }
-        })
-        .collect()
+    numbers.chunks(size).map(group).collect()
 }
 
 /// Random stream for drawing the parts, separate from the scene's noise.
@@ -139,36 +132,11 @@ pub(crate) fn read(
 
 /// Reads `part.friction`: one coefficient, or those of sliding and static friction.
 pub(crate) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], Refusal> {
-    let number = |value: &Value| number(value).map(|friction| friction as f32);
-    let pair = match value {
-        Value::Array(pair) => match pair.as_slice() {
-            [sliding, sticking] => number(sliding).zip(number(sticking)),
-            _ => None,
-        },
-        one => number(one).map(|friction| (friction, friction)),
-    };
-    pair
-        .filter(|(sliding, sticking)| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
-        .map(|(sliding, sticking)| [sliding, sticking])
-        .ok_or_else(|| {
-            part.refuse(
-                "friction",
-                value,
-                "0..10, or [sliding, sticking] with the second at least the first, as 0.3 or [0.3, 0.35]",
-            )
-        })
-}
-
-/// Reads `part.scatter` into the scene: one number for all parts, or one for each.
-pub(crate) fn read_scatter(
-    part: &Section,
-    value: &Value,
-    scene: &mut Scene,
-) -> Result<(), Refusal> {
-    let what = ", the standard deviation of restitution from impact to impact,";
-    let examples = "; ordinary parts have 0.03 to 0.15, bodies that tumble 0.27 to 0.52";
-    scene.scatter = one_or_each(part, &SCATTER, value, scene, [what, examples])?;
-    Ok(())
+    let accepted =
+        "0..10, or [sliding, sticking] with the second at least the first, as 0.3 or [0.3, 0.35]";
+    let pair = pair(value).map(|(sliding, sticking)| [sliding as f32, sticking as f32]);
+    pair.filter(|[sliding, sticking]| *sliding >= 0.0 && (*sliding..=10.0).contains(sticking))
+        .ok_or_else(|| part.refuse("friction", value, accepted))
 }
 
 /// One number for all parts, or a list with one for each. `words` follow the accepted range and the
@@ -209,9 +177,8 @@ fn distribution(section: &mut Section, scene: &mut Scene) -> Result<Distribution
     let count = section.number("count", 1.0..=max_count, &format!("1..{PARTS} parts"))?;
     scene.parts = core::iter::repeat_n(0.0, count as usize).collect();
     let kinds = "\"uniform\" with low and high, or \"normal\" with mean and deviation";
-    let kind = section
-        .take("distribution")
-        .ok_or_else(|| section.missing("distribution", kinds))?;
+    let kind = section.take("distribution");
+    let kind = kind.ok_or_else(|| section.missing("distribution", kinds))?;
     let unit = "0..1";
     let distribution = match kind.as_str() {
         Some("uniform") => Distribution::Uniform {
@@ -240,15 +207,9 @@ mod tests {
         };
         assert_eq!(names(&[0.2]), ["impacts of the part"]);
         assert_eq!(names(&[0.22, 0.18]), ["part 2, R 0.18", "part 1, R 0.22"]);
-        assert_eq!(
-            names(&[0.18, 0.185, 0.19, 0.195, 0.205, 0.21, 0.215, 0.22]),
-            [
-                "2 parts, R 0.18..0.185",
-                "2 parts, R 0.19..0.195",
-                "2 parts, R 0.205..0.21",
-                "2 parts, R 0.215..0.22"
-            ]
-        );
+        let pairs = ["0.18..0.185", "0.19..0.195", "0.205..0.21", "0.215..0.22"];
+        let eight = names(&[0.18, 0.185, 0.19, 0.195, 0.205, 0.21, 0.215, 0.22]);
+        assert_eq!(eight, pairs.map(|pair| format!("2 parts, R {pair}")));
         assert_eq!(names(&[0.3; 24])[3], "6 parts, R 0.3");
         let all = part_group(&[0.1; 23]).into_iter();
         let all = all.map(|part_group| part_group.parts.len());

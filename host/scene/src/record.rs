@@ -13,7 +13,6 @@ use crate::refusal::Refusal;
 /// Start of the statistics of gear and speed, in s. By then the drive has reached its setpoint and
 /// the first kicks are over.
 pub const STATISTICS_START: f64 = 5.0;
-
 /// Duration of the evaluated end of a scene, s.
 pub(crate) const END_PERIOD: f64 = 1.0;
 /// Windows before the end for the regime of a part, s. In 6 s there are enough impacts to detect
@@ -87,7 +86,6 @@ pub struct Record {
     duration: f64,
     pub(crate) cycles: u32,
     pub(crate) last: Option<Moment>,
-    /// All events in the order of time.
     pub(crate) events: Vec<TimedEvent>,
     /// Present state, and the time in s since which it is held.
     pub(crate) held: Option<(State, f64)>,
@@ -111,12 +109,21 @@ pub struct Record {
     pub sketch: Option<Sketch>,
 }
 
-/// State of a run at the start of the gear statistics.
 #[derive(Clone, Copy, Debug)]
 struct StatisticsStart {
     time: f64,
     cycles: u32,
     displacement: f64,
+}
+
+/// Adds an impact to the time in gear of its part.
+pub fn add_strike(gear: &mut GearWatch, strike: &Strike) {
+    let landed = strike.time as f64 / Phase::TURN * TAU;
+    let flight = f64::from(strike.flight) * TAU;
+    if strike.rested {
+        gear.add_rest(landed - flight);
+    }
+    gear.add_landing(landed, flight);
 }
 
 impl Record {
@@ -161,12 +168,7 @@ impl Record {
             let Some(gear) = self.gear.get_mut(usize::from(strike.part)) else {
                 continue;
             };
-            let landed = strike.time as f64 / Phase::TURN * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            if strike.rested {
-                gear.add_rest(landed - flight);
-            }
-            gear.add_landing(landed, flight);
+            add_strike(gear, strike);
         }
         if self.settled.is_some() {
             if glance.error.is_finite() {
@@ -199,13 +201,13 @@ impl Record {
     }
 
     fn retain(&mut self, moment: &Moment) {
-        for event in moment.report.events.iter() {
-            self.events.push(TimedEvent {
-                time: moment.time,
-                event,
-                report: moment.report,
-            });
-        }
+        let (time, report) = (moment.time, moment.report);
+        let timed = |event| TimedEvent {
+            time,
+            event,
+            report,
+        };
+        self.events.extend(report.events.iter().map(timed));
         if moment.time > self.duration - END_PERIOD {
             self.end.push(*moment);
         }
@@ -229,13 +231,12 @@ impl Record {
     }
 
     /// Estimated share of time in gear, mean over the cycles with an estimate from
-    /// [`STATISTICS_START`] on;
-    /// `None` without one.
+    /// [`STATISTICS_START`] on; `None` without one.
     pub fn in_gear_estimated(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
 
-    /// Mean of the reported standard errors of that share.
+    /// Mean of its reported standard errors.
     pub fn in_gear_error(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.errors / f64::from(self.estimated_cycles))
     }
@@ -288,11 +289,10 @@ impl Curve {
     }
 
     fn end_stretch(&mut self) {
-        let [first, second] = if self.low.0 > self.high.0 {
-            [self.high, self.low]
-        } else {
-            [self.low, self.high]
-        };
+        let (mut first, mut second) = (self.low, self.high);
+        if first.0 > second.0 {
+            (first, second) = (second, first);
+        }
         match self.count {
             0 => {}
             _ if first.0 == second.0 => self.points.push(first),
@@ -355,12 +355,10 @@ pub struct Sketch {
 
 impl Sketch {
     fn new(cycles: usize) -> Self {
+        let is_short = cycles <= 2 * MAX_SKETCH_STRETCHES;
+        let stretch = cycles.div_ceil(MAX_SKETCH_STRETCHES);
         Self {
-            stretch: if cycles <= 2 * MAX_SKETCH_STRETCHES {
-                1
-            } else {
-                cycles.div_ceil(MAX_SKETCH_STRETCHES)
-            },
+            stretch: if is_short { 1 } else { stretch },
             stride: 1,
             ..Self::default()
         }

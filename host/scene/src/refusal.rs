@@ -56,10 +56,8 @@ impl Refusal {
 
     /// Interrupted by Ctrl-C before the result was complete.
     pub fn interrupted() -> Self {
-        Self::cut(
-            "interrupted before the result was complete; nothing was written",
-            "start it again; fewer points finish sooner",
-        )
+        let cause = "interrupted before the result was complete; nothing was written";
+        Self::cut(cause, "start it again; fewer points finish sooner")
     }
 
     /// Interrupted by Ctrl-C; `cause` describes the unfinished work.
@@ -114,7 +112,6 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// Largest number of characters in one part of a message.
 const MAX_MESSAGE_CHARACTERS: usize = 2000;
 
 /// Long text with its middle left out: a refused value may be a file of 3 MB.

@@ -17,6 +17,15 @@ pub fn number(value: &Value) -> Option<f64> {
     }
 }
 
+/// The numbers of a TOML array of two; one number counts twice.
+pub(crate) fn pair(value: &Value) -> Option<(f64, f64)> {
+    match value.as_array().map(Vec::as_slice) {
+        None => number(value).map(|one| (one, one)),
+        Some([low, high]) => number(low).zip(number(high)),
+        Some(_) => None,
+    }
+}
+
 /// One table of a scene file; keys that remain at the end are unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct Section {
@@ -91,15 +100,10 @@ impl Section {
 
     pub fn missing(&self, key: &str, accepted: &str) -> Refusal {
         self.misspelt(key, accepted).unwrap_or_else(|| {
-            Refusal::value(
-                self.path(key),
-                "(missing)",
-                accepted,
-                format!(
-                    "add {} to the scene; kband simulate --print-scene shows a whole one",
-                    self.path(key)
-                ),
-            )
+            let path = self.path(key);
+            let all = "kband simulate --print-scene shows a whole one";
+            let next = format!("add {path} to the scene; {all}");
+            Refusal::value(path, "(missing)", accepted, next)
         })
     }
 
@@ -145,12 +149,10 @@ impl Section {
         let Some(key) = Settings::KEYS.iter().find(|key| key.name == name) else {
             return Ok(());
         };
-        let Some(value) = self.take(key.name) else {
-            return if required {
-                Err(self.missing(key.name, key.accepted))
-            } else {
-                Ok(())
-            };
+        let value = match self.take(key.name) {
+            Some(value) => value,
+            None if required => return Err(self.missing(key.name, key.accepted)),
+            None => return Ok(()),
         };
         let refused = || self.refuse(key.name, &value, key.accepted);
         let number = number(&value).ok_or_else(refused)?;
@@ -161,11 +163,7 @@ impl Section {
     pub fn interval(&mut self, key: &'static str) -> Result<(f32, f32), Refusal> {
         let accepted = "one number or [low, high] with 0 <= low <= high <= 1";
         let value = self.take(key).ok_or_else(|| self.missing(key, accepted))?;
-        let pair = match &value {
-            Value::Array(pair) if pair.len() == 2 => number(&pair[0]).zip(number(&pair[1])),
-            single => number(single).map(|r| (r, r)),
-        };
-        match pair {
+        match pair(&value) {
             Some((low, high)) if 0.0 <= low && low <= high && high <= 1.0 => {
                 Ok((low as f32, high as f32))
             }

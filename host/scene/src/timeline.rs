@@ -25,13 +25,11 @@ pub fn describe(target: Target) -> String {
                 let degrees = tone.phase.to_degrees();
                 format!("a {name} tone of {} at {degrees:.1} degrees", tone.ratio)
             };
-            let second = describe_tone("second", shape.second);
+            let mut all = format!("k = {k} with {}", describe_tone("second", shape.second));
             if shape.third.ratio > 0.0 {
-                let third = describe_tone("third", shape.third);
-                format!("k = {k} with {second} and {third}")
-            } else {
-                format!("k = {k} with {second}")
+                all += &format!(" and {}", describe_tone("third", shape.third));
             }
+            all
         }
     }
 }
@@ -39,7 +37,6 @@ pub fn describe(target: Target) -> String {
 const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, flow = g/s, identify = true, \
                        tones = [k, e, degrees]";
 
-/// Keys of a target.
 const KEYS: [&str; 9] = [
     "gear",
     "locked",
@@ -103,9 +100,8 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
 /// first (e) and its phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
     let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
-    let numbers: Option<Vec<f64>> = value
-        .as_array()
-        .and_then(|list| list.iter().map(number).collect());
+    let list = value.as_array();
+    let numbers: Option<Vec<f64>> = list.and_then(|list| list.iter().map(number).collect());
     let (k, tones) = match numbers.as_deref() {
         Some(&[k, e, th]) => (k, [[e, th], [0.0; 2]]),
         Some(&[k, e, th, e3, th3]) => (k, [[e, th], [e3, th3]]),
@@ -119,10 +115,8 @@ fn read_tones(value: &Value) -> Result<Target, String> {
             return Err(accepted.to_string());
         }
         if degrees != 0.0 && degrees.abs() < std::f64::consts::TAU {
-            return Err(format!(
-                "{accepted}; {degrees} rad would be {:.1} degrees",
-                degrees.to_degrees()
-            ));
+            let meant = format!("{:.1} degrees", degrees.to_degrees());
+            return Err(format!("{accepted}; {degrees} rad would be {meant}"));
         }
         Ok(UpperTone::new(ratio as f32, degrees.to_radians() as f32))
     };
@@ -203,15 +197,12 @@ fn read_disturbance(section: &mut Section, duration: f32) -> Result<Disturbance,
         target.finish()?;
     }
     section.finish()?;
-    match changes[..] {
-        [change] => Ok(Disturbance {
-            at: f64::from(at),
-            change,
-        }),
-        _ => Err(Refusal::new(
-            format!("{} has {} changes", section.path(""), changes.len()),
-            format!("give exactly one of {}", section.requested[1..].join(", ")),
-        )
-        .of_key(section.path(""))),
+    let at = f64::from(at);
+    if let [change] = changes[..] {
+        return Ok(Disturbance { at, change });
     }
+    let path = section.path("");
+    let cause = format!("{path} has {} changes", changes.len());
+    let next = format!("give exactly one of {}", section.requested[1..].join(", "));
+    Err(Refusal::new(cause, next).of_key(path))
 }

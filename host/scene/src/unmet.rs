@@ -64,7 +64,6 @@ impl Outcome {
     }
 }
 
-/// Expected and actual value, if they differ.
 fn mismatch(what: &str, expected: &str, actual: &str) -> Option<String> {
     (expected != actual).then(|| format!("{what}: expected {expected}, came to {actual}"))
 }

@@ -25,7 +25,6 @@ pub struct AmplitudeArguments<const COUNT: usize = 200> {
 }
 
 impl<const COUNT: usize> AmplitudeArguments<COUNT> {
-    /// The track with this frequency and incline.
     pub fn track(self) -> Result<Track, Refusal> {
         let drive = DriveArguments {
             frequency: self.hertz(),
@@ -34,7 +33,6 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         Ok(drive.track()?)
     }
 
-    /// Drive frequency in Hz.
     pub fn hertz(self) -> f64 {
         self.frequency.unwrap_or(50.0)
     }
@@ -42,12 +40,10 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
     /// k for the given amplitude, or `k`.
     pub fn or_k(self, k: Option<f64>) -> Result<Option<f64>, Refusal> {
         match self.b {
-            Some(range) if range.count > 1 => Err(Refusal::value(
-                "--b",
-                range,
-                "one value",
-                "give one amplitude, for example --b 0.235",
-            )),
+            Some(range) if range.count > 1 => {
+                let next = "give one amplitude, for example --b 0.235";
+                Err(Refusal::value("--b", range, "one value", next))
+            }
             Some(range) => k_of(&self.track()?, range.low).map(Some),
             None => Ok(k),
         }
@@ -73,9 +69,8 @@ impl<const COUNT: usize> AmplitudeArguments<COUNT> {
         let incline = track.incline().to_degrees();
         let [b, frequency, incline] =
             [1e3 * track.amplitude(k), track.frequency(), incline].map(|value| number(value, 6));
-        Ok(format!(
-            "b = {b} mm at {frequency} Hz, incline {incline}° ({k_text})"
-        ))
+        let drive = format!("{frequency} Hz, incline {incline}°");
+        Ok(format!("b = {b} mm at {drive} ({k_text})"))
     }
 }
 
@@ -88,12 +83,11 @@ pub fn k_of(track: &Track, amplitude: f64) -> Result<f64, Refusal> {
         return Ok(k);
     }
     let [low, high] = [MAX_K, MIN_K].map(|k| number(1e3 * track.amplitude(k), 3));
-    Err(Refusal::value(
-        "--b",
-        format!("{} mm", number(amplitude, 6)),
-        format!("{low}..{high} mm, which is k = {MAX_K}..{MIN_K} at this frequency and incline"),
-        "give an amplitude in this range",
-    ))
+    let value = format!("{} mm", number(amplitude, 6));
+    let ks = format!("k = {MAX_K}..{MIN_K} at this frequency and incline");
+    let accepted = format!("{low}..{high} mm, which is {ks}");
+    let next = "give an amplitude in this range";
+    Err(Refusal::value("--b", value, accepted, next))
 }
 
 #[cfg(test)]
@@ -115,10 +109,8 @@ mod tests {
             9.80665 * 10_f64.to_radians().cos() / (0.2e-3 * (120.0 * std::f64::consts::PI).powi(2));
         let k = parse(0.2, 0.2, 1).or_k(None).unwrap().unwrap();
         assert!((k - expected).abs() < 1e-14, "{k}");
-        assert_eq!(
-            parse(0.2, 0.2, 1).describe(k).unwrap(),
-            "b = 0.2 mm at 60 Hz, incline 10° (k = 0.339766)"
-        );
+        let described = parse(0.2, 0.2, 1).describe(k).unwrap();
+        assert_eq!(described, "b = 0.2 mm at 60 Hz, incline 10° (k = 0.339766)");
         let both = parse(0.1, 0.2, 2).or_range(None).unwrap().unwrap();
         assert_eq!(both.len(), 2);
         assert!((both[0] - 2.0 * expected).abs() < 1e-14 && both[1] == k);

@@ -22,7 +22,6 @@ const WRONG_ROOT_THRESHOLD: f64 = 1e-3;
 /// A launch as the kernel represents it; flight and phase of its impact in rad.
 pub type ComputedImpact = (Launch, f64, f64);
 
-/// A kernel or the baseline with its launches.
 pub trait Candidate {
     fn name(&self) -> &'static str;
     /// Computes the impact of each launch once; returns the CPU time of an impact in ns.
@@ -30,7 +29,6 @@ pub trait Candidate {
     fn impacts(&mut self) -> Vec<ComputedImpact>;
 }
 
-/// All contestants.
 pub fn candidates(launches: &[Launch]) -> Vec<Box<dyn Candidate>> {
     vec![
         Box::new(Kernels::<Textbook>::new(launches)),
@@ -59,7 +57,6 @@ fn nanoseconds_since(start: Duration) -> f64 {
     cpu_time().saturating_sub(start).as_nanos() as f64
 }
 
-/// One kernel, one impact at a time.
 struct Kernels<K: Kernel> {
     ready: Vec<(K, K::State, Launch)>,
 }
@@ -168,7 +165,6 @@ pub struct Errors {
     pub median: f64,
     pub p99: f64,
     pub largest: f64,
-    /// Number of impacts at another root.
     pub wrong_roots: u64,
 }
 
@@ -255,12 +251,8 @@ mod tests {
             for mut candidate in candidates(&launches(512)) {
                 let impacts = candidate.impacts();
                 let errors = Errors::from_impacts(&impacts);
-                let name = candidate.name();
-                assert!(
-                    impacts.len() >= 400,
-                    "{name}, {workload}: {}",
-                    impacts.len()
-                );
+                let (name, count) = (candidate.name(), impacts.len());
+                assert!(count >= 400, "{name}, {workload}: {count}");
                 assert!(errors.median < 1e-4, "{name}: {errors:?}");
                 assert!(errors.wrong_roots <= 1, "{name}: {errors:?}");
                 assert!(name != "batch" || errors.largest == 0.0, "{errors:?}");

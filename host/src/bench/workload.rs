@@ -6,7 +6,6 @@ use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
 
 use crate::random::SplitMix;
 
-/// A launch: the map and the initial state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Launch {
     pub k: f64,

@@ -42,14 +42,10 @@ impl Address {
         self.on.as_deref() == Some("qemu")
     }
 
-    /// The options of an emulated board that are given.
     fn emulated_options(&self) -> impl Iterator<Item = (&'static str, &Path)> {
-        let files = [
-            ("--image", &self.image),
-            ("--flash-image", &self.flash_image),
-        ];
-        let files = files.into_iter();
-        files.filter_map(|(option, file)| Some((option, file.as_deref()?)))
+        let image = self.image.iter().map(|file| ("--image", &**file));
+        let flash = self.flash_image.iter();
+        image.chain(flash.map(|file| ("--flash-image", &**file)))
     }
 
     /// The same board as options of a command.
@@ -90,30 +86,27 @@ impl Address {
 
     /// Refuses the options that only apply to an emulated board.
     pub fn refuse_emulated_options(&self) -> Result<(), Refusal> {
-        match self.emulated_options().next() {
-            None => Ok(()),
-            Some((option, file)) => Err(Refusal::value(
-                option,
-                file.display(),
-                "with --on qemu only: a board has its own image and flash",
-                "leave it out, or give --on qemu",
-            )),
-        }
+        let Some((option, file)) = self.emulated_options().next() else {
+            return Ok(());
+        };
+        let accepted = "with --on qemu only: a board has its own image and flash";
+        let next = "leave it out, or give --on qemu";
+        Err(Refusal::value(option, file.display(), accepted, next))
     }
 }
 
 /// Creates an erased flash if the file is missing; refuses a file of another kind.
 fn prepare(flash: &Path) -> Result<(), Refusal> {
-    match flash.metadata() {
-        Err(_) => Destination::check(flash)?.write_bytes(&[0xff; FLASH_BYTES]),
-        Ok(data) if data.len() == FLASH_BYTES as u64 => Ok(()),
-        Ok(data) => Err(Refusal::value(
-            "--flash-image",
-            format!("{} ({} bytes)", flash.display(), data.len()),
-            "a file that --flash-image created: four pages of 4096 bytes",
-            "name a file that does not exist; kband creates it",
-        )),
+    let Ok(data) = flash.metadata() else {
+        return Destination::check(flash)?.write_bytes(&[0xff; FLASH_BYTES]);
+    };
+    if data.len() == FLASH_BYTES as u64 {
+        return Ok(());
     }
+    let value = format!("{} ({} bytes)", flash.display(), data.len());
+    let accepted = "a file that --flash-image created: four pages of 4096 bytes";
+    let next = "name a file that does not exist; kband creates it";
+    Err(Refusal::value("--flash-image", value, accepted, next))
 }
 
 #[cfg(test)]

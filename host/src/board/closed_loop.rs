@@ -33,18 +33,17 @@ impl BoardLoop {
     /// The loop of a scene at time 0, with the board on `link`; its drive stays off.
     pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
         if scene.settings.current_gain > 0.0 {
-            return Err(Refusal::new(
-                "the link carries no readings of a current sensor to the board",
-                "set drive.current_gain to 0, or leave out --on",
-            ));
+            let cause = "the link carries no readings of a current sensor to the board";
+            let next = "set drive.current_gain to 0, or leave out --on";
+            return Err(Refusal::new(cause, next));
         }
         link.command(&Request::Defaults)?;
-        let changed = Settings::KEYS
-            .iter()
-            .zip(scene.settings.values())
-            .filter(|(key, value)| key.default != *value)
-            .map(|(key, value)| (key.name, value));
-        set_all(&mut link, changed.collect())?;
+        let settings = Settings::KEYS.iter().zip(scene.settings.values());
+        let changed = settings.filter(|(key, value)| key.default != *value);
+        set_all(
+            &mut link,
+            changed.map(|(key, value)| (key.name, value)).collect(),
+        )?;
         link.command(&Request::Simulate {
             target: scene.target,
             start: scene.start,
@@ -123,14 +122,15 @@ impl BoardLoop {
         let time = self.bench.time();
         self.link.request(&request, |response| match response {
             Response::Cycle { outputs, report } if outputs == check => Ok(report),
-            Response::Cycle { .. } => Err(Refusal::new(
-                format!("at {time} s the board's outputs differ from the desk's"),
-                "this is a fault of kband: report it with the scene",
-            )),
-            other => Err(Refusal::new(
-                format!("at {time} s the board fell out of step: {other:?}"),
-                "reset the board and start again",
-            )),
+            Response::Cycle { .. } => {
+                let cause = format!("at {time} s the board's outputs differ from the desk's");
+                let next = "this is a fault of kband: report it with the scene";
+                Err(Refusal::new(cause, next))
+            }
+            other => {
+                let cause = format!("at {time} s the board fell out of step: {other:?}");
+                Err(Refusal::new(cause, "reset the board and start again"))
+            }
         })?
     }
 }

@@ -54,7 +54,6 @@ pub struct Damage {
     pub cut: u64,
 }
 
-/// Next step after a refused record.
 pub(crate) const NEXT: &str = "give the path of a file that kband monitor --record wrote";
 
 /// Reads a record and passes its messages to `take`, until `take` returns false.
@@ -67,9 +66,9 @@ pub fn replay(
     let mut identified = false;
     let mut piece = [0; 4096];
     loop {
+        let cause = |error| format!("the record cannot be read: {error}");
         let read = record.read(&mut piece);
-        let count = read
-            .map_err(|error| Refusal::new(format!("the record cannot be read: {error}"), NEXT))?;
+        let count = read.map_err(|error| Refusal::new(cause(error), NEXT))?;
         if count == 0 {
             break;
         }
@@ -97,36 +96,27 @@ pub fn replay(
     if identified {
         return Ok(damage);
     }
-    Err(Refusal::new(
-        format!(
-            "this is no record: {} frames in it cannot be read, and none identifies the board",
-            damage.unreadable
-        ),
-        NEXT,
-    ))
+    let frames = format!("{} frames in it cannot be read", damage.unreadable);
+    let cause = format!("this is no record: {frames}, and none identifies the board");
+    Err(Refusal::new(cause, NEXT))
 }
 
 /// Refuses a record unless its first frame is an identity of this version and schema.
 fn check_header(answer: &Outgoing<'_>) -> Result<(), Refusal> {
-    match answer {
-        Outgoing::Identity { identity, .. }
-            if (identity.version, identity.schema) == (VERSION, SCHEMA) =>
-        {
-            Ok(())
-        }
-        Outgoing::Identity { identity, .. } => Err(Refusal::new(
-            format!(
-                "the record is of kband {}, which speaks version {}, schema {:08x}; \
-                 this desk speaks {VERSION}, {SCHEMA:08x}",
-                identity.image, identity.version, identity.schema
-            ),
-            "replay it with the kband that recorded it",
-        )),
-        Outgoing::Response { .. } | Outgoing::Update { .. } => Err(Refusal::new(
-            "the record does not begin with the identity of the board",
-            NEXT,
-        )),
+    let Outgoing::Identity { identity, .. } = answer else {
+        let cause = "the record does not begin with the identity of the board";
+        return Err(Refusal::new(cause, NEXT));
+    };
+    if (identity.version, identity.schema) == (VERSION, SCHEMA) {
+        return Ok(());
     }
+    let cause = format!(
+        "the record is of kband {}, which speaks version {}, schema {:08x}; \
+         this desk speaks {VERSION}, {SCHEMA:08x}",
+        identity.image, identity.version, identity.schema
+    );
+    let next = "replay it with the kband that recorded it";
+    Err(Refusal::new(cause, next))
 }
 
 fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {
@@ -154,9 +144,9 @@ mod tests {
             schema,
             image: "kband test",
         };
-        write_identity(&mut [0; MAX_FRAME_BYTES], 0, &identity)
-            .unwrap()
-            .to_vec()
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        let frame = write_identity(&mut buffer, 0, &identity);
+        frame.unwrap().to_vec()
     }
 
     /// A record, and the ends of its frames.
@@ -164,15 +154,13 @@ mod tests {
         let mut bytes = header(SCHEMA);
         let mut ends = vec![bytes.len()];
         for cycle in 0..CYCLES {
-            let telemetry = Telemetry {
+            let response = Response::Telemetry(Telemetry {
                 cycle,
                 k: 0.43,
                 ..Telemetry::default()
-            };
-            let response = Response::Telemetry(telemetry);
-            bytes.extend_from_slice(
-                write_response(&mut [0; MAX_FRAME_BYTES], 0, &response).unwrap(),
-            );
+            });
+            let mut buffer = [0; MAX_FRAME_BYTES];
+            bytes.extend_from_slice(write_response(&mut buffer, 0, &response).unwrap());
             ends.push(bytes.len());
         }
         (bytes, ends)

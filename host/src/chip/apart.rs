@@ -9,7 +9,6 @@ use crate::refusal::Refusal;
 
 /// Longest wait for a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
-/// Time between two checks for an interruption by the user.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 const NAME: &str = "probe";
 
@@ -29,10 +28,8 @@ pub fn start<T: Send + 'static>(
         .name(NAME.into())
         .spawn(move || work(sender))
         .map_err(|error| {
-            Refusal::new(
-                format!("a thread could not be started: {error}"),
-                "close other programs and try again",
-            )
+            let cause = format!("a thread could not be started: {error}");
+            Refusal::new(cause, "close other programs and try again")
         })?;
     Ok(received)
 }
@@ -43,32 +40,23 @@ pub fn next<T>(received: &Receiver<T>, desk: &Desk) -> Result<T, Refusal> {
     let start = Instant::now();
     loop {
         if desk.check_stop().is_err() {
-            return Err(Refusal::cut(
-                "interrupted while the probe was at work",
-                "start it again",
-            ));
+            let cause = "interrupted while the probe was at work";
+            return Err(Refusal::cut(cause, "start it again"));
         }
         match received.recv_timeout(STOP_POLL_INTERVAL) {
             Ok(received) => return Ok(received),
-            Err(RecvTimeoutError::Disconnected) => return Err(broken_off()),
+            // The work ended without a result.
+            Err(RecvTimeoutError::Disconnected) => {
+                let cause = "the connection to the probe was lost";
+                return Err(Refusal::new(cause, "plug the probe in and try again"));
+            }
             Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
-                return Err(Refusal::new(
-                    format!(
-                        "the probe has not answered for {} s",
-                        SILENCE_TIMEOUT.as_secs()
-                    ),
-                    "unplug the probe, plug it in and try again",
-                ));
+                let waited = SILENCE_TIMEOUT.as_secs();
+                let cause = format!("the probe has not answered for {waited} s");
+                let next = "unplug the probe, plug it in and try again";
+                return Err(Refusal::new(cause, next));
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
     }
-}
-
-/// The refusal for work that ended without a result.
-pub fn broken_off() -> Refusal {
-    Refusal::new(
-        "the connection to the probe was lost",
-        "plug the probe in and try again",
-    )
 }

@@ -31,6 +31,18 @@ pub struct Piece {
     pub bytes: Vec<u8>,
 }
 
+impl Piece {
+    fn new(address: u32, bytes: &[u8]) -> Self {
+        let bytes = bytes.to_vec();
+        Self { address, bytes }
+    }
+
+    /// Address after the last byte.
+    fn end(&self) -> u32 {
+        self.address + self.bytes.len() as u32
+    }
+}
+
 /// An image that fits its own chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
@@ -50,27 +62,21 @@ impl Image {
     /// The image in the bytes of an ELF file.
     pub fn parse(file: &[u8]) -> Result<Self, Refusal> {
         let damaged = |error: object::read::Error| unfit(format!("the file is damaged: {error}"));
-        match FileKind::parse(file) {
-            Ok(FileKind::Elf32) => {}
-            Ok(FileKind::Elf64) => {
-                return Err(unfit("this is a program of 64 bits, not one for a board"));
-            }
-            _ => {
-                return Err(unfit(
-                    "this is no ELF file; .bin and .hex lack the data for the checks",
-                ));
-            }
+        let other = match FileKind::parse(file) {
+            Ok(FileKind::Elf32) => None,
+            Ok(FileKind::Elf64) => Some("this is a program of 64 bits, not one for a board"),
+            _ => Some("this is no ELF file; .bin and .hex lack the data for the checks"),
+        };
+        if let Some(why) = other {
+            return Err(unfit(why));
         }
         let header = FileHeader32::<LittleEndian>::parse(file).map_err(damaged)?;
         let endian = header.endian().map_err(damaged)?;
         let (machine, kind) = (header.e_machine(endian), header.e_type(endian));
         if machine != EM_ARM || kind != ET_EXEC {
-            return Err(Refusal::value(
-                "machine, type",
-                format!("{}, {}", machine.0, kind.0),
-                format!("{}, {}: a program for Arm", EM_ARM.0, ET_EXEC.0),
-                BUILD,
-            ));
+            let value = format!("{}, {}", machine.0, kind.0);
+            let accepted = format!("{}, {}: a program for Arm", EM_ARM.0, ET_EXEC.0);
+            return Err(Refusal::value("machine, type", value, accepted, BUILD));
         }
         let sections = header.sections(endian, file).map_err(damaged)?;
         let section = |name: &[u8]| Some(sections.section_by_name(endian, name)?.1);
@@ -81,18 +87,16 @@ impl Image {
         }
         let name = section(b".chip").map(|header| header.data(endian, file));
         let name = name.transpose().map_err(damaged)?;
-        let chip = find_chip(
-            name.ok_or_else(|| unfit("this image names no chip: it is another program's"))?,
-        )?;
+        let nameless = || unfit("this image names no chip: it is another program's");
+        let chip = find_chip(name.ok_or_else(nameless)?)?;
         let mut pieces = Vec::new();
         let mut memory = chip.memory.start..chip.memory.start;
         for segment in header.program_headers(endian, file).map_err(damaged)? {
             if segment.p_type(endian) != PT_LOAD {
                 continue;
             }
-            let bytes = segment
-                .data(endian, file)
-                .map_err(|()| unfit("the file is shorter than its header says"))?;
+            let bytes = segment.data(endian, file);
+            let bytes = bytes.map_err(|()| unfit("the file is shorter than its header says"))?;
             let (run, length) = (segment.p_vaddr(endian), segment.p_memsz(endian));
             let runs = span(run, length)?;
             if length > 0 && within(&runs, &chip.memory) {
@@ -107,19 +111,15 @@ impl Image {
                 if !within(&lies, &chip.flash) || !free {
                     return Err(outside("is stored at", &lies, chip));
                 }
-                pieces.push(Piece {
-                    address,
-                    bytes: bytes.to_vec(),
-                });
+                pieces.push(Piece::new(address, bytes));
             }
         }
         pieces.sort_by_key(|piece| piece.address);
         for pair in pieces.windows(2) {
-            if pair[0].address + pair[0].bytes.len() as u32 > pair[1].address {
-                return Err(unfit(format!(
-                    "two parts of it are stored at {:#010x}",
-                    pair[1].address
-                )));
+            let second = pair[1].address;
+            if pair[0].end() > second {
+                let cause = format!("two parts of it are stored at {second:#010x}");
+                return Err(unfit(cause));
             }
         }
         let program =
@@ -133,18 +133,15 @@ impl Image {
         };
         let vectors = size(b".vector_table").unwrap_or(0) as usize / 4;
         if vectors != chip.vectors {
-            return Err(Refusal::value(
-                "entries of the vector table",
-                vectors,
-                format!("{} on the {}", chip.vectors, chip.name),
-                format!("build it anew: {}", chip.build),
-            ));
+            let key = "entries of the vector table";
+            let accepted = format!("{} on the {}", chip.vectors, chip.name);
+            let next = format!("build it anew: {}", chip.build);
+            return Err(Refusal::value(key, vectors, accepted, next));
         }
         image.check_vectors()?;
         if size(b".defmt").is_none_or(|size| size == 0) {
-            return Err(unfit(
-                "this image has no log as a board's has: it is another program's",
-            ));
+            let cause = "this image has no log as a board's has: it is another program's";
+            return Err(unfit(cause));
         }
         Ok(image)
     }
@@ -173,9 +170,8 @@ impl Image {
     /// Number of the image's bytes in a sector.
     pub fn bytes_in(&self, sector: &Sector) -> u32 {
         let within = |piece: &Piece| {
-            let end = piece.address + piece.bytes.len() as u32;
             let from = piece.address.max(sector.range.start);
-            end.min(sector.range.end).saturating_sub(from)
+            piece.end().min(sector.range.end).saturating_sub(from)
         };
         self.pieces.iter().map(within).sum()
     }
@@ -203,23 +199,19 @@ impl Image {
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
         let program = self.program..slot.start + bytes.len() as u32;
         if program.start != slot.start || program.end > slot.end {
-            return Err(Refusal::value(
-                "program",
-                addresses(&program),
-                format!("{}, from its start on", addresses(slot)),
-                BUILD,
-            ));
+            let key = "program";
+            let accepted = format!("{}, from its start on", addresses(slot));
+            return Err(Refusal::value(key, addresses(&program), accepted, BUILD));
         }
         Ok(bytes)
     }
 
     fn word(&self, address: u32) -> Option<u32> {
-        let piece = self.pieces.iter().find(|piece| {
-            (piece.address..piece.address + piece.bytes.len() as u32).contains(&address)
-        })?;
+        let mut pieces = self.pieces.iter();
+        let piece = pieces.find(|piece| (piece.address..piece.end()).contains(&address))?;
         let at = (address - piece.address) as usize;
-        let word = piece.bytes.get(at..at + 4)?;
-        Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+        let word = piece.bytes[at..].first_chunk();
+        word.copied().map(u32::from_le_bytes)
     }
 
     /// Checks that the stack is in RAM, and that every handler is in the image and in Thumb.
@@ -234,24 +226,19 @@ impl Image {
         let memory = &chip.memory;
         if !(memory.start < stack && stack <= memory.end && stack.is_multiple_of(8)) {
             let accepted = addresses(&(memory.start + 8..memory.end));
-            return Err(Refusal::value(
-                "stack",
-                format!("{stack:#010x}"),
-                format!("{accepted} in steps of 8"),
-                BUILD,
-            ));
+            let value = format!("{stack:#010x}");
+            let accepted = format!("{accepted} in steps of 8");
+            return Err(Refusal::value("stack", value, accepted, BUILD));
         }
         for number in 1..chip.vectors as u32 {
             let handler = vector(number)?;
             // Reset, NMI and hard fault must exist; 0 marks a reserved entry.
             let absent = handler == 0 && number > 3;
             if !absent && (handler & 1 == 0 || self.word(handler & !1).is_none()) {
-                return Err(Refusal::value(
-                    format!("entry {number} of the vector table"),
-                    format!("{handler:#010x}"),
-                    "the address of Thumb code in the image",
-                    BUILD,
-                ));
+                let key = format!("entry {number} of the vector table");
+                let value = format!("{handler:#010x}");
+                let accepted = "the address of Thumb code in the image";
+                return Err(Refusal::value(key, value, accepted, BUILD));
             }
         }
         Ok(())
@@ -269,16 +256,15 @@ fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
     }
     let last = pieces.last_mut();
     match last.and_then(|piece| piece.bytes.last_chunk_mut()) {
-        Some(place) if *place == ERASED_WORD && flash.len() >= ERASED_WORD.len() => {
-            flash.truncate(flash.len() - ERASED_WORD.len());
+        // The last word is erased.
+        Some(place) if *place == [0xff; 4] && flash.len() >= place.len() => {
+            flash.truncate(flash.len() - place.len());
             *place = crc32(&flash).to_le_bytes();
             Ok(())
         }
         _ => Err(unfit("this image has no place for its check")),
     }
 }
-
-const ERASED_WORD: [u8; 4] = [0xff; 4];
 
 fn find_chip(name: &[u8]) -> Result<&'static Chip, Refusal> {
     let name = String::from_utf8_lossy(name);
@@ -289,11 +275,8 @@ fn find_chip(name: &[u8]) -> Result<&'static Chip, Refusal> {
 }
 
 fn span(start: u32, length: u32) -> Result<Range<u32>, Refusal> {
-    let end = start.checked_add(length).ok_or_else(|| {
-        unfit(format!(
-            "a part of it at {start:#010x} ends beyond all memory"
-        ))
-    })?;
+    let beyond = || format!("a part of it at {start:#010x} ends beyond all memory");
+    let end = start.checked_add(length).ok_or_else(|| unfit(beyond()))?;
     Ok(start..end)
 }
 
@@ -302,18 +285,15 @@ fn within(inner: &Range<u32>, outer: &Range<u32>) -> bool {
 }
 
 fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
-    Refusal::value(
-        format!("a part that {does}"),
-        addresses(range),
-        format!(
-            "flash {} of the {}, without {} of its settings, RAM {}",
-            addresses(&chip.flash),
-            chip.name,
-            addresses(&chip.settings),
-            addresses(&chip.memory)
-        ),
-        BUILD,
-    )
+    let key = format!("a part that {does}");
+    let accepted = format!(
+        "flash {} of the {}, without {} of its settings, RAM {}",
+        addresses(&chip.flash),
+        chip.name,
+        addresses(&chip.settings),
+        addresses(&chip.memory)
+    );
+    Refusal::value(key, addresses(range), accepted, BUILD)
 }
 
 #[cfg(test)]
@@ -378,17 +358,15 @@ mod tests {
         let mut file = b"\x7fELF\x01\x01\x01".to_vec();
         file.resize(16, 0);
         let sections = 4 + u16::from(!parts.chip.is_empty()) + u16::from(parts.emulated);
-        let halves = |file: &mut Vec<u8>, values: &[u16]| {
-            file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-        };
         let push_words = |file: &mut Vec<u8>, values: &[u32]| {
             file.extend(values.iter().flat_map(|value| value.to_le_bytes()));
         };
-        halves(&mut file, &[ET_EXEC.0, parts.machine]);
+        file.extend([ET_EXEC.0, parts.machine].map(u16::to_le_bytes).concat());
         let flags = 0x0500_0400;
         let words = [1, 0x0800_0189, segments_at, sections_at, flags];
         push_words(&mut file, &words);
-        halves(&mut file, &[52, 32, count as u16, 40, sections, 3]);
+        let sizes = [52, 32, count as u16, 40, sections, 3];
+        file.extend(sizes.map(u16::to_le_bytes).concat());
         let size = table.len() as u32;
         // Place in the file and in memory, sizes in both, flags.
         for [from, to, stored, held, flags] in [
@@ -430,6 +408,11 @@ mod tests {
         parts.vectors[4..].fill(0);
     }
 
+    fn second_chip(parts: &mut Parts) {
+        larger_table(parts);
+        parts.chip = "stm32g474re";
+    }
+
     fn refused(file: &[u8]) -> String {
         Image::parse(file).unwrap_err().to_string()
     }
@@ -454,35 +437,26 @@ mod tests {
         assert_eq!(update[..392], table.bytes);
         assert!(update[392..0x1000].iter().all(|byte| *byte == 0xff));
         assert_eq!(update[0x1000..], code.bytes);
-        let message = |change: fn(&mut Parts)| {
+        let refused = |expected: &str, change: fn(&mut Parts)| {
             let image = Image::parse(&elf_with(change)).unwrap();
-            image.update().unwrap_err().to_string()
+            let message = image.update().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
         };
-        let elsewhere = message(|_| {});
-        assert!(elsewhere.contains("0x08020000..0x08080000"), "{elsewhere}");
-        let large = message(|parts| {
+        refused("0x08020000..0x08080000", |_| {});
+        refused("0x08020000..0x08080040", |parts| {
             parts.table_at = 0x0802_0000;
             parts.code_at = 0x0808_0000;
             parts.vectors[1..].fill(0x0808_0001);
         });
-        assert!(large.contains("0x08020000..0x08080040"), "{large}");
-        let second = message(|parts| {
-            larger_table(parts);
-            parts.chip = "stm32g474re";
-        });
-        assert!(second.contains("0x08006000..0x0807e000"), "{second}");
+        refused("0x08006000..0x0807e000", second_chip);
     }
 
     #[test]
     fn the_check_leaves_out_a_loader_before_the_program() {
-        let piece = |address, bytes: &[u8]| Piece {
-            address,
-            bytes: bytes.to_vec(),
-        };
-        let loader = piece(0x0800_0000, &[1; 64]);
+        let loader = Piece::new(0x0800_0000, &[1; 64]);
         let program = [
-            piece(0x0800_6000, &[2; 8]),
-            piece(0x0800_6010, &[[3; 8], [0xff; 8]].concat()[..12]),
+            Piece::new(0x0800_6000, &[2; 8]),
+            Piece::new(0x0800_6010, &[[3; 8], [0xff; 8]].concat()[..12]),
         ];
         let [mut with, mut without] = [vec![loader], vec![]];
         for pieces in [&mut with, &mut without] {
@@ -496,10 +470,7 @@ mod tests {
 
     #[test]
     fn an_image_is_for_the_chip_that_it_names() {
-        let second = elf_with(|parts| {
-            larger_table(parts);
-            parts.chip = "stm32g474re";
-        });
+        let second = elf_with(second_chip);
         assert_eq!(Image::parse(&second).unwrap().chip(), &STM32G474RE);
         assert_eq!(Image::parse(&elf()).unwrap().chip(), &STM32F405RG);
         let mixed = refused(&elf_with(larger_table));

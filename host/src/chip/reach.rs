@@ -12,9 +12,7 @@ use crate::refusal::Refusal;
 
 /// Identity register of a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
-/// Bits of the identity with the chip's family.
 const FAMILY: u32 = 0xfff;
-
 const WIRES: &str = "check SWDIO, SWCLK, ground and the board's supply";
 
 /// A connected chip of the expected family. Only [`ConnectedChip::control`] stops its core.
@@ -32,32 +30,24 @@ impl ConnectedChip {
         let info = find(requested)?;
         let name = name(&info);
         let mut probe = info.open().map_err(|error| {
-            Refusal::new(
-                format!("the probe {name} does not open: {}", causes(&error)),
-                "close other programs that use it, and check your permissions (on Linux its udev rule)",
-            )
+            let cause = format!("the probe {name} does not open: {}", causes(&error));
+            let next = "close other programs that use it, and check your permissions";
+            Refusal::new(cause, format!("{next} (on Linux its udev rule)"))
         })?;
         let unreached = |error: &dyn std::error::Error| {
+            let why = causes(error);
             Refusal::new(
-                format!(
-                    "the probe {name} does not reach the chip: {}",
-                    causes(error)
-                ),
+                format!("the probe {name} does not reach the chip: {why}"),
                 WIRES,
             )
         };
-        probe
-            .select_protocol(WireProtocol::Swd)
-            .map_err(|error| unreached(&error))?;
-        probe
-            .attach_to_unspecified()
-            .map_err(|error| unreached(&error))?;
-        let mut interface = probe
-            .try_into_arm_debug_interface(DefaultArmSequence::create())
-            .map_err(|(_, error)| unreached(&error))?;
-        interface
-            .select_debug_port(DpAddress::Default)
-            .map_err(|error| unreached(&error))?;
+        let attached = probe.select_protocol(WireProtocol::Swd);
+        let attached = attached.and_then(|()| probe.attach_to_unspecified());
+        attached.map_err(|error| unreached(&error))?;
+        let interface = probe.try_into_arm_debug_interface(DefaultArmSequence::create());
+        let mut interface = interface.map_err(|(_, error)| unreached(&error))?;
+        let selected = interface.select_debug_port(DpAddress::Default);
+        selected.map_err(|error| unreached(&error))?;
         let mut reached = Self {
             interface,
             memory: FullyQualifiedApAddress::v1_with_default_dp(0),
@@ -82,15 +72,12 @@ impl ConnectedChip {
             }
             chip += &format!(" with {kib} KiB of flash");
         }
-        Err(Refusal::value(
-            "chip",
-            chip,
-            format!(
-                "{:#05x} with {size} KiB: {}, for which the image is",
-                self.chip.family, self.chip.name
-            ),
-            "nothing was changed: check that this is the right board, or give its image",
-        ))
+        let accepted = format!(
+            "{:#05x} with {size} KiB: {}, for which the image is",
+            self.chip.family, self.chip.name
+        );
+        let next = "nothing was changed: check that this is the right board, or give its image";
+        Err(Refusal::value("chip", chip, accepted, next))
     }
 
     /// Refuses a flash that an option byte divides into other sectors than the image assumes.
@@ -101,10 +88,10 @@ impl ConnectedChip {
         if self.word(address)? & bit != 0 {
             return Ok(());
         }
-        Err(Refusal::new(
-            "the flash of this chip is one bank, and the image keeps its settings in the second of two",
-            "nothing was changed: set the chip's option DBANK, as with STM32CubeProgrammer",
-        ))
+        let cause = "the flash of this chip is one bank, and the image keeps its settings in the \
+                     second of two";
+        let next = "nothing was changed: set the chip's option DBANK, as with STM32CubeProgrammer";
+        Err(Refusal::new(cause, next))
     }
 
     /// Switches the drive off, and keeps it off while the core is stopped. A stopped core also
@@ -120,20 +107,18 @@ impl ConnectedChip {
     }
 
     pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Refusal> {
-        let read = self
-            .interface
-            .memory_interface(&self.memory)
-            .and_then(|mut memory| {
-                if address.is_multiple_of(4) && bytes.len().is_multiple_of(4) {
-                    let mut words = vec![0; bytes.len() / 4];
-                    memory.read_32(address.into(), &mut words)?;
-                    for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
-                        place.copy_from_slice(&word.to_le_bytes());
-                    }
-                    return Ok(());
-                }
-                memory.read(address.into(), bytes)
-            });
+        let memory = self.interface.memory_interface(&self.memory);
+        let read = memory.and_then(|mut memory| {
+            if !address.is_multiple_of(4) || !bytes.len().is_multiple_of(4) {
+                return memory.read(address.into(), bytes);
+            }
+            let mut words = vec![0; bytes.len() / 4];
+            memory.read_32(address.into(), &mut words)?;
+            for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
+                place.copy_from_slice(&word.to_le_bytes());
+            }
+            Ok(())
+        });
         read.map_err(|error| self.no_answer(&error))
     }
 
@@ -144,39 +129,26 @@ impl ConnectedChip {
     }
 
     pub fn set_word(&mut self, address: u32, word: u32) -> Result<(), Refusal> {
-        let written = self
-            .interface
-            .memory_interface(&self.memory)
-            .and_then(|mut memory| memory.write_word_32(address.into(), word));
+        let memory = self.interface.memory_interface(&self.memory);
+        let written = memory.and_then(|mut memory| memory.write_word_32(address.into(), word));
         written.map_err(|error| self.no_answer(&error))
     }
 
     fn no_answer(&self, error: &ArmError) -> Refusal {
-        Refusal::new(
-            format!(
-                "the chip on the probe {} does not answer: {}",
-                self.probe,
-                causes(error)
-            ),
-            WIRES,
-        )
+        let (probe, why) = (&self.probe, causes(error));
+        let cause = format!("the chip on the probe {probe} does not answer: {why}");
+        Refusal::new(cause, WIRES)
     }
 
     /// Attaches the debugger; the core stops briefly.
     pub fn control(self) -> Result<Session, Refusal> {
         let probe: Probe = self.interface.close();
-        probe
-            .attach(self.chip.name, Permissions::default())
-            .map_err(|error| {
-                Refusal::new(
-                    format!(
-                        "the core does not respond to the probe {}: {}",
-                        self.probe,
-                        causes(&error)
-                    ),
-                    WIRES,
-                )
-            })
+        let session = probe.attach(self.chip.name, Permissions::default());
+        session.map_err(|error| {
+            let (probe, why) = (&self.probe, causes(&error));
+            let cause = format!("the core does not respond to the probe {probe}: {why}");
+            Refusal::new(cause, WIRES)
+        })
     }
 }
 
@@ -207,35 +179,31 @@ fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
         None => all(),
         Some(requested) => {
             let selector: DebugProbeSelector = requested.parse().map_err(|_| {
-                Refusal::value(
-                    "--probe",
-                    requested,
-                    "VID:PID or VID:PID:SERIAL, such as 0483:3748",
-                    "name a probe as kband flash lists them",
-                )
+                let accepted = "VID:PID or VID:PID:SERIAL, such as 0483:3748";
+                let next = "name a probe as kband flash lists them";
+                Refusal::value("--probe", requested, accepted, next)
             })?;
             let probes = lister.list(Some(&selector));
             let present = if probes.is_empty() { all() } else { Vec::new() };
             if !present.is_empty() {
-                return Err(Refusal::value(
-                    "--probe",
-                    requested,
-                    names(&present),
-                    "name one that is there",
-                ));
+                let next = "name one that is there";
+                return Err(Refusal::value("--probe", requested, names(&present), next));
             }
             probes
         }
     };
-    match &probes[..] {
-        [info] => Ok(info.clone()),
-        [] => Err(Refusal::new(
-            "no debug probe is there",
-            "plug in an ST-Link, J-Link or CMSIS-DAP probe (on Linux with its udev rule: https://probe.rs/docs/getting-started/probe-setup)",
-        )),
-        [info, ..] => Err(Refusal::new(
+    let (cause, next) = match &probes[..] {
+        [info] => return Ok(info.clone()),
+        [] => (
+            "no debug probe is there".into(),
+            "plug in an ST-Link, J-Link or CMSIS-DAP probe (on Linux with its udev rule: \
+             https://probe.rs/docs/getting-started/probe-setup)"
+                .into(),
+        ),
+        [info, ..] => (
             format!("several debug probes are there: {}", names(&probes)),
             format!("name one, such as --probe {}", name(info)),
-        )),
-    }
+        ),
+    };
+    Err(Refusal::new::<String, String>(cause, next))
 }

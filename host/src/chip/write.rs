@@ -20,7 +20,6 @@ const STACK_AND_ENTRY_BYTES: usize = 8;
 /// option bytes, whose sector is erased.
 const MAX_STATUS_POLLS: usize = 1_000;
 const MAX_OPTION_POLLS: usize = 100_000;
-/// Next step after an interrupted run.
 const RETRY_STEP: &str =
     "run kband flash again: until it succeeds the board does not start; its settings are kept";
 
@@ -86,13 +85,9 @@ fn write_image(
     }
     let started = session.core(0).and_then(|mut core| core.reset());
     started.map_err(|error| {
-        Refusal::new(
-            format!(
-                "written and verified, but the chip does not start: {}",
-                causes(&error)
-            ),
-            "switch the board off and on",
-        )
+        let why = causes(&error);
+        let cause = format!("written and verified, but the chip does not start: {why}");
+        Refusal::new(cause, "switch the board off and on")
     })
 }
 
@@ -125,15 +120,13 @@ fn halt_core(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
         core.write_word_32(address.into(), drives & !bit)?;
         Ok(core.read_word_32(address.into())? & bit == 0)
     });
-    let switch = "nothing was written: switch the board off, and look at its bridge";
-    match off {
-        Ok(true) => Ok(()),
-        Ok(false) => Err(Refusal::new("the drive does not switch off", switch)),
-        Err(error) => Err(Refusal::new(
-            format!("the core does not stop: {}", causes(&error)),
-            switch,
-        )),
-    }
+    let cause = match off {
+        Ok(true) => return Ok(()),
+        Ok(false) => "the drive does not switch off".into(),
+        Err(error) => format!("the core does not stop: {}", causes(&error)),
+    };
+    let next = "nothing was written: switch the board off, and look at its bridge";
+    Err(Refusal::new(cause, next))
 }
 
 fn refuse_unwritten(why: &str) -> Refusal {
@@ -165,9 +158,11 @@ fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Res
     });
     match written {
         Ok((0, true)) => Ok(()),
-        Ok((errors, _)) => Err(refuse_unwritten(&format!(
-            "its first words read back wrong (errors {errors:#x} of the flash's controller)"
-        ))),
+        Ok((errors, _)) => {
+            let state = format!("errors {errors:#x} of the flash's controller");
+            let why = format!("its first words read back wrong ({state})");
+            Err(refuse_unwritten(&why))
+        }
         Err(error) => Err(refuse_unwritten(&causes(&error))),
     }
 }
@@ -191,20 +186,20 @@ fn wait_until_idle(
 /// Refuses a protected chip: a change of its option bytes could erase it, or lock it permanently.
 fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
     let (mask, none) = options.protection;
-    let options_word = session
-        .core(0)
-        .and_then(|mut core| core.read_word_32(options.register.into()));
-    match options_word {
-        Ok(value) if value & mask == none => Ok(()),
-        Ok(value) => Err(Refusal::new(
+    let core = session.core(0);
+    let options_word = core.and_then(|mut core| core.read_word_32(options.register.into()));
+    let (cause, next) = match options_word {
+        Ok(value) if value & mask == none => return Ok(()),
+        Ok(value) => (
             format!("the chip is read-protected (option bytes {value:#010x}): nothing was written"),
             "kband changes no protection: flash without --option-bytes, or lift it with the vendor's tool, which erases the chip",
-        )),
-        Err(error) => Err(Refusal::new(
+        ),
+        Err(error) => (
             format!("the option bytes cannot be read: {}", causes(&error)),
             "flash without --option-bytes",
-        )),
-    }
+        ),
+    };
+    Err(Refusal::new(cause, next))
 }
 
 /// Sets the option bytes, keeps the others, and reads all of them back.
@@ -226,24 +221,16 @@ fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), R
         core.write_word_32(register, requested | OptionBytes::LOCK)?;
         Ok(after & !(OptionBytes::LOCK | OptionBytes::START) == requested)
     });
+    let wrong = match held {
+        Ok(true) => return Ok(()),
+        Ok(false) => "read back wrong".into(),
+        Err(error) => format!("are not: {}", causes(&error)),
+    };
+    let cause = format!("the image is written, but the option bytes {wrong}");
     let next = "run kband flash --option-bytes again; kband identify lists them";
-    match held {
-        Ok(true) => Ok(()),
-        Ok(false) => Err(Refusal::new(
-            "the image is written, but the option bytes read back wrong",
-            next,
-        )),
-        Err(error) => Err(Refusal::new(
-            format!(
-                "the image is written, but the option bytes are not: {}",
-                causes(&error)
-            ),
-            next,
-        )),
-    }
+    Err(Refusal::new(cause, next))
 }
 
-/// Erases sectors, writes and verifies the image.
 fn commit(
     session: &mut Session,
     pieces: &[Piece],

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::refusal::Refusal;
 
 #[derive(Clone, Copy, PartialEq)]
-enum Role {
+pub enum Role {
     Input,
     Output,
 }
@@ -26,37 +26,27 @@ fn place(path: &Path) -> Option<PathBuf> {
     Some(folder.join(path.file_name()?))
 }
 
-/// Registers an input; refuses a file that this run writes.
-pub fn add_input(path: &Path) -> Result<(), Refusal> {
-    add(path, Role::Input)
-}
-
-/// Registers an output; refuses a file that this run already reads or writes.
-pub fn add_output(path: &Path) -> Result<(), Refusal> {
-    add(path, Role::Output)
-}
-
-fn add(path: &Path, role: Role) -> Result<(), Refusal> {
+/// Registers a file; refuses an input that this run writes, and an output that it already reads or
+/// writes.
+pub fn add(path: &Path, role: Role) -> Result<(), Refusal> {
     let Some(place) = place(path) else {
         return Ok(());
     };
     let mut used = USED.lock().unwrap_or_else(PoisonError::into_inner);
     let other = used.iter().find(|(other, _)| *other == place);
-    match other.map(|(_, other)| (*other, role)) {
-        None | Some((Role::Input, Role::Input)) => {}
-        Some((Role::Output, Role::Output)) => {
-            return Err(Refusal::new(
-                format!("{} is named for two outputs of this run", path.display()),
-                "give each output a name of its own",
-            ));
+    let (what, next) = match other.map(|(_, other)| (*other, role)) {
+        None | Some((Role::Input, Role::Input)) => {
+            used.push((place, role));
+            return Ok(());
         }
-        Some(_) => {
-            return Err(Refusal::new(
-                format!("{} is an input of this run and its output", path.display()),
-                "give the output another name: an input is never overwritten",
-            ));
-        }
-    }
-    used.push((place, role));
-    Ok(())
+        Some((Role::Output, Role::Output)) => (
+            "named for two outputs of this run",
+            "give each output a name of its own",
+        ),
+        Some(_) => (
+            "an input of this run and its output",
+            "give the output another name: an input is never overwritten",
+        ),
+    };
+    Err(Refusal::new(format!("{} is {what}", path.display()), next))
 }

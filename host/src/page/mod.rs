@@ -43,7 +43,6 @@ impl Page {
         }
     }
 
-    /// Adds a section: a heading and its content, as HTML.
     pub fn section(mut self, heading: &str, content: &str) -> Self {
         let heading = escaped(heading);
         self.body += &format!("<section>\n<h2>{heading}</h2>\n{content}</section>\n");
@@ -97,7 +96,6 @@ pub fn figure(name: &str, caption: &str) -> String {
     )
 }
 
-/// A table of text: column heads and rows.
 pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &mut dyn Iterator<Item = String>, element: &str| {
         let cells = cells.map(|cell| format!("<{element}>{}</{element}>", escaped(&cell)));
@@ -116,13 +114,11 @@ pub fn paragraphs(lines: &[String]) -> String {
     lines.iter().map(paragraph).collect()
 }
 
-/// A verbatim text, folded.
 pub fn folded(summary: &str, text: &str) -> String {
     let [summary, text] = [summary, text].map(escaped);
     format!("<details><summary>{summary}</summary>\n<pre>{text}</pre>\n</details>\n")
 }
 
-/// A text with HTML's special characters escaped.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

@@ -46,7 +46,6 @@ impl Axis {
         Self::new("k = g cos α / (b ω²)", "", low, high)
     }
 
-    /// An axis of the amplitude in mm.
     pub fn of_b(low: f64, high: f64) -> Self {
         Self::new("amplitude b normal to the track", "mm", low, high)
     }
@@ -114,19 +113,16 @@ impl Axis {
     }
 
     fn ticks_near(&self, target_count: usize) -> Vec<(f64, String)> {
-        match self.division {
-            Division::Decimal => decimal(self.low, self.high, target_count),
-            Division::Decades => {
-                let decades = decades(self.low, self.high, target_count);
-                // A range below a few decades has the labels of a linear scale.
-                if decades.len() < MIN_LABELS {
-                    decimal(self.low, self.high, target_count)
-                } else {
-                    decades
-                }
-            }
-            Division::Pi => parts_of_pi(self.low, self.high, target_count),
+        let ticks = match self.division {
+            Division::Pi => return parts_of_pi(self.low, self.high, target_count),
+            Division::Decades => decades(self.low, self.high, target_count),
+            Division::Decimal => Vec::new(),
+        };
+        // A range below a few decades has the labels of a linear scale.
+        if ticks.len() >= MIN_LABELS {
+            return ticks;
         }
+        decimal(self.low, self.high, target_count)
     }
 
     /// Minor ticks of a logarithmic axis, nine a decade.
@@ -151,17 +147,15 @@ fn decimal(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
     let mut steps = [1.0, 2.0, 5.0].map(|round| round * decade).into_iter();
     let step = steps.find(|step| *step >= rough).unwrap_or(10.0 * decade);
     let decimals = (-(step * 1.000_001).log10().floor()).clamp(0.0, 12.0) as usize;
-    multiples(low, high, step)
-        .map(|n| {
-            let value = n as f64 * step;
-            let label = if (1e-4..1e6).contains(&step) || value == 0.0 {
-                format!("{value:.decimals$}")
-            } else {
-                number(value, 6)
-            };
-            (value, label.replace('-', "−"))
-        })
-        .collect()
+    let tick = |n: i64| {
+        let value = n as f64 * step;
+        let label = match (1e-4..1e6).contains(&step) || value == 0.0 {
+            true => format!("{value:.decimals$}"),
+            false => number(value, 6),
+        };
+        (value, label.replace('-', "−"))
+    };
+    multiples(low, high, step).map(tick).collect()
 }
 
 fn decades(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
@@ -200,25 +194,24 @@ fn parts_of_pi(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
         return decimal(low, high, target_count);
     };
     let step = over as f64 / under as f64 * PI;
-    multiples(low, high, step)
-        .map(|n| {
-            let (mut over, mut under) = (n * over, under);
-            for divisor in [2, 3, 2] {
-                if over % divisor == 0 && under % divisor == 0 {
-                    (over, under) = (over / divisor, under / divisor);
-                }
+    let tick = |n: i64| {
+        let (mut over, mut under) = (n * over, under);
+        for divisor in [2, 3, 2] {
+            if over % divisor == 0 && under % divisor == 0 {
+                (over, under) = (over / divisor, under / divisor);
             }
-            let sign = if over < 0 { "−" } else { "" };
-            let label = match (over.abs(), under) {
-                (0, _) => "0".to_string(),
-                (1, 1) => format!("{sign}π"),
-                (over, 1) => format!("{sign}{over}π"),
-                (1, under) => format!("{sign}π/{under}"),
-                (over, under) => format!("{sign}{over}π/{under}"),
-            };
-            (n as f64 * step, label)
-        })
-        .collect()
+        }
+        let sign = if over < 0 { "−" } else { "" };
+        let label = match (over.abs(), under) {
+            (0, _) => "0".to_string(),
+            (1, 1) => format!("{sign}π"),
+            (over, 1) => format!("{sign}{over}π"),
+            (1, under) => format!("{sign}π/{under}"),
+            (over, under) => format!("{sign}{over}π/{under}"),
+        };
+        (n as f64 * step, label)
+    };
+    multiples(low, high, step).map(tick).collect()
 }
 
 /// Integer multiples of `step` within the range, with a tolerance of a rounding error.

@@ -4,18 +4,15 @@ use std::sync::LazyLock;
 
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve, Point, point};
 
-static REGULAR: LazyLock<Option<FontRef<'static>>> =
-    LazyLock::new(|| FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans.ttf")).ok());
-static BOLD: LazyLock<Option<FontRef<'static>>> = LazyLock::new(|| {
-    FontRef::try_from_slice(include_bytes!("../../fonts/kband-sans-bold.ttf")).ok()
+/// The regular font and the bold one.
+static FONTS: LazyLock<[Option<FontRef<'static>>; 2]> = LazyLock::new(|| {
+    let regular: &[u8] = include_bytes!("../../fonts/kband-sans.ttf");
+    let bold: &[u8] = include_bytes!("../../fonts/kband-sans-bold.ttf");
+    [regular, bold].map(|bytes| FontRef::try_from_slice(bytes).ok())
 });
 
 fn font(bold: bool) -> Option<&'static FontRef<'static>> {
-    if bold {
-        BOLD.as_ref()
-    } else {
-        REGULAR.as_ref()
-    }
+    FONTS[usize::from(bold)].as_ref()
 }
 
 /// Width of `text` at a size in pixels.

@@ -49,17 +49,14 @@ impl Look {
         let bytes = match target.ending().as_str() {
             "pdf" => picture.to_pdf(self, &about),
             "png" => picture.to_png(self, &about).ok_or_else(|| {
-                Refusal::new(
-                    "there is no memory for the picture",
-                    "write an .svg or .pdf instead",
-                )
+                let cause = "there is no memory for the picture";
+                Refusal::new(cause, "write an .svg or .pdf instead")
             })?,
             _ => picture.to_svg(self, &about).into_bytes(),
         };
         target.write_bytes(&bytes)
     }
 
-    /// Whether a size on paper was requested.
     pub(super) fn on_paper(self) -> bool {
         self.width.is_some() || self.font_size.is_some()
     }

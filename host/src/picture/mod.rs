@@ -16,8 +16,8 @@ mod theme;
 
 pub use axis::Axis;
 pub use look::{Look, PICTURES};
-use panel::SMALL_TEXT_SIZE;
 pub use panel::{Grid, Panel};
+use panel::{SMALL_TEXT_SIZE, label};
 pub use theme::{Fill, Theme, page_colours};
 
 use shape::{Anchor, Rect, Shape, Text};
@@ -42,7 +42,6 @@ impl Picture {
         }
     }
 
-    /// A line below the title, for the parameters.
     pub fn caption(mut self, text: impl Into<String>) -> Self {
         self.caption = text.into();
         self
@@ -54,7 +53,6 @@ impl Picture {
         self
     }
 
-    /// One more panel, below the others.
     pub fn panel(mut self, panel: Panel) -> Self {
         self.panels.push(panel);
         self
@@ -94,12 +92,7 @@ impl Picture {
         let width = look.laid_out(self.width);
         let mut shapes = Vec::new();
         let height = self.draw(theme, width, &mut shapes);
-        let sheet = Rect {
-            left: 0.0,
-            top: 0.0,
-            width,
-            height,
-        };
+        let sheet = Rect::new(0.0, 0.0, width, height);
         shapes.insert(0, Shape::area(sheet, theme.background()));
         ([width, height], shapes)
     }
@@ -108,13 +101,9 @@ impl Picture {
     fn draw(&self, theme: Theme, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let draw_line = |y: f64, text: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
-                at: (18.0, y),
-                content: text.into(),
                 size,
                 bold,
-                colour,
-                anchor: Anchor::Start,
-                upright: false,
+                ..label((18.0, y), text, Anchor::Start, colour)
             })
         };
         let mut y = 28.0;
@@ -140,7 +129,6 @@ impl Picture {
 }
 
 const TITLE: f64 = 16.0;
-
 /// Smallest factor on the heights of panels in a narrower picture.
 const MIN_HEIGHT_RATIO: f64 = 0.6;
 
@@ -164,10 +152,8 @@ mod tests {
     use super::*;
 
     fn sample() -> Panel {
-        Panel::new(
-            Axis::new("k", "", 0.3, 0.5),
-            Axis::new("impact phase", "rad", 0.0, std::f64::consts::TAU).in_pi(),
-        )
+        let phase = Axis::new("impact phase", "rad", 0.0, std::f64::consts::TAU);
+        Panel::new(Axis::new("k", "", 0.3, 0.5), phase.in_pi())
     }
 
     fn all_items() -> Picture {
@@ -187,14 +173,10 @@ mod tests {
                 vec![(0.3, 0.4, Fill::Chaotic), (0.4, 0.5, Fill::Locked)],
                 &[(Fill::Locked, "locked")],
             );
-        let map = sample().heat(
-            Grid::new(2, vec![0.0, 1.0, 2.0, f64::NAN]),
-            Axis::new("speed", "mm/s", 0.0, 2.0),
-        );
-        let classes = sample().classes(
-            Grid::new(2, vec![Fill::Rest, Fill::Locked]),
-            &[(Fill::Rest, "rest")],
-        );
+        let speeds = Grid::new(2, vec![0.0, 1.0, 2.0, f64::NAN]);
+        let map = sample().heat(speeds, Axis::new("speed", "mm/s", 0.0, 2.0));
+        let fills = Grid::new(2, vec![Fill::Rest, Fill::Locked]);
+        let classes = sample().classes(fills, &[(Fill::Rest, "rest")]);
         Picture::new("Title")
             .caption("words ".repeat(60))
             .panel(panel)
@@ -214,11 +196,7 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let look = Look {
-                theme,
-                ..Look::default()
-            };
-            let bytes = all_items().to_png(look, "").unwrap();
+            let bytes = all_items().to_png(theme.into(), "").unwrap();
             let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
             let mut reader = reader.unwrap();
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];

@@ -10,7 +10,8 @@ use axes::Pixels;
 use item::Item;
 use legend::Key;
 pub use map::Grid;
-use style::{dashed, label};
+use style::dashed;
+pub(super) use style::label;
 
 use super::axis::Axis;
 use super::shape::{Anchor, Rect, Shape, Text};
@@ -45,7 +46,6 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// An empty panel between a horizontal and a vertical axis.
     pub fn new(x: Axis, y: Axis) -> Self {
         Self {
             heading: String::new(),
@@ -60,7 +60,6 @@ impl Panel {
         }
     }
 
-    /// Text above the panel.
     pub fn heading(mut self, text: impl Into<String>) -> Self {
         self.heading = text.into();
         self

@@ -17,7 +17,6 @@ const INFO: Ref = Ref::new(5);
 /// Number of the first object for opacities; images with their masks follow.
 const FIRST_OPACITY_OBJECT: i32 = 6;
 
-/// The PDF of shapes on a sheet of this size.
 pub(super) fn document(
     size: [f64; 2],
     [title, about]: [&str; 2],
@@ -34,15 +33,13 @@ pub(super) fn document(
     sheet.content.save_state();
     // Downwards from the upper left corner, as the shapes.
     let scale = points as f32;
-    sheet
-        .content
-        .transform([scale, 0.0, 0.0, -scale, 0.0, height]);
+    let downwards = [scale, 0.0, 0.0, -scale, 0.0, height];
+    sheet.content.transform(downwards);
     sheet.content.set_line_join(LineJoinStyle::RoundJoin);
     for shape in shapes {
         sheet.draw(shape);
     }
     sheet.content.restore_state();
-
     let mut pdf = Pdf::new();
     pdf.catalog(CATALOG).pages(PAGES);
     pdf.pages(PAGES).kids([PAGE]).count(1);
@@ -131,9 +128,9 @@ impl<'a> Sheet<'a> {
                 self.images.push(raster);
                 let [left, bottom, width, height] =
                     [place.left, place.bottom(), place.width, place.height].map(|x| x as f32);
+                let transform = [width, 0.0, 0.0, -height, left, bottom];
                 self.content.save_state();
-                self.content
-                    .transform([width, 0.0, 0.0, -height, left, bottom]);
+                self.content.transform(transform);
                 self.content.x_object(Name(name.as_bytes()));
                 self.content.restore_state();
             }
@@ -161,8 +158,8 @@ impl<'a> Sheet<'a> {
             self.opacities.push(opacity);
             self.opacities.len() - 1
         });
-        self.content
-            .set_parameters(Name(format!("O{n}").as_bytes()));
+        let name = format!("O{n}");
+        self.content.set_parameters(Name(name.as_bytes()));
     }
 
     fn draw_text(&mut self, text: &Text) {
@@ -201,10 +198,9 @@ fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {
     let mut image = pdf.image_xobject(object, &pixels);
     image.filter(Filter::FlateDecode);
     image.width(width).height(height).bits_per_component(8);
-    let last = raster.palette.len().saturating_sub(1) as i32;
-    image
-        .color_space()
-        .indexed(Name(b"DeviceRGB"), last, &raster.rgb());
+    let (last, rgb) = (raster.palette.len().saturating_sub(1) as i32, raster.rgb());
+    let space = image.color_space();
+    space.indexed(Name(b"DeviceRGB"), last, &rgb);
     if clear {
         image.s_mask(mask);
     }

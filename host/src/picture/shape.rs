@@ -14,6 +14,15 @@ pub(super) struct Rect {
 }
 
 impl Rect {
+    pub(super) fn new(left: f64, top: f64, width: f64, height: f64) -> Self {
+        Self {
+            left,
+            top,
+            width,
+            height,
+        }
+    }
+
     pub(super) fn right(&self) -> f64 {
         self.left + self.width
     }
@@ -23,12 +32,8 @@ impl Rect {
     }
 
     pub(super) fn corners(&self) -> Vec<(f64, f64)> {
-        vec![
-            (self.left, self.top),
-            (self.right(), self.top),
-            (self.right(), self.bottom()),
-            (self.left, self.bottom()),
-        ]
+        let (left, top, right, bottom) = (self.left, self.top, self.right(), self.bottom());
+        vec![(left, top), (right, top), (right, bottom), (left, bottom)]
     }
 }
 
@@ -93,9 +98,8 @@ pub(super) struct Raster {
 impl Raster {
     /// Red, green and blue of each colour of the palette.
     pub(super) fn rgb(&self) -> Vec<u8> {
-        let colours = self.palette.iter();
-        let parts = colours.flat_map(|colour| [colour.red, colour.green, colour.blue]);
-        parts.collect()
+        let parts = |colour: &Colour| [colour.red, colour.green, colour.blue];
+        self.palette.iter().flat_map(parts).collect()
     }
 
     /// Repeats every pixel horizontally and vertically; a raster finer than the picture is
@@ -103,22 +107,17 @@ impl Raster {
     pub(super) fn repeated(&self, across: usize, down: usize) -> Self {
         let enough = |times: usize| if times > 2 { times } else { 1 };
         let (across, down) = (enough(across), enough(down));
-        let pixels = self
-            .pixels
-            .chunks(self.width.max(1))
-            .flat_map(|row| {
-                let wide: Vec<u8> = row
-                    .iter()
-                    .flat_map(|pixel| std::iter::repeat_n(*pixel, across))
-                    .collect();
-                std::iter::repeat_n(wide, down).flatten()
-            })
-            .collect();
+        let wide = |pixel: &u8| std::iter::repeat_n(*pixel, across);
+        let large = |row: &[u8]| {
+            let row: Vec<u8> = row.iter().flat_map(wide).collect();
+            std::iter::repeat_n(row, down).flatten()
+        };
+        let rows = self.pixels.chunks(self.width.max(1));
         Self {
             width: self.width * across,
             height: self.height * down,
             palette: self.palette.clone(),
-            pixels,
+            pixels: rows.flat_map(large).collect(),
         }
     }
 }

@@ -23,12 +23,9 @@ pub(super) fn document(
         // Writing to a String cannot fail.
         let _ = draw(&mut body, &mut clips, name, shape);
     }
-    let size = |pixels: f64| {
-        if look.on_paper() {
-            format!("{}mm", short(pixels * look.millimetres()))
-        } else {
-            pixels.to_string()
-        }
+    let size = |pixels: f64| match look.on_paper() {
+        true => format!("{}mm", short(pixels * look.millimetres())),
+        false => pixels.to_string(),
     };
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
@@ -44,13 +41,10 @@ pub(super) fn document(
     if !clips.is_empty() {
         text.push_str("<defs>\n");
         for (n, clip) in clips.iter().enumerate() {
+            let rect = placed(clip);
             let _ = writeln!(
                 text,
-                "<clipPath id=\"{name}c{n}\"><rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/></clipPath>",
-                short(clip.left),
-                short(clip.top),
-                short(clip.width),
-                short(clip.height)
+                "<clipPath id=\"{name}c{n}\"><rect {rect}/></clipPath>"
             );
         }
         text.push_str("</defs>\n");
@@ -81,8 +75,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                 let width = short(stroke.width);
                 write!(out, " stroke-width=\"{width}\" stroke-linejoin=\"round\"")?;
                 if !stroke.dash.is_empty() {
-                    let dash = stroke.dash.iter().map(|length| short(*length));
-                    let dash: Vec<String> = dash.collect();
+                    let dash: Vec<String> = stroke.dash.iter().copied().map(short).collect();
                     write!(out, " stroke-dasharray=\"{}\"", dash.join(" "))?;
                 }
             }
@@ -102,22 +95,21 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
             // Viewers enlarge images differently; large cells keep sharp edges in all of them.
             let repeat =
                 |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;
-            let large = raster.repeated(
-                repeat(place.width, raster.width),
-                repeat(place.height, raster.height),
-            );
+            let across = repeat(place.width, raster.width);
+            let large = raster.repeated(across, repeat(place.height, raster.height));
+            let (place, png) = (placed(place), STANDARD.encode(bitmap::indexed_png(&large)));
             writeln!(
                 out,
-                "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
-                 href=\"data:image/png;base64,{}\"/>",
-                short(place.left),
-                short(place.top),
-                short(place.width),
-                short(place.height),
-                STANDARD.encode(bitmap::indexed_png(&large)),
+                "<image {place} preserveAspectRatio=\"none\" href=\"data:image/png;base64,{png}\"/>"
             )
         }
     }
+}
+
+/// Attributes for the place of a rectangle.
+fn placed(rect: &Rect) -> String {
+    let [x, y, width, height] = [rect.left, rect.top, rect.width, rect.height].map(short);
+    format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"")
 }
 
 fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
@@ -154,11 +146,8 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 fn short(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" {
-        "0".into()
-    } else {
-        text.into()
-    }
+    let text = if text == "-0" { "0" } else { text };
+    text.into()
 }
 
 fn escape(text: &str) -> String {

@@ -248,9 +248,8 @@ mod tests {
 
     #[test]
     fn the_scale_is_monotone_in_lightness() {
-        let light: Vec<f64> = (0..=64)
-            .map(|n| Theme::Light.scale(f64::from(n) / 64.0).luminance())
-            .collect();
+        let light = (0..=64).map(|n| Theme::Light.scale(f64::from(n) / 64.0).luminance());
+        let light: Vec<f64> = light.collect();
         assert!(light.windows(2).all(|pair| pair[0] < pair[1]));
     }
 
@@ -265,10 +264,7 @@ mod tests {
         let lumas = Fill::ALL.into_iter().filter(|fill| *fill != Fill::Fault);
         let mut lumas: Vec<f64> = lumas.map(luma).collect();
         lumas.sort_by(f64::total_cmp);
-        let mut pairs = lumas.windows(2);
-        assert!(
-            pairs.all(|pair| pair[1] - pair[0] > 255.0 / 12.0),
-            "{lumas:?}"
-        );
+        let mut steps = lumas.windows(2).map(|pair| pair[1] - pair[0]);
+        assert!(steps.all(|step| step > 255.0 / 12.0), "{lumas:?}");
     }
 }

@@ -18,7 +18,6 @@ pub struct JsonRows<'a> {
     started: bool,
 }
 
-/// End of a document without rows.
 const NO_ROWS: &str = "[]\n}";
 
 impl<'a> JsonRows<'a> {
@@ -38,7 +37,6 @@ impl<'a> JsonRows<'a> {
         })
     }
 
-    /// Writes the end of the document.
     pub fn end(self) -> Result<(), Refusal> {
         let indent = if self.started { "\n  " } else { "" };
         writeln!(self.out, "{indent}]\n}}").map_err(|error| write_refusal(&error))

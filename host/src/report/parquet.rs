@@ -12,7 +12,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
 use super::value::shortest;
-use super::{Column, Rows, Value};
+use super::{Column, Rows, Value, finite};
 use crate::provenance;
 use crate::refusal::Refusal;
 
@@ -23,6 +23,15 @@ const ROWS_PER_GROUP: usize = 65_536;
 enum Waiting {
     Numbers(Vec<f64>, Vec<i16>),
     Words(Vec<ByteArray>, Vec<i16>),
+}
+
+impl Waiting {
+    fn none(column: &Column) -> Self {
+        match column.text {
+            true => Self::Words(Vec::new(), Vec::new()),
+            false => Self::Numbers(Vec::new(), Vec::new()),
+        }
+    }
 }
 
 /// Writer of rows as Parquet. Missing values are null. The file's metadata has two JSON objects:
@@ -36,12 +45,10 @@ pub(super) struct ParquetRows<'a> {
 impl<'a> ParquetRows<'a> {
     pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self, Refusal> {
         let field = |column: &Column| {
-            let physical = if column.text {
-                Physical::BYTE_ARRAY
-            } else {
-                Physical::DOUBLE
+            let (physical, logical) = match column.text {
+                true => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+                false => (Physical::DOUBLE, None),
             };
-            let logical = column.text.then_some(LogicalType::String);
             Type::primitive_type_builder(column.name, physical)
                 .with_logical_type(logical)
                 .with_repetition(Repetition::OPTIONAL)
@@ -49,13 +56,9 @@ impl<'a> ParquetRows<'a> {
                 .map(Arc::new)
         };
         let fields = columns.iter().map(field).collect::<Result<_, _>>();
-        let schema = fields
-            .and_then(|fields| {
-                Type::group_type_builder("kband")
-                    .with_fields(fields)
-                    .build()
-            })
-            .map_err(write_refusal)?;
+        let fields = fields.map_err(write_refusal)?;
+        let schema = Type::group_type_builder("kband").with_fields(fields);
+        let schema = schema.build().map_err(write_refusal)?;
         let units = super::units(columns);
         let provenance_json = provenance::object(units.clone()).to_string();
         let units = serde_json::Value::Object(units).to_string();
@@ -69,7 +72,7 @@ impl<'a> ParquetRows<'a> {
         let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
         Ok(Self {
             writer: writer.map_err(write_refusal)?,
-            waiting: columns.iter().map(empty).collect(),
+            waiting: columns.iter().map(Waiting::none).collect(),
             rows: 0,
         })
     }
@@ -110,14 +113,6 @@ impl<'a> ParquetRows<'a> {
     }
 }
 
-fn empty(column: &Column) -> Waiting {
-    if column.text {
-        Waiting::Words(Vec::new(), Vec::new())
-    } else {
-        Waiting::Numbers(Vec::new(), Vec::new())
-    }
-}
-
 fn write_refusal(error: ParquetError) -> Refusal {
     super::table::write_refusal(&std::io::Error::other(error))
 }
@@ -125,32 +120,24 @@ fn write_refusal(error: ParquetError) -> Refusal {
 impl Rows for ParquetRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
         for (waiting, value) in self.waiting.iter_mut().zip(row) {
-            let levels = match waiting {
+            match waiting {
                 Waiting::Numbers(values, levels) => {
-                    let before = values.len();
-                    match value {
-                        Value::Number(number) | Value::Short(number) => {
-                            values.extend(Some(*number).filter(|number| number.is_finite()));
-                        }
-                        Value::Single(number) => {
-                            let number = Some(*number).filter(|number| number.is_finite());
-                            values.extend(number.map(shortest));
-                        }
-                        Value::Count(count) => values.push(*count as f64),
-                        Value::Flag(flag) => values.push(f64::from(u8::from(*flag))),
-                        Value::Text(_) | Value::Missing => {}
-                    }
-                    levels.push((values.len() - before) as i16);
-                    continue;
+                    let number = match value {
+                        Value::Number(number) | Value::Short(number) => finite(*number),
+                        Value::Single(number) => finite(*number).map(shortest),
+                        Value::Count(count) => Some(*count as f64),
+                        Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
+                        Value::Text(_) | Value::Missing => None,
+                    };
+                    levels.push(i16::from(number.is_some()));
+                    values.extend(number);
                 }
                 Waiting::Words(values, levels) => {
-                    if !matches!(value, Value::Missing) {
-                        values.push(value.read(17).into_bytes().into());
-                    }
-                    levels
+                    let word = (*value != Value::Missing).then(|| value.read(17));
+                    levels.push(i16::from(word.is_some()));
+                    values.extend(word.map(|word| ByteArray::from(word.into_bytes())));
                 }
-            };
-            levels.push(i16::from(!matches!(value, Value::Missing)));
+            }
         }
         self.rows += 1;
         if self.rows == ROWS_PER_GROUP {
@@ -183,24 +170,18 @@ mod tests {
         // More rows than a group.
         let count = ROWS_PER_GROUP as u32 + 10;
         for n in 0..count {
-            let k = if n % 3 == 0 {
-                Value::Missing
-            } else {
-                0.4.into()
-            };
-            rows.row(&[Value::Short(f64::from(n) * 0.02), k, "locked".into()])
-                .unwrap();
+            let k = (n % 3 != 0).then_some(0.4).into();
+            let row = [Value::Short(f64::from(n) * 0.02), k, "locked".into()];
+            rows.row(&row).unwrap();
         }
         rows.end().unwrap();
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         let metadata = reader.metadata().file_metadata();
         assert_eq!(metadata.num_rows(), i64::from(count));
         let pairs = metadata.key_value_metadata().unwrap();
-        let units = pairs.iter().find(|pair| pair.key == "units").unwrap();
-        assert_eq!(units.value.as_deref(), Some(r#"{"time":"s"}"#));
-        let provenance_json = pairs.iter().find(|pair| pair.key == "provenance").unwrap();
-        let provenance_json = provenance_json.value.as_ref().unwrap();
-        assert!(provenance_json.contains("\"commit\":"));
+        let find = |key: &str| pairs.iter().find(|pair| pair.key == key)?.value.as_deref();
+        assert_eq!(find("units"), Some(r#"{"time":"s"}"#));
+        assert!(find("provenance").unwrap().contains("\"commit\":"));
         let last = reader.get_row_iter(None).unwrap().last().unwrap().unwrap();
         assert_eq!(last.get_double(0).unwrap(), f64::from(count - 1) * 0.02);
         assert_eq!(last.get_double(1).is_ok(), !(count - 1).is_multiple_of(3));

@@ -6,22 +6,17 @@ use crate::refusal::Refusal;
 
 /// Refuses the file of an option whose ending is no row format of this build.
 pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
-    match target.ending().as_str() {
-        "csv" => Ok(()),
-        "parquet" if cfg!(feature = "parquet") => Ok(()),
-        "parquet" => Err(Refusal::value(
-            option,
-            target.path().display(),
+    let (accepted, next) = match target.ending().as_str() {
+        "csv" => return Ok(()),
+        "parquet" if cfg!(feature = "parquet") => return Ok(()),
+        "parquet" => (
             "a name that ends in .csv: this kband was built without Parquet",
             "cargo install --path host --features parquet brings it",
-        )),
-        _ => Err(Refusal::value(
-            option,
-            target.path().display(),
-            "a name that ends in .csv or .parquet",
-            "change the ending",
-        )),
-    }
+        ),
+        _ => ("a name that ends in .csv or .parquet", "change the ending"),
+    };
+    let path = target.path().display();
+    Err(Refusal::value(option, path, accepted, next))
 }
 
 /// Approximate bytes of a row in a file with this ending.

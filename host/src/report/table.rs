@@ -9,7 +9,6 @@ use super::value::Value;
 use crate::provenance;
 use crate::refusal::Refusal;
 
-/// A column of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Column {
     /// Also the key in JSON.
@@ -40,7 +39,6 @@ impl Column {
         Self { unit, ..self }
     }
 
-    /// The column with another heading in text.
     pub const fn titled(self, title: &'static str) -> Self {
         Self {
             title: Some(title),
@@ -75,18 +73,16 @@ impl Column {
     }
 
     pub(crate) fn header(&self) -> String {
-        if self.plain {
-            self.name.into()
-        } else {
-            self.with_unit()
+        match self.plain {
+            true => self.name.into(),
+            false => self.with_unit(),
         }
     }
 
     fn with_unit(&self) -> String {
-        if self.unit.is_empty() {
-            self.name.into()
-        } else {
-            format!("{} ({})", self.name, self.unit)
+        match self.unit {
+            "" => self.name.into(),
+            unit => format!("{} ({unit})", self.name),
         }
     }
 }
@@ -146,10 +142,9 @@ impl Table {
             let widths = cells.iter().map(|row| row[n].chars().count());
             widths.max().unwrap_or(0)
         };
+        let is_text = |n: usize| self.rows.iter().any(|row| matches!(row[n], Value::Text(_)));
         let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
-        let is_text: Vec<bool> = (0..self.columns.len())
-            .map(|n| self.rows.iter().any(|row| matches!(row[n], Value::Text(_))))
-            .collect();
+        let is_text: Vec<bool> = (0..self.columns.len()).map(is_text).collect();
         let mut blocks: Vec<Vec<usize>> = Vec::new();
         for n in 0..widths.len() {
             let taken = |block: &Vec<usize>| block.iter().map(|&n| widths[n] + 2).sum::<usize>();
@@ -186,7 +181,6 @@ impl Table {
         text
     }
 
-    /// Passes its rows to `rows`, one by one.
     pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
         self.rows.iter().try_for_each(|row| rows.row(row))
     }
@@ -213,9 +207,9 @@ pub struct CsvRows<'a> {
 impl<'a> CsvRows<'a> {
     pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
         let names: Vec<String> = columns.iter().map(Column::header).collect();
-        provenance::write_comments(super::units(columns), out)
-            .and_then(|()| writeln!(out, "{}", names.join(",")))
-            .map_err(|error| write_refusal(&error))?;
+        let written = provenance::write_comments(super::units(columns), out);
+        let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
+        written.map_err(|error| write_refusal(&error))?;
         Ok(Self { out })
     }
 }
@@ -227,7 +221,6 @@ impl Rows for CsvRows<'_> {
     }
 }
 
-/// Counter of rows, without output.
 #[derive(Default)]
 pub(super) struct CountedRows {
     rows: u64,
@@ -257,10 +250,8 @@ impl Rows for CountedRows {
 }
 
 pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
-    Refusal::new(
-        format!("the rows cannot be written: {error}"),
-        "check space and permissions of the folder",
-    )
+    let cause = format!("the rows cannot be written: {error}");
+    Refusal::new(cause, "check space and permissions of the folder")
 }
 
 #[cfg(test)]
@@ -299,11 +290,9 @@ mod tests {
             csv.lines().partition(|line| line.starts_with('#'));
         assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
         assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
-        assert_eq!(
-            rows.join("\n") + "\n",
-            "k,b (mm),regime\n0.10000000000000001,1.234567,\"locked, r = 1\"\n\
-             0.25,,rest\n"
-        );
+        let first = "0.10000000000000001,1.234567,\"locked, r = 1\"";
+        assert_eq!(rows, ["k,b (mm),regime", first, "0.25,,rest"]);
+        assert!(csv.ends_with('\n'));
     }
 
     #[test]

@@ -15,7 +15,6 @@ const JSON: u8 = 4;
 
 /// A field of a result `R`: its column, and the function from the result to its value.
 pub struct Field<'a, R> {
-    /// Bits of the formats that contain the field.
     forms: u8,
     column: Column,
     value: Box<dyn Fn(&R) -> Value + 'a>,
@@ -30,7 +29,6 @@ impl<'a, R> Field<'a, R> {
         }
     }
 
-    /// A field of every format.
     pub fn all<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(READ | CSV | JSON, column, value)
     }
@@ -56,7 +54,6 @@ impl<'a, R> Field<'a, R> {
     }
 }
 
-/// Fields of a result `R`.
 pub struct View<'a, R> {
     fields: Vec<Field<'a, R>>,
 }
@@ -67,7 +64,6 @@ impl<'a, R> View<'a, R> {
         Self { fields }
     }
 
-    /// The view with the fields of another one added.
     pub fn and(mut self, other: Self) -> Self {
         self.fields.extend(other.fields);
         self

@@ -15,11 +15,8 @@ pub struct Axes {
 impl Axes {
     /// Parses `key=a..b:n` or `key=a`; the error states the accepted form.
     pub fn parse(text: &str) -> Result<Self, String> {
-        Self::read(text).ok_or_else(|| {
-            "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000, such as \
-             drive.gain=0.5..1.5:11"
-                .into()
-        })
+        let accepted = "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000";
+        Self::read(text).ok_or_else(|| format!("{accepted}, such as drive.gain=0.5..1.5:11"))
     }
 
     fn read(text: &str) -> Option<Self> {
@@ -58,12 +55,10 @@ impl Axes {
 /// Sets a key of a scene's table, and creates missing tables on its path.
 pub(super) fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
     let unknown = |part: &str| {
-        Refusal::value(
-            "--sweep",
-            key,
-            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at",
-            format!("correct {part}; docs/scenes.md lists every key"),
-        )
+        let accepted =
+            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at";
+        let next = format!("correct {part}; docs/scenes.md lists every key");
+        Refusal::value("--sweep", key, accepted, next)
     };
     let mut parts: Vec<&str> = key.split('.').collect();
     let last = parts.pop().unwrap_or_default();
@@ -98,11 +93,9 @@ fn set_number(table: &mut Table, within: Option<&str>, key: &str, value: f64) ->
         // A target has only one of several keys.
         table.clear();
     }
-    let whole = matches!(key, "seed" | "locked" | "count") && value.fract() == 0.0;
-    let value = if whole {
-        Value::Integer(value as i64)
-    } else {
-        Value::Float(value)
+    let value = match key {
+        "seed" | "locked" | "count" if value.fract() == 0.0 => Value::Integer(value as i64),
+        _ => Value::Float(value),
     };
     table.insert(key.into(), value);
     Some(())

@@ -7,7 +7,6 @@ use kband_scene::{Curve, Outcome, Sketch, SketchImpact, describe, part_group};
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::report::when;
 
-/// Largest number of drawn impacts.
 const MAX_MARKERS: usize = 600;
 
 /// Fills of the controller's states, with their names.
@@ -84,8 +83,8 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     if let Some([low, high]) = outcome.last().gear_band {
         throw = throw.shelf("gear band", low.into(), high.into());
         if let Some(band) = lock {
-            throw = throw.level(band.low(), "lock without scatter");
-            throw = throw.level(band.high(), "");
+            let low = throw.level(band.low(), "lock without scatter");
+            throw = low.level(band.high(), "");
         }
     } else if let Some(band) = lock {
         let scatters = when(outcome.file().scatters(), || ", did it not scatter");
@@ -120,10 +119,8 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         phases = phases.level(expected, "lock");
     }
     let settings = &outcome.file().scene.settings;
-    let mut scatter = String::new();
-    if outcome.file().scatters() {
-        scatter = format!(", restitution scatters: {}", outcome.regime());
-    }
+    let regime = || format!(", restitution scatters: {}", outcome.regime());
+    let scatter = when(outcome.file().scatters(), regime);
     let mut picture = Picture::new("A feeder under control")
         .caption(format!(
             "{} Hz, incline {}°, R {}..{}, Q {}, target {}{scatter}",
@@ -170,11 +167,10 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     let highest = highest(truth.iter().chain(&weighed));
     let mass = Axis::new("mass on the track", "g", 0.0, 1.15 * highest);
     let panel = Panel::new(time, mass).height(140.0).line("true", 1, truth);
-    if weighed.iter().any(|point| point.1.is_finite()) {
-        panel.line("weighed", 0, weighed)
-    } else {
-        panel
+    if weighed.iter().all(|point| !point.1.is_finite()) {
+        return panel;
     }
+    panel.line("weighed", 0, weighed)
 }
 
 /// Flow off the track: simulated, and estimated by the board.
@@ -207,8 +203,6 @@ fn highest<'a>(points: impl IntoIterator<Item = &'a (f64, f64)>) -> f64 {
 }
 
 fn is_labelled(event: Event) -> bool {
-    !matches!(
-        event,
-        Event::KickEnded | Event::KickPlanned | Event::TargetSet | Event::Stopped
-    )
+    use Event::{KickEnded, KickPlanned, Stopped, TargetSet};
+    !matches!(event, KickEnded | KickPlanned | TargetSet | Stopped)
 }

@@ -250,10 +250,8 @@ fields! {
 /// Draws the share of runs that reached the requested state over time.
 pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
     let end = file.duration;
-    let mut panel = Panel::new(
-        Axis::new("time", "s", 0.0, end),
-        Axis::new("runs in the wanted state", "%", -5.0, 105.0),
-    );
+    let share = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
+    let mut panel = Panel::new(Axis::new("time", "s", 0.0, end), share);
     for (series, runs) in all.iter().enumerate() {
         let step = 100.0 / runs.runs.len().max(1) as f64;
         let mut points = vec![(0.0, 0.0)];
@@ -299,11 +297,10 @@ mod tests {
             assert_eq!(runs(6, 3, fidelity, 1), runs(6, 3, fidelity, 3));
         }
         let one = runs(1, 3, Fidelity::Envelope, 1);
-        let other = runs(1, 4, Fidelity::Envelope, 1);
-        assert_ne!(one.runs[0], other.runs[0]);
         // Seeds from 2^32 on keep all their digits.
-        let large = runs(1, 3 + (1 << 40), Fidelity::Envelope, 1);
-        assert_ne!(one.runs[0], large.runs[0]);
+        for other in [4, 3 + (1 << 40)] {
+            assert_ne!(one.runs[0], runs(1, other, Fidelity::Envelope, 1).runs[0]);
+        }
     }
 
     /// R = 0.3, s = 0.05 at k = 0.45: share in gear 0.811 by an independent program
@@ -312,9 +309,8 @@ mod tests {
     #[test]
     fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
         let actual = "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #";
-        let text = super::super::DEFAULT
-            .replace("restitution = [0.18, 0.22]", "restitution = 0.3")
-            .replace("scatter = 0.04", actual);
+        let text = super::super::DEFAULT.replace("scatter = 0.04", actual);
+        let text = text.replace("restitution = [0.18, 0.22]", "restitution = 0.3");
         let mut file = SceneFile::parse(&text).unwrap();
         file.scene.target = Target::K(0.45);
         file.duration = 60.0;
@@ -358,18 +354,11 @@ mod tests {
             in_gear_coverage: None,
             speed: 0.0,
         };
-        let runs = Runs {
-            name: "",
-            runs: (0..100).map(|n| run((n < 90).then_some(1.0))).collect(),
-        };
-        let (share, low, high) = runs.share();
+        let runs = (0..100).map(|n| run((n < 90).then_some(1.0)));
+        let (share, low, high) = Runs::new("", runs.collect()).share();
         // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.
         assert!((share - 0.9).abs() < 1e-12);
         assert!((low - 0.8256).abs() < 1e-3 && (high - 0.9448).abs() < 1e-3);
-        let none = Runs {
-            name: "",
-            runs: vec![run(None)],
-        };
-        assert_eq!(none.share().1, 0.0);
+        assert_eq!(Runs::new("", vec![run(None)]).share().1, 0.0);
     }
 }

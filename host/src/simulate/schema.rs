@@ -21,10 +21,9 @@ fn setting(name: &str) -> Option<&'static Key> {
 
 fn described(meaning: &str, unit: &str) -> String {
     let meaning = meaning.trim().trim_end_matches('.');
-    if unit.is_empty() {
-        format!("{meaning}.")
-    } else {
-        format!("{meaning}, in {unit}.")
+    match unit {
+        "" => format!("{meaning}."),
+        unit => format!("{meaning}, in {unit}."),
     }
 }
 
@@ -48,7 +47,6 @@ fn of_field(field: &Field) -> Value {
     })
 }
 
-/// Properties for a placeholder of the template.
 fn properties(name: &str) -> Map<String, Value> {
     let of_settings = |names: &[&'static str]| -> Map<String, Value> {
         let keys = names.iter().filter_map(|name| setting(name));
@@ -82,7 +80,6 @@ fn section_of(name: &str) -> (&'static [&'static str], usize) {
     section.map_or((&[], 0), |(_, keys, required)| (keys, required))
 }
 
-/// Value for a placeholder of the template.
 fn value(name: &str, template: &Value) -> Value {
     let field = |name: &str| match name {
         "mass" => MASS,

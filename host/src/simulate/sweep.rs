@@ -10,7 +10,6 @@ use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Field, Printout, Table as Rows, View, counted, fields};
 
-/// Largest number of runs of a sweep, over all points.
 const MAX_RUNS: usize = 1_000_000;
 
 /// Result of one point of a sweep.
@@ -86,12 +85,10 @@ impl Sweep {
         let points = counts.try_fold(1_usize, usize::checked_mul);
         let points = points.filter(|points| points.saturating_mul(count) <= MAX_RUNS);
         let Some(points) = points else {
-            return Err(Refusal::value(
-                "--sweep",
-                "(too many points)",
-                format!("up to {MAX_RUNS} runs, all values and --runs multiplied"),
-                "give fewer values or fewer runs",
-            ));
+            let key = "--sweep";
+            let accepted = format!("up to {MAX_RUNS} runs, all values and --runs multiplied");
+            let next = "give fewer values or fewer runs";
+            return Err(Refusal::value(key, "(too many points)", accepted, next));
         };
         // All scenes are checked before the first run, so an invalid value costs no time.
         let mut scenes = Vec::with_capacity(points);
@@ -117,10 +114,9 @@ impl Sweep {
         let runs = desk.try_map("sweeping", points * count, |n| {
             let (_, file) = &scenes[n / count];
             let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
-            if drawn {
-                runs::run_one(&runs::drawn(file, (n % count) as u64), fidelity)
-            } else {
-                runs::run_one(file, fidelity)
+            match drawn {
+                true => runs::run_one(&runs::drawn(file, (n % count) as u64), fidelity),
+                false => runs::run_one(file, fidelity),
             }
         })?;
         let mut runs = runs.into_iter();
@@ -196,10 +192,8 @@ impl Sweep {
                     cells[row * columns + column] += share(point) / inner as f64;
                 }
                 let scale = Axis::new("runs in the wanted state", "%", 0.0, 100.0);
-                picture.panel(
-                    Panel::new(axis(first, true), axis(second, true))
-                        .heat(Grid::new(columns, cells), scale),
-                )
+                let panel = Panel::new(axis(first, true), axis(second, true));
+                picture.panel(panel.heat(Grid::new(columns, cells), scale))
             }
             axes => {
                 let shares = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
@@ -234,11 +228,8 @@ fn unit(key: &str) -> &'static str {
 fn bounds(values: &[f64]) -> (f64, f64) {
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if high > low {
-        (low, high)
-    } else {
-        (low - 0.5, low + 0.5)
-    }
+    let half = if high > low { 0.0 } else { 0.5 };
+    (low - half, high + half)
 }
 
 /// The most frequent word; of equally frequent ones the first.

@@ -4,14 +4,15 @@
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use kband_host::provenance;
+use kband_machines::emulator::Machine;
+use kband_machines::images;
 
 /// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 pub const TIMEOUT: &str = "120";
 
-/// Result of a command.
 pub struct Outcome {
     pub status: Option<i32>,
     pub out: String,
@@ -46,13 +47,34 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, args: &[&str]) -> Outcome {
     }
 }
 
+/// The image of the emulated board.
+pub fn image() -> String {
+    let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
+    image.to_str().unwrap().to_string()
+}
+
+/// Runs `kband` in `folder` on the emulated board; `more` are further words.
+pub fn on_board(folder: impl AsRef<Path>, limit: &str, args: &str, more: &[&str]) -> Outcome {
+    let image = image();
+    let args = args.split(' ').chain(["--on", "qemu", "--image", &image]);
+    let args: Vec<&str> = args.chain(more.iter().copied()).collect();
+    run(folder, limit, &args)
+}
+
+/// Starts `kband` in `folder` with its output and its messages on pipes.
+pub fn start(folder: impl AsRef<Path>, args: &str) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_kband"));
+    command.args(args.split(' ')).current_dir(folder);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    command.stderr(Stdio::piped()).spawn().unwrap()
+}
+
 /// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
 /// its name.
 #[cfg(unix)]
 pub fn port() -> (File, File, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
@@ -72,7 +94,6 @@ fn text(file: &mut File) -> String {
 }
 
 impl Outcome {
-    /// The result, after a check of the exit status.
     #[track_caller]
     pub fn ended(self, status: i32) -> Self {
         let Self { args, stderr, .. } = &self;
@@ -86,11 +107,14 @@ impl Outcome {
         self.ended(0).out
     }
 
-    /// Checks that the output contains these words, after exit status 0.
+    /// The output, after exit status 0 and a check that it contains these words.
     #[track_caller]
-    pub fn prints(self, expected: &str) {
+    pub fn prints(self, expected: &[&str]) -> String {
         let stdout = self.done();
-        assert!(stdout.contains(expected), "no '{expected}' in {stdout}");
+        for part in expected {
+            assert!(stdout.contains(part), "no '{part}' in {stdout}");
+        }
+        stdout
     }
 
     /// The printed JSON, after exit status 0.

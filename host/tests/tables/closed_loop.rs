@@ -8,7 +8,6 @@ use kband_host::desk::Desk;
 use kband_host::simulate::{DEFAULT, Distribution, Fidelity, Runs, SceneFile};
 use kband_plant::Scene;
 
-/// A lot of the table.
 pub struct Row {
     /// Restitution: lowest and highest of the lot.
     restitution: (f32, f32),
@@ -35,7 +34,6 @@ const fn row(restitution: f32, scatter: f32, drives: &'static [[f32; 3]]) -> Row
     }
 }
 
-/// Lots and their drives.
 pub const ROWS: [Row; 7] = [
     row(0.2, 0.05, &[ONE_TONE, TWO_TONES]),
     row(0.3, 0.05, &[ONE_TONE, TWO_TONES]),
@@ -124,20 +122,19 @@ fn scene(row: &Row, target: Target, drive: [f32; 3]) -> SceneFile {
     let (low, high) = row.restitution;
     let scene = &mut file.scene;
     scene.target = target;
-    scene.settings.restitution_low = low;
-    scene.settings.restitution_high = high;
-    scene.settings.scatter = row.scatter;
+    let settings = &mut scene.settings;
+    (settings.restitution_low, settings.restitution_high) = row.restitution;
+    settings.scatter = row.scatter;
     let [second_tone, third_tone, limit] = drive;
-    scene.settings.second_tone = second_tone;
-    scene.settings.third_tone = third_tone;
+    (settings.second_tone, settings.third_tone) = (second_tone, third_tone);
     if limit > 0.0 {
-        scene.settings.acceleration_limit = limit * STANDARD_GRAVITY as f32;
+        settings.acceleration_limit = limit * STANDARD_GRAVITY as f32;
     }
-    scene.drive.second_gain = scene.settings.second_gain;
-    scene.drive.second_lag = scene.settings.second_lag;
+    scene.drive.second_gain = settings.second_gain;
+    scene.drive.second_lag = settings.second_lag;
     if third_tone > 0.0 {
-        scene.drive.third_gain = scene.settings.third_gain;
-        scene.drive.third_lag = scene.settings.third_lag;
+        scene.drive.third_gain = settings.third_gain;
+        scene.drive.third_lag = settings.third_lag;
     }
     scene.parts = (0..row.parts).map(|_| 0.5 * (low + high)).collect();
     scene.scatter = scene.parts.iter().map(|_| row.scatter).collect();
@@ -167,11 +164,9 @@ fn planned(scene: &Scene) -> (Option<f64>, f64, Shape, f64) {
 
 /// Mean speed of the lot's parts in gear over its interval, mm/s (equation 21: equal at every k).
 fn lock_speed(scene: &Scene) -> f64 {
-    let (lot, track) = (
-        scene.settings.lot().unwrap(),
-        scene.settings.track().unwrap(),
-    );
-    let along = TangentialSettings::on(&track, f64::from(scene.settings.tangential_restitution));
+    let settings = &scene.settings;
+    let (lot, track) = (settings.lot().unwrap(), settings.track().unwrap());
+    let along = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
     let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
     const PARTS: u32 = 1000;
     let speeds = (0..PARTS).map(|n| {

@@ -10,6 +10,7 @@ use kband::arithmetic::Noise;
 use kband::regime::gear::GearWatch;
 use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
+use kband_scene::add_strike;
 use rayon::prelude::*;
 
 /// Drive cycles of a run, and excluded initial cycles: 60 s and 5 s at 50 Hz.
@@ -37,12 +38,11 @@ struct Estimates {
 fn run(row: &Row, seed: u64) -> Estimates {
     let mut noise = Noise::new(seed);
     let [low, high] = row.lot;
+    let mut draw = || low + (high - low) * noise.uniform();
     let mut scene = Scene {
         target: Target::K(row.k),
         seed,
-        parts: (0..row.parts)
-            .map(|_| low + (high - low) * noise.uniform())
-            .collect(),
+        parts: (0..row.parts).map(|_| draw()).collect(),
         scatter: std::iter::repeat_n(row.scatter, row.parts).collect(),
         ..Scene::default()
     };
@@ -53,25 +53,16 @@ fn run(row: &Row, seed: u64) -> Estimates {
     scene.drive.second_lag = settings.second_lag;
     scene.sensor.sensitivity *= 1.0 + settings.amplitude_error * (2.0 * noise.uniform() - 1.0);
     let mut closed = EnvelopeLoop::build(&scene).expect("the rows are feeders");
-    let mut watches: Vec<_> = (0..row.parts)
-        .map(|_| GearWatch::build(1).expect("order 1 is one"))
-        .collect();
+    let mut watches = vec![GearWatch::build(1).expect("order 1 is one"); row.parts];
     let mut all = Estimates::default();
     for cycle in 0..CYCLES {
         if cycle == SETTLING_CYCLES {
-            watches
-                .iter_mut()
-                .for_each(|watch| watch.begin(f64::from(cycle) * TAU));
+            let now = f64::from(cycle) * TAU;
+            watches.iter_mut().for_each(|watch| watch.begin(now));
         }
         let report = closed.cycle().report;
         for strike in closed.strikes() {
-            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            let watch = &mut watches[usize::from(strike.part)];
-            if strike.rested {
-                watch.add_rest(landed - flight);
-            }
-            watch.add_landing(landed, flight);
+            add_strike(&mut watches[usize::from(strike.part)], strike);
         }
         if cycle >= SETTLING_CYCLES && report.in_gear_error.is_finite() {
             all.with_estimate += 1.0;
@@ -130,12 +121,9 @@ pub fn rows(which: &str) -> Vec<Row> {
 }
 
 fn estimate_shares(rows: &[Row], runs: u64, seed: u64) -> Vec<Vec<Estimates>> {
-    rows.par_iter()
-        .map(|row| {
-            let runs = (0..runs).map(|r| run(row, seed.wrapping_mul(1 << 20) + r));
-            runs.collect()
-        })
-        .collect()
+    let first = seed.wrapping_mul(1 << 20);
+    let of_row = |row| (first..first + runs).map(|seed| run(row, seed)).collect();
+    rows.par_iter().map(of_row).collect()
 }
 
 /// Mean error of the estimate over the runs with one, and its standard error.
@@ -144,10 +132,8 @@ fn deviation(runs: &[Estimates]) -> [f64; 2] {
     let count = with_estimate.clone().count().max(1) as f64;
     let differences = with_estimate.map(|run| run.estimate - run.truth);
     let mean = differences.clone().sum::<f64>() / count;
-    let square = differences
-        .map(|deviation| deviation * deviation)
-        .sum::<f64>()
-        / count;
+    let square = differences.map(|deviation| deviation * deviation);
+    let square = square.sum::<f64>() / count;
     let spread = ((square - mean * mean).max(0.0) / (count - 1.0).max(1.0)).sqrt();
     [mean, spread]
 }
@@ -172,24 +158,19 @@ pub fn table(rows: &[Row], runs: u64, seed: u64) -> Vec<String> {
             format!("{low}..{high}")
         };
         let truth = shares[0].iter().map(|run| run.truth).sum::<f64>() / runs as f64;
-        let cells: Vec<String> = shares
-            .iter()
-            .map(|runs| {
-                let [mean, spread] = deviation(runs);
-                format!("{mean:+.3} ({spread:.3})")
-            })
-            .collect();
-        let errors = shares
-            .iter()
-            .flatten()
-            .filter(|run| run.with_estimate > 0.0);
-        let errors = errors.map(|run| run.error);
+        let cell = |runs: &Vec<Estimates>| {
+            let [mean, spread] = deviation(runs);
+            format!("{mean:+.3} ({spread:.3})")
+        };
+        let cells: Vec<String> = shares.iter().map(cell).collect();
+        let told = shares.iter().flatten();
+        let told = told.filter(|run| run.with_estimate > 0.0);
+        let errors = told.map(|run| run.error);
         let min_error = errors.clone().fold(f64::INFINITY, f64::min);
         let max_error = errors.fold(0.0, f64::max);
+        let cells = cells.join(" | ");
         lines.push(format!(
-            "| {lot} | {scatter} | {} | {truth:.2} | {} | {min_error:.3}..{max_error:.3} |",
-            k,
-            cells.join(" | ")
+            "| {lot} | {scatter} | {k} | {truth:.2} | {cells} | {min_error:.3}..{max_error:.3} |"
         ));
     }
     lines

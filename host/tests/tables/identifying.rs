@@ -4,10 +4,10 @@
 
 use std::ops::Range;
 
-use kband_control::{Identification, Settings, Target};
+use kband_control::Identification::{self, Idle, Listening};
+use kband_control::{Settings, Target};
 use kband_plant::{ClosedLoop, Scene};
 
-/// Largest number of drive cycles of an identification.
 const MAX_CYCLES: usize = 4100;
 
 /// A lot: restitution, scatter and number of parts.
@@ -36,15 +36,9 @@ fn identify(lot: Lot, track: [f32; 2], seed: u64) -> Identification {
     scene.drive.resonance = frequency;
     scene.sensor.ringing_decay = decay;
     let mut closed = ClosedLoop::build(&scene).expect("the lots are feeders");
-    let mut result = (0..MAX_CYCLES).map(|_| closed.cycle().report.identification);
-    result
-        .find(|result| {
-            !matches!(
-                result,
-                Identification::Idle | Identification::Listening { .. }
-            )
-        })
-        .expect("an identification ends")
+    let mut results = (0..MAX_CYCLES).map(|_| closed.cycle().report.identification);
+    let ended = results.find(|result| !matches!(result, Idle | Listening { .. }));
+    ended.expect("an identification ends")
 }
 
 /// A cell of the manual's tables: the largest error, and the number of results if some are missing.
@@ -59,10 +53,8 @@ pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>) -> String {
         };
         answers += 1;
         let error = (result.restitution - lot.0).abs();
-        assert!(
-            error < 3.0 * result.deviation,
-            "{lot:?} {track:?}: {result:?}"
-        );
+        let is_true = error < 3.0 * result.deviation;
+        assert!(is_true, "{lot:?} {track:?}: {result:?}");
         largest = largest.max(error);
     }
     match answers {

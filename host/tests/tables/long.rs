@@ -5,13 +5,13 @@ use std::f64::consts::TAU;
 use kband::regime::gear::GearWatch;
 use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
+use kband_scene::add_strike;
 use serde_json::Value;
 
 use super::{
     REAL_PARTS, Table, closed_loop, hearing, identifying, kband, list, number, shapes, weighing,
 };
 
-/// A table that takes minutes.
 pub struct Long {
     pub table: Table,
     /// A short computation by the same code.
@@ -127,14 +127,8 @@ fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
         watch.begin(f64::from(SETTLING_CYCLES) * TAU);
         for _ in 0..cycles {
             closed.cycle();
-            for strike in closed.strikes() {
-                let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-                let flight = f64::from(strike.flight) * TAU;
-                if strike.rested {
-                    watch.add_rest(landed - flight);
-                }
-                watch.add_landing(landed, flight);
-            }
+            let strikes = closed.strikes().iter();
+            strikes.for_each(|strike| add_strike(&mut watch, strike));
         }
         let result = watch.share(f64::from(SETTLING_CYCLES + cycles) * TAU);
         let share = result.share();
@@ -157,10 +151,8 @@ fn captures(lots: &[&str], more: &str) -> Vec<String> {
     let scene: Vec<&str> = kband_host::simulate::DEFAULT.lines().map(line).collect();
     std::fs::write(&path, scene.join("\n")).expect("the scene is written");
     let row = |lot: &&str| {
-        let result = kband(&format!(
-            "simulate {} --restitution {lot} --seed 1 --fidelity waveform {more}",
-            path.display()
-        ));
+        let lot_args = format!("--restitution {lot} --seed 1 --fidelity waveform {more}");
+        let result = kband(&format!("simulate {} {lot_args}", path.display()));
         let [planned, alone] = list(&result) else {
             panic!("two ways");
         };
@@ -169,12 +161,11 @@ fn captures(lots: &[&str], more: &str) -> Vec<String> {
             time.map_or("-".into(), |time| format!("{time:.1} s"))
         };
         let share = |row: &Value| super::percent(number(&row["share"]));
+        let times = ["median_time", "slowest_time"].map(seconds).join(" | ");
         format!(
-            "| {lot} | {} | {} | {} | {} |",
+            "| {lot} | {} | {} | {times} |",
             share(alone),
-            share(planned),
-            seconds("median_time"),
-            seconds("slowest_time"),
+            share(planned)
         )
     };
     lots.iter().map(row).collect()

@@ -36,7 +36,6 @@ struct Table {
     rows: fn() -> Vec<String>,
 }
 
-/// JSON output of `kband`.
 fn kband(args: &str) -> Value {
     // Simulate writes its picture there.
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -75,17 +74,15 @@ fn percent(value: f64) -> String {
 }
 
 fn page(name: &str) -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "..", "docs", name]
-        .iter()
-        .collect()
+    let parts = [env!("CARGO_MANIFEST_DIR"), "..", "docs", name];
+    parts.iter().collect()
 }
 
 /// Text of a page, and the range of the table after the line that begins with `marker`.
 fn locate(table: &Table, marker: &str) -> (String, std::ops::Range<usize>) {
     let text = fs::read_to_string(page(table.page)).expect("the page is read");
-    let start = text
-        .find(marker)
-        .and_then(|at| Some(at + text[at..].find('\n')? + 1));
+    let found = text.find(marker);
+    let start = found.and_then(|at| Some(at + text[at..].find('\n')? + 1));
     let start = start.unwrap_or_else(|| panic!("{} has no {marker}", table.page));
     let lines = text[start..].split_inclusive('\n');
     let table = lines.take_while(|line| line.starts_with('|'));
@@ -147,9 +144,8 @@ fn long_marker(name: &str) -> String {
 
 /// Checksum of a printed long table and its short computation (FNV-1a, 32 bits).
 fn sum(printed: &str, little: &[String]) -> String {
-    let all = printed
-        .bytes()
-        .chain(little.iter().flat_map(|row| row.bytes()));
+    let little = little.iter().flat_map(|row| row.bytes());
+    let all = printed.bytes().chain(little);
     let sum = all.fold(0x811c_9dc5_u32, |sum, byte| {
         (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
     });
@@ -167,17 +163,14 @@ fn no_long_table_is_of_an_older_kband() {
             older.push(format!("{}: {} (now {sum})", table.page, table.name));
         }
     }
-    assert!(
-        older.is_empty(),
-        "docs/numbers.sh makes these tables anew, in minutes: {older:#?}"
-    );
+    let next = "docs/numbers.sh makes these tables anew, in minutes";
+    assert!(older.is_empty(), "{next}: {older:#?}");
 }
 
 fn whole(name: &str) {
-    let long::Long { table, little } = long::TABLES
-        .iter()
-        .find(|long| long.table.name == name)
-        .expect("a long table");
+    let mut all = long::TABLES.iter();
+    let long = all.find(|long| long.table.name == name);
+    let long::Long { table, little } = long.expect("a long table");
     let marker = long_marker(name);
     let new_text = new_text(table);
     let (mut text, place) = locate(table, &marker);
@@ -188,11 +181,8 @@ fn whole(name: &str) {
         fs::write(page(table.page), text).expect("the page is written");
     } else {
         let difference = difference(&new_text, &text[place]);
-        assert!(
-            difference.is_empty(),
-            "{}: {name}\n{difference}",
-            table.page
-        );
+        let page = table.page;
+        assert!(difference.is_empty(), "{page}: {name}\n{difference}");
     }
 }
 

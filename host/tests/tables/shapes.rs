@@ -37,14 +37,8 @@ fn share(
         .map(|part| Scatter::build(restitution, deviation, seed + part as u64))
         .collect::<Result<_, _>>()?;
     let mut sum = Share::default();
-    shares_from_rest(
-        &map,
-        ContactTime::INSTANT,
-        &scatters,
-        1,
-        periods,
-        |_, share| sum = sum.plus(&share),
-    )?;
+    let add = |_, share: Share| sum = sum.plus(&share);
+    shares_from_rest(&map, ContactTime::INSTANT, &scatters, 1, periods, add)?;
     Ok(sum.share())
 }
 
@@ -116,14 +110,11 @@ pub const LOTS: [[f64; 3]; 6] = [
     [0.5, 0.15, 4.3],
 ];
 
-/// Head of the table.
 pub const HEAD: &str =
     "| R | s | at most | one tone: k | two tones: k, e, th | three tones: k, e, th, e3, th3 |";
 
-/// Number of random moves for each of the best shapes.
 pub const RANDOM_MOVES: usize = 60;
 
-/// Rows of the manual's table.
 pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<dyn Error>> {
     let row = |&[restitution, deviation, max_peak]: &[f64; 3]| {
         let lot = [restitution, deviation];
@@ -132,9 +123,8 @@ pub fn table(lots: &[[f64; 3]], effort: [usize; 2]) -> Result<Vec<String>, Box<d
             let shape = best(tones, lot, max_peak, effort)?;
             let fresh = share(shape, lot, 9000, 64, 1000.0)?;
             let places = shape[..2 * tones - 1].iter().zip([3, 3, 2, 3, 2]);
-            let places: Vec<String> = places
-                .map(|(value, digits)| format!("{value:.digits$}"))
-                .collect();
+            let places = places.map(|(value, digits)| format!("{value:.digits$}"));
+            let places: Vec<String> = places.collect();
             cells += &format!(" {fresh:.3}: {} |", places.join(", "));
         }
         Ok(cells)

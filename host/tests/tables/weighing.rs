@@ -11,9 +11,7 @@ use kband_control::{Report, Target};
 use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
 use rayon::prelude::*;
 
-/// Head of the table.
 pub const HEAD: &str = "| Hz | Q | R | s | parts | share of the track | in gear | weighed | g | g told | error | g/s | g/s told | error |";
-
 /// Times of the fall of the parts, of the start of the evaluation, and of the end, s.
 const PHASE_TIMES: [f64; 3] = [2.0, 8.0, 28.0];
 
@@ -45,9 +43,8 @@ fn feeder(noise: &mut Noise) -> Scene {
     scene.drive.gain = 20.0;
     scene.drive.mass = settings.track_mass;
     scene.friction = Some([between(0.3, 0.6); 2]);
-    scene.parts = (0..count)
-        .map(|_| restitution + between(-0.01, 0.01))
-        .collect();
+    let mut part = |_| restitution + between(-0.01, 0.01);
+    scene.parts = (0..count).map(&mut part).collect();
     scene.scatter = (0..count).map(|_| scatter).collect();
     let weights: Vec<f32> = (0..count).map(|_| between(0.5, 1.5)).collect();
     let sum: f32 = weights.iter().sum();

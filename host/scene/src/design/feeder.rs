@@ -28,7 +28,6 @@ pub struct Feeder {
 }
 
 impl Feeder {
-    /// The feeder of a scene, with this k and these tones.
     pub(super) fn from_settings(settings: &Settings, k: f64, tones: Tones) -> Self {
         let ratio = f64::from(settings.amplitude_ratio);
         Self {
@@ -65,7 +64,6 @@ impl Feeder {
         wave(self.tones)
     }
 
-    /// Law of the parts' motion along the track.
     pub(super) fn law(&self, scene: &Scene) -> Result<WaveLaw, OutOfRange> {
         let track = Settings {
             amplitude_ratio: self.amplitude_ratio() as f32,
@@ -166,7 +164,6 @@ fn factors(base: &Settings, feeder: &Feeder) -> Factors {
     }
 }
 
-/// The scene of a feeder with the same drive, at its setpoint.
 pub(super) fn scene_of(base: &Scene, feeder: &Feeder) -> Scene {
     let mut scene = base.clone();
     scene.settings = settings_of(&base.settings, feeder);

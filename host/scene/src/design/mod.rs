@@ -114,7 +114,6 @@ const THROW_ANGLES: [f64; 2] = [20.0, 45.0];
 const MIN_TABLE_K: f64 = 0.2;
 /// Angles of the second tone in rad, about the best ones for order 1.
 const SECOND_TONE_ANGLES: [f64; 2] = [1.9, 3.1];
-/// Unit of an upper tone.
 const OF_FIRST: &str = "of the first";
 /// Number of simulated restitutions of a lot that is an interval.
 const LOT_PARTS: usize = 5;
@@ -157,12 +156,10 @@ impl Ranges {
             let within = |value: f64| (min..=max).contains(&value);
             let is_ordered = low <= high || name.contains("tone");
             if !within(low) || !within(high) || !is_ordered {
-                return Err(Refusal::value(
-                    name,
-                    format!("{low}..{high}"),
-                    format!("{min}..{max} {unit}, the lower end first"),
-                    format!("give a {name} in this range"),
-                ));
+                let value = format!("{low}..{high}");
+                let accepted = format!("{min}..{max} {unit}, the lower end first");
+                let next = format!("give a {name} in this range");
+                return Err(Refusal::value(name, value, accepted, next));
             }
         }
         for (name, value, [min, max]) in [
@@ -176,12 +173,9 @@ impl Ranges {
             }
         }
         if self.tones[1] > 0.0 && self.tones[0] == 0.0 {
-            return Err(Refusal::value(
-                "third tone",
-                self.tones[1],
-                "0 without a second tone",
-                "allow a second tone too",
-            ));
+            let accepted = "0 without a second tone";
+            let next = "allow a second tone too";
+            return Err(Refusal::value("third tone", self.tones[1], accepted, next));
         }
         Ok(())
     }
@@ -203,12 +197,9 @@ impl Design {
         if let Target::Gear { order } | Target::Locked { order } = file.scene.target
             && order != 1
         {
-            return Err(Refusal::value(
-                "order of the target",
-                order,
-                "1: one flight in every drive cycle",
-                "set gear = 1 in [target]",
-            ));
+            let accepted = "1: one flight in every drive cycle";
+            let next = "set gear = 1 in [target]";
+            return Err(Refusal::value("order of the target", order, accepted, next));
         }
         let settings = &file.scene.settings;
         let lot = Lot {
@@ -224,15 +215,10 @@ impl Design {
         }
         let feeders: Vec<Feeder> = result.front.iter().map(|best| best.feeder).collect();
         let simulated = simulate(file, &lot, &feeders, &[NOMINAL], FRONT_RUNS, workers)?;
-        let deviations = result.front.iter().zip(&simulated);
-        let error = error(
-            deviations.map(|(table, run)| [table.share - run.share, table.speed / run.speed - 1.0]),
-        );
-        let front: Vec<(Feeder, Conveyed)> =
-            search::pareto_front(&simulated, |run| (run.share, run.speed))
-                .into_iter()
-                .map(|n| (feeders[n], simulated[n]))
-                .collect();
+        let error = error(result.front.iter().zip(&simulated));
+        let front = search::pareto_front(&simulated, |run| (run.share, run.speed)).into_iter();
+        let front = front.map(|n| (feeders[n], simulated[n]));
+        let front: Vec<(Feeder, Conveyed)> = front.collect();
         let chosen = spread(front.len(), ranges.checked).map(|n| front[n].0);
         let chosen: Vec<Feeder> = chosen.collect();
         let judged = judge(file, &lot, &chosen, workers)?;
@@ -305,19 +291,12 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
         2 * feeders.iter().filter(|f| reached(f)).count() > feeders.len()
     };
     let limits = ["stroke", "acceleration", "force"].into_iter();
-    let mut all: Vec<String> = limits
-        .filter(|name| majority(&|f| feeder::limit_reached(settings, f) == Some(name)))
-        .map(|name| format!("the drive's {name}"))
-        .collect();
-    let [second, _] = ranges.tones;
+    let limits = limits.filter(|n| majority(&|f| feeder::limit_reached(settings, f) == Some(n)));
+    let mut all: Vec<String> = limits.map(|name| format!("the drive's {name}")).collect();
+    let ([second, _], throw) = (ranges.tones, ranges.throw_angle);
     let coordinates: [Coordinate; 5] = [
         ("frequency", ranges.frequency, |f| f.frequency, "Hz"),
-        (
-            "angle of throw",
-            ranges.throw_angle,
-            |f| f.throw_angle,
-            "degrees",
-        ),
+        ("angle of throw", throw, |f| f.throw_angle, "degrees"),
         ("phase lead", ranges.phase_lead, |f| f.phase_lead, "degrees"),
         ("incline", ranges.incline, |f| f.incline, "degrees"),
         ("second tone", [0.0, second], |f| f.tones[0][0], OF_FIRST),
@@ -341,11 +320,7 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
     let ratio = |angle: f64| angle.to_radians().tan().recip().max(0.0);
     let [shallow, steep] = ranges.throw_angle;
     let [second, third] = ranges.tones;
-    let angles = if second > 0.0 {
-        SECOND_TONE_ANGLES
-    } else {
-        [0.0; 2]
-    };
+    let angles = SECOND_TONE_ANGLES.map(|angle| if second > 0.0 { angle } else { 0.0 });
     Ok([
         Axis::new([MIN_TABLE_K, highest], if second > 0.0 { 31 } else { 41 }),
         Axis::new([0.0, second], 5),
@@ -358,25 +333,26 @@ fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
 }
 
 fn refuse_empty(result: &search::SearchResult, ranges: &Ranges) -> Refusal {
-    if result.within == 0 {
-        let tried = result.tried;
+    let (tried, within, share) = (result.tried, result.within, ranges.least_share);
+    if within == 0 {
+        let cause = format!("none of {tried} feeders of these ranges is within the limits");
+        let next = "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit";
         return Refusal::new(
-            format!("none of {tried} feeders of these ranges is within the limits of the drive"),
-            "allow other frequencies, or raise gain, amplitude_limit or acceleration_limit in [drive]",
+            format!("{cause} of the drive"),
+            format!("{next} in [drive]"),
         );
     }
-    Refusal::new(
-        format!(
-            "none of {} feeders within the limits of the drive has a share in gear of {}",
-            result.within, ranges.least_share
-        ),
-        "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share",
-    )
+    let cause = format!("none of {within} feeders within the limits of the drive");
+    let cause = format!("{cause} has a share in gear of {share}");
+    let next =
+        "allow a second tone (drive.second_tone in the scene), less scatter, or a smaller share";
+    Refusal::new(cause, next)
 }
 
-fn error(deviations: impl Iterator<Item = [f64; 2]>) -> TableError {
+fn error<'a>(points: impl Iterator<Item = (&'a search::Candidate, &'a Conveyed)>) -> TableError {
     let (mut error, mut count) = (TableError::default(), 0.0);
-    for [share, speed] in deviations {
+    for (table, run) in points {
+        let (share, speed) = (table.share - run.share, table.speed / run.speed - 1.0);
         error.share_rms += share * share;
         error.speed_rms += speed * speed;
         error.share_max = error.share_max.max(share.abs());
@@ -393,7 +369,6 @@ mod tests {
     use super::*;
     use crate::scene::DEFAULT;
 
-    /// Executes the tasks one after another.
     struct InOrder;
 
     impl Workers for InOrder {
@@ -464,10 +439,8 @@ mod tests {
             (|ranges| ranges.least_share = 1.0, "share in gear of 1"),
         ];
         for (change, expected) in cases {
-            let mut ranges = Ranges {
-                candidates: 1000,
-                ..base
-            };
+            let mut ranges = base;
+            ranges.candidates = 1000;
             change(&mut ranges);
             let refused = Design::search(&file, &ranges, &InOrder).unwrap_err();
             assert!(refused.to_string().contains(expected), "{refused}");

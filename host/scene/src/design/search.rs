@@ -8,7 +8,6 @@ use super::table::{THIRD_TONE_ANGLE, Table};
 use super::{Ranges, Workers};
 use crate::refusal::Refusal;
 
-/// A candidate with share and speed by the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub feeder: Feeder,
@@ -20,12 +19,9 @@ pub(super) struct Candidate {
 
 /// Frequency, angle of throw, phase lead, incline, k, e, th, e3.
 const COORDINATES: usize = 8;
-
 const TASK: usize = 8192;
-
 /// Amplitude over the first below which a second tone counts as absent.
 const MIN_TONE: f64 = 0.01;
-
 /// Step of the share; the front has at most one candidate in each.
 const STEP: f64 = 0.002;
 
@@ -40,6 +36,7 @@ const ROUNDS: [(f64, f64); 5] = [
 ];
 
 /// Number of candidates, number within the drive's limits, and front by falling speed.
+#[derive(Default)]
 pub(super) struct SearchResult {
     pub tried: usize,
     pub within: usize,
@@ -52,11 +49,7 @@ pub(super) fn search(
     table: &Table,
     workers: &impl Workers,
 ) -> Result<SearchResult, Refusal> {
-    let mut result = SearchResult {
-        tried: 0,
-        within: 0,
-        front: Vec::new(),
-    };
+    let mut result = SearchResult::default();
     for (round, (part, width)) in ROUNDS.into_iter().enumerate() {
         let count = (ranges.candidates as f64 * part).round() as usize;
         let before = &result.front;

@@ -12,7 +12,6 @@ use super::Workers;
 use super::feeder::{law, map, wave};
 use crate::refusal::Refusal;
 
-/// Evenly spaced values of one coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axis {
     pub low: f64,
@@ -65,23 +64,20 @@ impl Lot {
         shift: f64,
     ) -> Result<Vec<Scatter>, OutOfRange> {
         let mean = (self.restitutions[part] + shift).clamp(0.0, 1.0);
-        runs.map(|run| {
+        let draw = |run| {
             let seed = self.seed.rotate_left(20) ^ (part as u64) << 40 ^ run;
             Scatter::build(mean, self.scatter, seed)
-        })
-        .collect()
+        };
+        runs.map(draw).collect()
     }
 }
 
 /// Axes of the table: k, e, th, e3; eta, phase lead in degrees, tangent of the incline.
 pub(super) type Axes = [Axis; 7];
-/// Axes on which the share depends.
 const SHARE_AXES: usize = 4;
-
 /// Runs of each part at a node; fewer for many laws of motion along the track.
 const RUNS: [u64; 2] = [12, 4];
 const MANY_LAWS: usize = 10;
-
 /// Angle of the third tone in rad, the best one of a random search
 /// (docs/theory-real-parts.md#t10.3).
 pub(super) const THIRD_TONE_ANGLE: f64 = 5.3;
@@ -107,15 +103,11 @@ impl Table {
         let runs = RUNS[usize::from(of_speed > MANY_LAWS)];
         let nodes = workers.map("table", of_share, |n, check_stop| {
             let mut rest = n;
-            let mut next = |axis: &Axis| {
+            let [e3, th, e, k] = [e3, th, e, k].map(|axis: Axis| {
                 let value = axis.value(rest % axis.count);
                 rest /= axis.count;
                 value
-            };
-            let e3 = next(&e3);
-            let th = next(&th);
-            let e = next(&e);
-            let k = next(&k);
+            });
             let wave = wave([[e, th], [e3, THIRD_TONE_ANGLE]])?;
             let laws = laws(scene, &axes, |track| law(scene, &wave, k, track))?;
             let map = map(wave, k)?;
@@ -165,16 +157,17 @@ impl Table {
                 used *= 2;
             }
             if n + 1 == SHARE_AXES {
-                let parts = corners[..used].iter();
-                shared = parts
-                    .map(|(index, weight)| weight * f64::from(self.shares[*index]))
-                    .sum();
+                shared = weighted(&corners[..used], &self.shares);
             }
         }
-        let parts = corners[..used].iter();
-        let speed = parts.map(|(index, weight)| weight * f64::from(self.speeds[*index]));
-        (shared, speed.sum())
+        (shared, weighted(&corners[..used], &self.speeds))
     }
+}
+
+fn weighted(corners: &[(usize, f64)], values: &[f32]) -> f64 {
+    let parts = corners.iter();
+    let parts = parts.map(|(index, weight)| weight * f64::from(values[*index]));
+    parts.sum()
 }
 
 /// Laws of motion at every node of the last axes.
@@ -184,21 +177,17 @@ fn laws(
     law: impl Fn(&Track) -> Result<WaveLaw, OutOfRange>,
 ) -> Result<Vec<WaveLaw>, OutOfRange> {
     let [.., ratio, lead, tangent] = axes;
-    let mut laws = Vec::new();
-    for n in 0..ratio.count {
-        for m in 0..lead.count {
-            for i in 0..tangent.count {
-                laws.push(law(&Track::build(TrackSettings {
-                    frequency: scene.settings.frequency.into(),
-                    incline: tangent.value(i).atan().to_degrees(),
-                    amplitude_ratio: ratio.value(n),
-                    phase_lead: lead.value(m),
-                    gravity: scene.settings.gravity.into(),
-                })?)?);
-            }
-        }
-    }
-    Ok(laws)
+    let law = |n: usize| {
+        law(&Track::build(TrackSettings {
+            frequency: scene.settings.frequency.into(),
+            incline: tangent.value(n % tangent.count).atan().to_degrees(),
+            amplitude_ratio: ratio.value(n / tangent.count / lead.count),
+            phase_lead: lead.value(n / tangent.count % lead.count),
+            gravity: scene.settings.gravity.into(),
+        })?)
+    };
+    let count = ratio.count * lead.count * tangent.count;
+    (0..count).map(law).collect()
 }
 
 #[cfg(test)]

@@ -87,9 +87,8 @@ fn part(
     let weight = 1.0 / (runs.end - runs.start) as f64;
     let draws = lot.draws(number, runs, shift)?;
     let map = map(feeder.wave()?, feeder.k)?;
-    let unit = feeder.amplitude(file.scene.settings.gravity.into())
-        * std::f64::consts::TAU
-        * feeder.frequency;
+    let amplitude = feeder.amplitude(file.scene.settings.gravity.into());
+    let unit = amplitude * std::f64::consts::TAU * feeder.frequency;
     let mut sum = Conveyed::default();
     let laws = [feeder.law(&file.scene)?];
     convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, share, speeds| {
@@ -109,18 +108,15 @@ pub(super) fn simulate(
     workers: &impl Workers,
 ) -> Result<Vec<Conveyed>, Refusal> {
     let parts = lot.restitutions.len();
-    let all = workers.map(
-        "front",
-        feeders.len() * variations.len() * parts,
-        |n, check_stop| {
-            check_stop()?;
-            let (point, number) = (n / parts, n % parts);
-            let variation = variations[point % variations.len()];
-            let feeder = variation.apply(&feeders[point / variations.len()]);
-            let (runs, shift) = (runs.clone(), variation.restitution);
-            Ok(part(file, lot, &feeder, number, runs, shift)?)
-        },
-    )?;
+    let count = feeders.len() * variations.len() * parts;
+    let all = workers.map("front", count, |n, check_stop| {
+        check_stop()?;
+        let (point, number) = (n / parts, n % parts);
+        let variation = variations[point % variations.len()];
+        let feeder = variation.apply(&feeders[point / variations.len()]);
+        let (runs, shift) = (runs.clone(), variation.restitution);
+        Ok(part(file, lot, &feeder, number, runs, shift)?)
+    })?;
     let mean = |parts: &[Conveyed]| {
         let weight = 1.0 / parts.len() as f64;
         parts.iter().fold(Conveyed::default(), |sum, run| Conveyed {
@@ -144,10 +140,8 @@ pub(super) fn judge(
     let judged = all.chunks(variations.len()).map(|points| {
         let by = |n: usize, steps: f64| {
             let (less, more) = (points[n], points[n + 1]);
-            [
-                (more.speed / less.speed).ln() / (2.0 * steps),
-                (more.share - less.share) / (2.0 * steps),
-            ]
+            let changes = [(more.speed / less.speed).ln(), more.share - less.share];
+            changes.map(|change| change / (2.0 * steps))
         };
         let percent = 100.0 * RELATIVE_STEP;
         let sensitivity = Sensitivity {
@@ -183,16 +177,13 @@ pub(super) fn close(
     scene.waiting = 0;
     scene.disturbances.clear();
     (run.duration, run.distribution, run.expectation) = (DURATION, None, None);
-    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut |_| {
-        check_stop()
-    })
+    let mut check = |_| check_stop();
+    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut check)
 }
 
 /// Share and speed of a run; `None` if the drive did not run.
 pub(super) fn closed(outcome: &Outcome) -> Option<Conveyed> {
-    let (share, speed) = (outcome.in_gear()?, outcome.record().speed()?);
-    outcome.k().is_finite().then_some(Conveyed {
-        share,
-        speed: 1e3 * speed,
-    })
+    let (share, speed) = (outcome.in_gear()?, 1e3 * outcome.record().speed()?);
+    let runs = outcome.k().is_finite();
+    runs.then_some(Conveyed { share, speed })
 }

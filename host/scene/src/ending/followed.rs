@@ -11,17 +11,15 @@ use super::memory::{JUDGED_IMPACTS, Memory};
 
 /// Distance in rad and `b w` from an attracting period-1 orbit at which it captures an orbit.
 const LOCK_TOLERANCE: f64 = 1e-5;
-
 /// Number of impacts between two judgements of an open orbit by its last impacts.
 const JUDGEMENT_INTERVAL: usize = 6000;
 
 /// An orbit without a final regime yet. Fields used at every impact come first, for the cache.
 pub(super) struct Followed {
     count: usize,
-    /// Number of impacts before the next detailed check.
     check_next: usize,
     /// Time in rad since the first launch.
-    time: f64,
+    pub(super) time: f64,
     saved: SavedState,
     save_next: usize,
     /// Number of impacts before the next judgement by the last ones.
@@ -48,12 +46,6 @@ impl Followed {
         }
     }
 
-    /// Time in rad since the first launch.
-    pub(super) fn time(&self) -> f64 {
-        self.time
-    }
-
-    /// Adds the next impact; returns the state of the decision.
     #[inline]
     pub(super) fn take(&mut self, endings: &Endings, impact: &Impact<PartState>) -> Verdict {
         self.count += 1;
@@ -96,11 +88,10 @@ impl Followed {
             };
             self.save_next *= 2;
         }
-        let verdict = if self.count == self.judge_next {
-            self.judge(endings)
-        } else {
-            Verdict::Continues
-        };
+        let mut verdict = Verdict::Continues;
+        if self.count == self.judge_next {
+            verdict = self.judge(endings);
+        }
         let gear_run_start = (self.judge_next + 1).saturating_sub(2 * JUDGED_IMPACTS);
         self.check_next = self.save_next.min(gear_run_start.max(self.count + 1));
         verdict
@@ -130,7 +121,6 @@ impl Followed {
     }
 }
 
-/// State of the decision on an orbit's regime.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
     Continues,
@@ -141,7 +131,6 @@ pub(super) enum Verdict {
     Ends(Regime),
 }
 
-/// Consecutive flights in gear of one order.
 #[derive(Clone, Copy, Debug, Default)]
 struct GearRun {
     order: u32,
@@ -165,14 +154,13 @@ impl GearRun {
 
 /// Regime that repeats after these numbers of impacts and drive cycles.
 fn periodic(impacts: u32, cycles: u32) -> Regime {
-    if impacts.is_power_of_two() && cycles > 0 && cycles.is_multiple_of(impacts) {
-        let order = cycles / impacts;
-        match impacts.trailing_zeros() {
-            0 => Regime::Locked { order },
-            doublings => Regime::Doubled { order, doublings },
-        }
-    } else {
-        Regime::Periodic { impacts, cycles }
+    if !impacts.is_power_of_two() || cycles == 0 || !cycles.is_multiple_of(impacts) {
+        return Regime::Periodic { impacts, cycles };
+    }
+    let order = cycles / impacts;
+    match impacts.trailing_zeros() {
+        0 => Regime::Locked { order },
+        doublings => Regime::Doubled { order, doublings },
     }
 }
 
@@ -193,10 +181,7 @@ struct SavedState {
 impl SavedState {
     /// A state that no orbit approaches.
     const NONE: Self = Self {
-        state: PartState {
-            phase: f64::NAN,
-            velocity: f64::NAN,
-        },
+        state: PartState::new(f64::NAN, f64::NAN),
         count: 0,
         time: 0.0,
         first: None,
@@ -230,7 +215,6 @@ impl SavedState {
 
 /// Largest distance, in rad and `b w`, of a return that agrees to the last bits.
 const RETURN_TOLERANCE: f64 = 1e-9;
-
 /// The same after a shorter period during the approach: a thousand times as large, sufficient for a
 /// multiplier down to -0.999. With a multiplier nearer to -1 no orbit returns within
 /// [`MAX_ORBIT_IMPACTS`](super::MAX_ORBIT_IMPACTS) impacts.

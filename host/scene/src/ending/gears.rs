@@ -21,11 +21,8 @@ pub struct InGear {
 
 impl InGear {
     fn longest(all: impl Iterator<Item = Self>) -> Option<Self> {
-        all.reduce(
-            |one, other| {
-                if other.share > one.share { other } else { one }
-            },
-        )
+        let larger = |one: Self, other: Self| if other.share > one.share { other } else { one };
+        all.reduce(larger)
     }
 
     /// For several orbits: the order with the largest total share, and the mean share in it.
@@ -120,10 +117,8 @@ mod tests {
                 gears.longest()
             });
             let in_gear = InGear::from_orbits(runs).unwrap();
-            assert!(
-                in_gear.order == 1 && (in_gear.share - expected).abs() < 0.03,
-                "{in_gear}"
-            );
+            assert_eq!(in_gear.order, 1);
+            assert!((in_gear.share - expected).abs() < 0.03, "{in_gear}");
         }
     }
 }

@@ -5,15 +5,12 @@ use std::f64::consts::TAU;
 use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 
 pub(super) const JUDGED_IMPACTS: usize = 512;
-
 /// A drive cycle in steps of time, 2^-32 cycles.
 const CYCLE: f64 = 4_294_967_296.0;
-
 /// Largest deviation of two impacts from whole cycles that counts as a repetition, in 2^-32 cycles.
 /// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no further
 /// repetitions.
 const RETURN_TOLERANCE: u32 = 1024;
-
 /// The same on the approach to a cycle of one impact: 2e-4 rad. Cycles of more impacts are followed
 /// for fewer periods, and found from a smaller distance.
 const APPROACH_TOLERANCE: u32 = 1 << 17;

@@ -7,10 +7,8 @@ use kband::impact::PartState;
 
 /// Number of phase stretches, each 1.4 degrees wide.
 const PHASE_STRETCHES: usize = 256;
-
 /// Tried durations of the chatter, in stretches of phase.
 const DURATIONS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
-
 const ROUNDING_MARGIN: f64 = 1e-9;
 
 /// Velocities below which a launched part rests before it is thrown again, by phase.
@@ -33,30 +31,20 @@ impl ToRest {
                 (from..=to).contains(&at) || (from..=to).contains(&(at + PHASE_STRETCHES))
             };
             let [one, other] = [from, to].map(|n| sines[n % PHASE_STRETCHES]);
-            let lower = if passes(3 * PHASE_STRETCHES / 4) {
-                -1.0
-            } else {
-                one.min(other)
-            };
-            let upper = if passes(PHASE_STRETCHES / 4) {
-                1.0
-            } else {
-                one.max(other)
-            };
+            let [least, most] = [3, 1].map(|quarters| passes(quarters * PHASE_STRETCHES / 4));
+            let lower = if least { -1.0 } else { one.min(other) };
+            let upper = if most { 1.0 } else { one.max(other) };
             (lower, upper)
         };
         let velocity = |stretch: usize, lasts: usize| {
             let (lower, upper) = push(stretch, stretch + 1 + lasts);
             let (low, high) = (k - upper - ROUNDING_MARGIN, k - lower + ROUNDING_MARGIN);
             let effective_restitution = restitution * (high / low).sqrt();
-            if low > 0.0 && effective_restitution < 1.0 {
-                TAU * lasts as f64 / PHASE_STRETCHES as f64
-                    * (0.5 - ROUNDING_MARGIN)
-                    * low
-                    * (1.0 - effective_restitution)
-            } else {
-                0.0
+            if low <= 0.0 || effective_restitution >= 1.0 {
+                return 0.0;
             }
+            let duration = TAU * lasts as f64 / PHASE_STRETCHES as f64;
+            duration * (0.5 - ROUNDING_MARGIN) * low * (1.0 - effective_restitution)
         };
         Self(std::array::from_fn(|stretch| {
             let velocities = DURATIONS.map(|lasts| velocity(stretch, lasts));

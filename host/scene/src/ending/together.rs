@@ -20,8 +20,6 @@ use super::{Endings, MAX_ORBIT_IMPACTS};
 /// to 3, R 0.025 to 0.925). The latest exit was after 29 640 impacts; 6500 orbits stayed for 100
 /// 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
-
-/// Number of impacts left out at the start of these.
 const SETTLING_IMPACTS: usize = 1000;
 
 /// Final regimes of parts that start just after an impact, each on one of `tracks` by its number.
@@ -72,7 +70,7 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
 
 /// The regime of an orbit from lift-off that comes to rest after this impact.
 fn hops_and_rests(tracks: &[Endings], query: &Query, last: PartState) -> Regime {
-    let cycles = (query.followed.time() + until_lift_off(&tracks[query.track], last)) / TAU;
+    let cycles = (query.followed.time + until_lift_off(&tracks[query.track], last)) / TAU;
     Regime::HopAndRest {
         cycles: cycles.round() as u32,
     }
@@ -91,7 +89,6 @@ fn until_lift_off(endings: &Endings, last: PartState) -> f64 {
     time
 }
 
-/// An orbit that is followed to its final regime.
 struct Query {
     index: usize,
     track: usize,
@@ -204,7 +201,6 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     );
 }
 
-/// Irregular flights of one gear.
 struct Trial {
     track: usize,
     order: u32,
@@ -314,7 +310,6 @@ mod tests {
 
     use super::*;
 
-    /// Final regime of one orbit, event by event.
     fn alone(
         endings: &Endings,
         start: Option<PartState>,

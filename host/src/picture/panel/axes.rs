@@ -64,12 +64,7 @@ impl Pixels<'_> {
             let left = self.x_pixel(*from).max(self.plot.left);
             let right = self.x_pixel(*to).min(self.plot.right());
             if right > left {
-                let place = Rect {
-                    left,
-                    top: self.plot.top,
-                    width: right - left,
-                    height: RIBBON,
-                };
+                let place = Rect::new(left, self.plot.top, right - left, RIBBON);
                 swatch(theme, *tone, place, false, shapes);
             }
         }
@@ -128,18 +123,9 @@ impl Pixels<'_> {
             } else {
                 plot.left + 10.0
             };
-            let has_room_above = down - plot.top > LINE;
-            let y = if has_room_above {
-                down - 4.0
-            } else {
-                down + 14.0
-            };
-            let patch = Rect {
-                left: left - 2.0,
-                top: y - 11.0,
-                width: width + 4.0,
-                height: 14.5,
-            };
+            let fits_above = down - plot.top > LINE;
+            let y = if fits_above { down - 4.0 } else { down + 14.0 };
+            let patch = Rect::new(left - 2.0, y - 11.0, width + 4.0, 14.5);
             shapes.push(Shape::area(patch, theme.background().with_opacity(0.8)));
             let label = label((left, y), text, Anchor::Start, theme.text());
             shapes.push(Shape::Text(label));

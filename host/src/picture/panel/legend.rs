@@ -77,12 +77,7 @@ impl Panel {
             if x > plot.left && x + length - 18.0 > plot.right() {
                 (x, y) = (plot.left, y + LINE);
             }
-            let box_ = Rect {
-                left: x,
-                top: y - 5.5,
-                width: 26.0,
-                height: 11.0,
-            };
+            let box_ = Rect::new(x, y - 5.5, 26.0, 11.0);
             match key {
                 Key::Line(series) => {
                     let (colour, dash, _) = theme.series(*series);

@@ -124,17 +124,11 @@ impl Pixels<'_> {
         shapes: &mut Vec<Shape>,
     ) {
         let plot = self.plot;
-        let mut palette: Vec<Colour> = (0..255)
-            .map(|n| theme.scale(f64::from(n) / 254.0))
-            .collect();
-        palette.push(theme.grid());
-        let number = |value: &f64| {
-            let part = scale.part(*value);
-            if part.is_finite() {
-                (part.clamp(0.0, 1.0) * 254.0).round() as u8
-            } else {
-                255
-            }
+        let colours = (0..255).map(|n| theme.scale(f64::from(n) / 254.0));
+        let mut palette: Vec<Colour> = colours.chain([theme.grid()]).collect();
+        let number = |value: &f64| match scale.part(*value) {
+            part if part.is_finite() => (part.clamp(0.0, 1.0) * 254.0).round() as u8,
+            _ => 255,
         };
         shapes.push(Shape::Image {
             place: plot,

@@ -1,11 +1,18 @@
 //! Text, frames, swatches and markers of every panel.
 
+use std::f64::consts::TAU;
+
 use super::SMALL_TEXT_SIZE;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
 use crate::picture::theme::{Colour, Fill, Marker, Theme};
 
-pub(super) fn label(at: (f64, f64), text: &str, anchor: Anchor, colour: Colour) -> Text {
+pub(in crate::picture) fn label(
+    at: (f64, f64),
+    text: &str,
+    anchor: Anchor,
+    colour: Colour,
+) -> Text {
     Text {
         at,
         content: text.into(),
@@ -90,7 +97,6 @@ fn clipped(rect: Rect, a: (f64, f64), b: (f64, f64)) -> Option<[(f64, f64); 2]> 
     (!outside).then(|| [a, b].map(clip))
 }
 
-/// Number of markers above which they are drawn small.
 const MIN_SMALL_MARKERS: usize = 120;
 
 pub(super) fn marks(
@@ -101,27 +107,19 @@ pub(super) fn marks(
 ) -> Shape {
     let (colour, _, marker) = theme.series(series);
     let shape: Vec<(f64, f64)> = match marker {
-        Marker::Circle => (0..12)
-            .map(|n| (f64::from(n) / 12.0 * std::f64::consts::TAU).sin_cos())
-            .map(|(x, y)| (3.0 * x, 3.0 * y))
-            .collect(),
+        Marker::Circle => {
+            let turns = (0..12).map(|n| (f64::from(n) / 12.0 * TAU).sin_cos());
+            turns.map(|(x, y)| (3.0 * x, 3.0 * y)).collect()
+        }
         Marker::Square => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
         Marker::Triangle => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
         Marker::Diamond => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
-        Marker::Cross => vec![
-            (-1.0, -3.6),
-            (1.0, -3.6),
-            (1.0, -1.0),
-            (3.6, -1.0),
-            (3.6, 1.0),
-            (1.0, 1.0),
-            (1.0, 3.6),
-            (-1.0, 3.6),
-            (-1.0, 1.0),
-            (-3.6, 1.0),
-            (-3.6, -1.0),
-            (-1.0, -1.0),
-        ],
+        Marker::Cross => {
+            let arm = [(-1.0, -3.6), (1.0, -3.6), (1.0, -1.0)];
+            let turned = |arm: &[(f64, f64); 3]| Some(arm.map(|(x, y)| (-y, x)));
+            let arms = std::iter::successors(Some(arm), turned);
+            arms.take(4).flatten().collect()
+        }
     };
     // Many markers overlap; smaller ones without an edge do not hide each other.
     let many = places.len() > MIN_SMALL_MARKERS;
