@@ -29,15 +29,12 @@ pub enum Break {
     Restarted(StartCause),
 }
 
-/// The closed loop of a scene with an injected fault.
 struct Broken {
     signal: Signal,
     controller: Controller,
-    /// The driven feeder.
     bench: Bench,
     /// The feeder that the controller measures, if different.
     measured: Option<Bench>,
-    /// The initial target.
     target: Target,
     injected: Break,
     last: Report,
@@ -93,7 +90,6 @@ impl Broken {
         self.bench.moment(self.last)
     }
 
-    /// The samples of one cycle.
     fn samples(&mut self) {
         for _ in 0..2 * SAMPLE_RATE {
             let mut code = self.bench.sample();

@@ -24,17 +24,11 @@ const STATE_TIMEOUT: Duration = Duration::from_secs(120);
 /// Number of attempts. On a busy machine a frame may be interrupted, and is then no request.
 const ATTEMPTS: u32 = 10;
 
-/// Register of the control word.
 const CONTROL: u16 = 0;
-/// Register of the target's kind.
 const KIND: u16 = 1;
-/// Register of the status word.
 const STATUS: u16 = 4;
-/// Register of the state.
 const STATE: u16 = 5;
-/// Register of the fault.
 const FAULT: u16 = 6;
-/// Register of the request to save.
 const SAVE: u16 = 9;
 /// Bit of the status word: the target is met.
 const TARGET_HELD: u16 = 1 << 8;
@@ -47,7 +41,6 @@ struct Board {
 }
 
 impl Board {
-    /// Starts the board with this flash.
     fn start(image: &Path, flash: &Path) -> Self {
         let terminal = Terminal::on_bus(image, flash, TIMEOUT);
         let line = File::options().read(true).write(true).open(terminal.port());
@@ -82,7 +75,6 @@ impl Board {
     }
 }
 
-/// A master of Modbus RTU.
 struct Master {
     line: File,
     bytes: mpsc::Receiver<u8>,

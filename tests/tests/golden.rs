@@ -5,7 +5,6 @@ use kband::impact::{Impact, Kernel, Map, PartState, Tone, WaveKernel, WaveMap};
 use kband_tests::exact;
 use kband_tests::states::{Kind, Random};
 
-/// One row: launch and impact.
 struct Golden {
     k: f64,
     restitution: f64,

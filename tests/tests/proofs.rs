@@ -10,12 +10,9 @@ use kband_plant::{Change, Scene};
 use kband_tests::broken::{Break, run};
 use kband_tests::scenes::read;
 
-/// Behaviour that a scene shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Behaviour {
-    /// This fault stops the drive.
     Stops(Fault),
-    /// This limit restricts the drive.
     Limit(Limits),
     /// The controller follows settings, target and inputs.
     Obeying,
@@ -66,7 +63,6 @@ fn another_target(scene: &mut Scene) {
 fn heavier(scene: &mut Scene) {
     scene.settings.track_mass *= 4.0 / 3.0;
 }
-/// Configures a drive at its resonance.
 fn tuned(scene: &mut Scene) {
     scene.settings.resonance = scene.settings.frequency;
 }
@@ -83,12 +79,10 @@ macro_rules! table {
 }
 kband_tests::all_scenes!(table);
 
-/// Whether the result meets the scene's expectations.
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
 }
 
-/// Whether a result shows the behaviour.
 fn is_shown(behaviour: Behaviour, outcome: &Outcome) -> bool {
     let mut reports = outcome.moments().iter().map(|moment| moment.report);
     match behaviour {
@@ -98,7 +92,6 @@ fn is_shown(behaviour: Behaviour, outcome: &Outcome) -> bool {
     }
 }
 
-/// State transitions in a result.
 fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     let states = outcome.moments().iter().map(|moment| moment.report.state);
     let states: Vec<u8> = states.map(State::number).collect();

@@ -174,7 +174,6 @@ struct End {
     limits: Limits,
     /// Hash of all commands and measurements of the controller.
     bits: u64,
-    /// Violations.
     wrong: Vec<String>,
 }
 
@@ -337,12 +336,10 @@ fn waveform(scene: &Scene, seconds: f64) -> Option<End> {
     }))
 }
 
-/// A number from the environment.
 fn environment_number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
-/// Ends of many scenes.
 #[derive(Default)]
 struct Ends {
     /// Number of scenes, and of refused ones.
@@ -351,9 +348,7 @@ struct Ends {
     /// Scenes that end in a fault at waveform fidelity, and in another fault at envelope fidelity.
     faults: usize,
     other_faults: usize,
-    /// Scenes whose fidelities end in different states, each with both.
     disagreeing: Vec<String>,
-    /// Violations.
     wrong: Vec<String>,
 }
 

@@ -121,14 +121,12 @@ fn lines(api: &PublicApi) -> Vec<String> {
     lines
 }
 
-/// Lines that are missing in the other list.
 fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
     let other: BTreeSet<&String> = other.iter().collect();
     let missing = from.iter().filter(|line| !other.contains(line));
     missing.map(String::as_str).collect()
 }
 
-/// Compares the public names with the accepted list.
 fn compare(now: &[String], list: &str) {
     let path = root().join(list);
     if std::env::var_os(ACCEPT).is_some() {

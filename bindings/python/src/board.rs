@@ -94,7 +94,6 @@ impl Board {
         link.image().into()
     }
 
-    /// Every setting.
     fn settings(&mut self, py: Python<'_>) -> PyResult<Vec<Setting>> {
         let read = self.with(py, BoardSettings::read)?;
         let all = read.iter().cloned();
@@ -102,12 +101,10 @@ impl Board {
         Ok(of_each.collect())
     }
 
-    /// Changes settings, all of them or none.
     fn change(&mut self, py: Python<'_>, wanted: Vec<(String, f32)>) -> PyResult<()> {
         self.with(py, |link| BoardSettings::read(link)?.change(link, &wanted))
     }
 
-    /// Saves settings and target.
     fn save(&mut self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |link| link.command(&Request::Save))
     }

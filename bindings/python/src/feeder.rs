@@ -11,10 +11,8 @@ use pyo3::types::PyDict;
 use crate::refused::Refused;
 use crate::scenes::{Given, impact, report, scene, target};
 
-/// Name of an input of the board, and its field.
 type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
 
-/// Inputs of the board.
 const INPUTS: [Input; 7] = [
     ("enable", |inputs| &mut inputs.enable),
     ("over_temperature", |inputs| &mut inputs.over_temperature),

@@ -5,12 +5,9 @@ use kband_scene::refusal::Refusal;
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
 
-/// Reason for a refused call.
 #[derive(Clone, Debug)]
 pub enum Refused {
-    /// A value out of range, and its index if it is in an array.
     Value(OutOfRange, Option<usize>),
-    /// A scene or a run of it.
     Scene(Refusal),
 }
 

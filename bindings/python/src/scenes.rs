@@ -52,7 +52,6 @@ pub enum Given<'py> {
     Dict(Bound<'py, PyDict>),
 }
 
-/// The scene that was given.
 pub fn scene(given: &Given<'_>) -> PyResult<SceneFile> {
     let read = match given {
         Given::Text(text) => table(text)

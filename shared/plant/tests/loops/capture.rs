@@ -7,7 +7,6 @@ use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
 
 use super::lots::{between, random_lot};
 
-/// Parts in relation to the configured lot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Parts {
     Fitting,

@@ -9,7 +9,6 @@ use kband_plant::{
     Change, ClosedLoop, Disturbance, Disturbances, EnvelopeLoop, Moment, Scene, Strike,
 };
 
-/// Either fidelity.
 pub enum Loop {
     Envelope(Box<EnvelopeLoop>),
     Waveform(Box<ClosedLoop>),

@@ -7,17 +7,13 @@
 use kband_control::{State, Target};
 use kband_plant::{EnvelopeLoop, Scene};
 
-/// Result of a start.
 #[derive(Clone, Copy, Debug)]
 struct Start {
-    /// Largest amplitude over the setpoint.
     peak: f32,
     /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
     /// the setpoint, less eight cycles of dead time and noise.
     settles: f32,
-    /// Final swing of the amplitude over the setpoint.
     swing: f32,
-    /// Final state.
     state: State,
 }
 
@@ -106,7 +102,6 @@ const DETUNINGS: [f32; 17] = [
 /// True gain over the configured one.
 const GAIN_ERRORS: [f32; 3] = [1.0, 0.5, 2.0];
 
-/// All combinations of quality, detuning and gain error.
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
     QUALITIES.into_iter().flat_map(|quality| {
         DETUNINGS.into_iter().flat_map(move |detuning| {

@@ -83,7 +83,6 @@ struct Window {
     estimate: Option<[f64; 2]>,
 }
 
-/// Number of random lots, from the environment.
 fn lots() -> u64 {
     number("KBAND_LOTS", 40)
 }

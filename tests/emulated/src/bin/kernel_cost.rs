@@ -41,7 +41,6 @@ mod cost {
 
     type Start = (Single, SingleState);
 
-    /// Instructions per impact.
     pub struct Cost {
         /// The most expensive orbit that stays locked or chaotic.
         pub worst: u64,
