@@ -3,8 +3,10 @@
 //! Together the scenes show every state transition, every fault and every limit.
 
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 
 use kband_control::{Cycle, Fault, Limits, Report, StartCause, State, TRANSITIONS, Target};
+use kband_host::desk::Desk;
 use kband_host::simulate::Outcome;
 use kband_plant::{Change, Scene};
 use kband_tests::broken::{Break, run};
@@ -79,6 +81,16 @@ macro_rules! table {
 }
 kband_tests::all_scenes!(table);
 
+/// The scenes without an injected fault, in the order of the proofs, run once for all tests.
+fn sound() -> &'static [Outcome] {
+    static ALL: OnceLock<Vec<Outcome>> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let scene = |n: usize| run(&read(PROOFS[n].0), Nothing);
+        let desk = Desk::new(None).unwrap();
+        desk.map("scenes", PROOFS.len(), scene).unwrap()
+    })
+}
+
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
 }
@@ -99,10 +111,8 @@ fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     // Before the first cycle of an ordinary start the state is off.
     let first = states.first().map(|&first| (State::Off.number(), first));
     let ordinary = outcome.file().scene.start == Ordinary;
-    pairs
-        .chain(first.filter(|_| ordinary))
-        .filter(|(from, to)| from != to)
-        .collect()
+    let pairs = pairs.chain(first.filter(|_| ordinary));
+    pairs.filter(|(from, to)| from != to).collect()
 }
 
 fn describe_change((from, to): (u8, u8)) -> String {
@@ -113,13 +123,11 @@ fn describe_change((from, to): (u8, u8)) -> String {
 #[test]
 fn each_scene_fails_under_its_injected_fault() {
     let mut wrong = Vec::new();
-    for &(name, behaviour, how) in PROOFS {
-        let file = read(name);
-        let sound = run(&file, Nothing);
-        if !expected(&sound) || !is_shown(behaviour, &sound) {
+    for (&(name, behaviour, how), sound) in PROOFS.iter().zip(sound()) {
+        if !expected(sound) || !is_shown(behaviour, sound) {
             wrong.push(format!("{name} does not show {behaviour:?}"));
         }
-        let broken = run(&file, how);
+        let broken = run(sound.file(), how);
         if matches!(behaviour, Stops(_) | Limit(_)) && is_shown(behaviour, &broken) {
             wrong.push(format!("{name} shows {behaviour:?} in spite of {how:?}"));
         }
@@ -132,15 +140,12 @@ fn each_scene_fails_under_its_injected_fault() {
 
 #[test]
 fn each_state_change_has_a_scene_that_fails_without_it() {
-    let mut scenes: Vec<Outcome> = PROOFS
-        .iter()
-        .map(|(name, ..)| run(&read(name), Nothing))
-        .collect();
+    let mut scenes: Vec<&Outcome> = sound().iter().collect();
     // Shortest scenes first: each transition is assigned to the first scene that fails without it.
     scenes.sort_by_key(|outcome| outcome.moments().len());
     let mut made = BTreeSet::new();
     let mut proven = BTreeSet::new();
-    for outcome in &scenes {
+    for outcome in scenes {
         for (from, to) in changes(outcome) {
             made.insert((from, to));
             let state = |number: u8| State::ALL[usize::from(number)];
@@ -171,11 +176,7 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
             assert!(proven, "{name} has no proof");
         }
     }
-    let behaviour = |searched: Behaviour| {
-        PROOFS
-            .iter()
-            .any(|(_, behaviour, _)| *behaviour == searched)
-    };
+    let behaviour = |searched| PROOFS.iter().any(|(_, shown, _)| *shown == searched);
     for &fault in Fault::ALL {
         assert!(behaviour(Stops(fault)), "no scene shows {}", fault.name());
     }
@@ -187,10 +188,8 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
 #[test]
 fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
     let mut times = 0;
-    for &(name, ..) in PROOFS {
-        let outcome = run(&read(name), Nothing);
-        let scene = &outcome.file().scene;
-        for disturbance in &scene.disturbances {
+    for (&(name, ..), outcome) in PROOFS.iter().zip(sound()) {
+        for disturbance in &outcome.file().scene.disturbances {
             if disturbance.change != Change::Enable(false) {
                 continue;
             }

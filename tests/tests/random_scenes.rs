@@ -8,7 +8,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use kband::feeder::STANDARD_GRAVITY;
 use kband_control::{Fault, Limits, State, TRANSITIONS, Target};
 use kband_host::desk::Desk;
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{Change, Disturbance, Moment, PARTS, Scene, Strike};
+use kband_scene::{Engine, Fidelity};
+use kband_tests::number;
 use kband_tests::states::Random;
 
 /// Number of drive cycles in a window for comparing a reported lock with the parts' impacts.
@@ -69,9 +71,8 @@ fn scene(random: &mut Random) -> Scene {
     };
     let parts = one_of(random, &[1, 1, 3, 8, 24]);
     let (low, high) = (settings.restitution_low, settings.restitution_high);
-    scene.parts = (0..parts)
-        .map(|_| random.between(f64::from(low), f64::from(high) + 1e-9) as f32)
-        .collect();
+    let part = |_| random.between(f64::from(low), f64::from(high) + 1e-9) as f32;
+    scene.parts = (0..parts).map(part).collect();
     scene.scatter = std::iter::repeat_n(settings.scatter, parts).collect();
     scene.seed = random.bits();
     scene
@@ -177,26 +178,14 @@ struct End {
     wrong: Vec<String>,
 }
 
-impl End {
-    fn reached(&self) -> (State, Option<Fault>) {
-        (self.state, self.fault)
-    }
-}
-
 /// Impacts of a part over a window: number, and sums of cosine and sine of their phases.
+#[derive(Default)]
 struct PhaseSums {
     cycles: u32,
-    parts: Vec<(f64, f64, f64)>,
+    parts: [(f64, f64, f64); PARTS],
 }
 
 impl PhaseSums {
-    fn anew(parts: usize) -> Self {
-        Self {
-            cycles: 0,
-            parts: vec![(0.0, 0.0, 0.0); parts],
-        }
-    }
-
     fn take(&mut self, strikes: &[Strike]) {
         self.cycles += 1;
         for strike in strikes {
@@ -235,7 +224,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     let mut bits = DefaultHasher::new();
     let mut wrong = Vec::new();
     let (mut before, mut fault) = (None, None);
-    let mut rhythm = PhaseSums::anew(scene.parts.len());
+    let mut rhythm = PhaseSums::default();
     loop {
         let (moment, strikes) = cycle();
         let report = moment.report;
@@ -287,15 +276,13 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             add_error(format!("in gear {share} +- {error}"));
         }
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
-            let mut transitions = TRANSITIONS.iter();
-            if !transitions
-                .any(|transition| transition.from == before && transition.to == report.state)
-            {
+            let transitions = TRANSITIONS.map(|change| (change.from, change.to));
+            if !transitions.contains(&(before, report.state)) {
                 add_error(format!("{before:?} went to {:?}", report.state));
             }
         }
         if before != Some(report.state) {
-            rhythm = PhaseSums::anew(scene.parts.len());
+            rhythm = PhaseSums::default();
         }
         before = Some(report.state);
         if report.state == State::Locked && calm {
@@ -305,7 +292,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
                 if 2 * locked < scene.parts.len() {
                     add_error(format!("locked with {locked} of {}", scene.parts.len()));
                 }
-                rhythm = PhaseSums::anew(scene.parts.len());
+                rhythm = PhaseSums::default();
             }
         }
         if moment.time >= seconds {
@@ -320,24 +307,17 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     }
 }
 
-fn envelope(scene: &Scene, seconds: f64) -> Option<End> {
-    let mut closed = EnvelopeLoop::build(scene).ok()?;
-    Some(run(scene, seconds, || {
-        let moment = closed.cycle();
-        (moment, closed.strikes().to_vec())
-    }))
-}
-
-fn waveform(scene: &Scene, seconds: f64) -> Option<End> {
-    let mut closed = ClosedLoop::build(scene).ok()?;
-    Some(run(scene, seconds, || {
-        let moment = closed.cycle();
-        (moment, closed.plant().strikes().to_vec())
-    }))
-}
-
-fn environment_number(name: &str, otherwise: u64) -> u64 {
-    std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
+/// Runs a scene, with the plan of its earlier runs.
+fn run_at(fidelity: Fidelity, scene: &Scene, seconds: f64) -> Option<End> {
+    let mut engine = Engine::build(scene, fidelity).ok()?;
+    engine.watch(true);
+    let end = run(scene, seconds, || {
+        // A number that is not finite is found in the moment.
+        let _ = engine.cycle();
+        (engine.moment().unwrap(), engine.strikes().to_vec())
+    });
+    engine.cache_plan();
+    Some(end)
 }
 
 #[derive(Default)]
@@ -353,14 +333,15 @@ struct Ends {
 }
 
 /// Runs scenes at both fidelities, twice at envelope fidelity: bits depend neither on the thread
-/// nor on earlier runs.
+/// nor on earlier runs and their plans.
 fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
     let played = Desk::new(None).unwrap().map("scenes", count as usize, |n| {
         let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n as u64));
         let scene = drawn(&mut random);
         let seconds = random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency);
         let name = format!("scene {n}, {:?}, {} parts", scene.target, scene.parts.len());
-        let ends = [envelope, envelope, waveform].map(|play| play(&scene, seconds));
+        use Fidelity::{Envelope, Waveform};
+        let ends = [Envelope, Envelope, Waveform].map(|which| run_at(which, &scene, seconds));
         (name, ends)
     });
     let mut all = Ends {
@@ -377,15 +358,15 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         }
         for (fidelity, end) in [("envelope", &fast), ("waveform", &slow)] {
             let wrong = end.wrong.iter();
-            all.wrong
-                .extend(wrong.map(|what| format!("{name}, {fidelity}: {what}")));
+            let wrong = wrong.map(|what| format!("{name}, {fidelity}: {what}"));
+            all.wrong.extend(wrong);
         }
         all.faults += usize::from(slow.fault.is_some());
         all.other_faults += usize::from(fast.fault != slow.fault);
-        let (fast, slow) = (fast.reached(), slow.reached());
+        let [fast, slow] = [fast, slow].map(|end| (end.state, end.fault));
         if fast != slow {
-            all.disagreeing
-                .push(format!("{name}: {fast:?} and {slow:?}"));
+            let ends = format!("{name}: {fast:?} and {slow:?}");
+            all.disagreeing.push(ends);
         }
     }
     println!(
@@ -400,8 +381,8 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
 
 #[test]
 fn a_feeder_keeps_to_its_rules_under_any_settings() {
-    let count = environment_number("KBAND_SCENES", 200);
-    let ends = play(count, environment_number("KBAND_SEED", 1), scene);
+    let count = number("KBAND_SCENES", 200);
+    let ends = play(count, number("KBAND_SEED", 1), scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(10 * ends.refused < ends.count, "{} refused", ends.refused);
     // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. The
@@ -413,12 +394,9 @@ fn a_feeder_keeps_to_its_rules_under_any_settings() {
 
 #[test]
 fn a_misconfigured_feeder_keeps_to_its_rules() {
-    let count = environment_number("KBAND_SCENES", 200) / 2;
-    let ends = play(
-        count,
-        environment_number("KBAND_SEED", 1) ^ 0x5eed,
-        random_scene,
-    );
+    let count = number("KBAND_SCENES", 200) / 2;
+    let seed = number("KBAND_SEED", 1) ^ 0x5eed;
+    let ends = play(count, seed, random_scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(2 * ends.refused < ends.count, "{} refused", ends.refused);
     assert!(20 * ends.faults > ends.count, "{} faults", ends.faults);

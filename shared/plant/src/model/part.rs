@@ -191,31 +191,25 @@ impl Part {
         }
     }
 
-    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `swing` is the
-    /// track's at `time`.
-    pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
+    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `None` if not.
+    /// `swing` is the track's at `time`.
+    pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) -> Option<()> {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
         if let Some(wave) = track.wave {
-            self.throw_on_tones(wave, k, swing, track, time);
-            return;
+            return self.throw_on_tones(wave, k, swing, track, time);
         }
-        let Some(map) = self.map(k) else {
-            return;
-        };
-        let Some(lift_off) = map.lift_off() else {
-            return;
-        };
+        let map = self.map(k)?;
+        let lift_off = map.lift_off()?;
         // The sample is late by up to one; the launch itself is at arcsin k.
         let delay = wrap_angle(swing.phase.radians() - lift_off);
         let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
-        let Some(Release { launch, impact }) = Release::build(&map, lift_off, 0.0) else {
-            return;
-        };
+        let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
         self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_sine(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
+        Some(())
     }
 
     /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
@@ -307,30 +301,31 @@ impl Part {
     }
 
     /// As [`Part::throw`], on a track with several tones.
-    fn throw_on_tones(&mut self, wave: &Wave, k: f64, swing: Swing, track: &Track<'_>, time: u64) {
+    fn throw_on_tones(
+        &mut self,
+        wave: &Wave,
+        k: f64,
+        swing: Swing,
+        track: &Track<'_>,
+        time: u64,
+    ) -> Option<()> {
         /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
         const MAX_THROW_DELAY: f64 = 0.2;
-        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
-            return;
-        };
-        let Some((wait, phase)) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))
-        else {
-            return;
-        };
+        let map = WaveMap::on(*wave, k, 1.0).ok()?;
+        let (wait, phase) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))?;
         // It may also be early by this, if the amplitude changed since the search.
         if wait > 2.0 * MAX_THROW_DELAY {
-            return;
+            return None;
         }
         let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
-        let Some(Release { launch, impact }) = map.release(phase) else {
-            return;
-        };
+        let Release { launch, impact } = map.release(phase)?;
         let amplitude = f64::from(swing.amplitude);
         let start = time.saturating_add_signed(ticks);
         self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_tones(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
+        Some(())
     }
 
     fn bounce_on_tones(

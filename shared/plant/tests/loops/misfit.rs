@@ -73,13 +73,18 @@ fn tumbling_bodies_are_detected_and_conveyed_faster() {
             scene.drive.second_gain = scene.settings.second_gain;
             for mut closed in Loop::both(&scene) {
                 let found = detected(&mut closed, MAX_DETECTION_SECONDS + 4.0);
-                let is_correct = found.is_some_and(|(seconds, [before, after])| {
-                    seconds < MAX_DETECTION_SECONDS && after > before
-                });
-                assert!(is_correct, "{lot:?} {parts} {actual:?}: {found:?}");
+                let case = format!("{lot:?} {parts} {actual:?}: {found:?}");
+                let (seconds, [before, after]) = found.expect(&case);
+                assert!(seconds < MAX_DETECTION_SECONDS && after > before, "{case}");
             }
         }
     }
+}
+
+/// Draws the sensitivity within the configured error of the amplitude.
+fn configure_sensor(scene: &mut Scene, noise: &mut Noise) {
+    let error = f64::from(scene.settings.amplitude_error);
+    scene.sensor.sensitivity = between(noise, 1.0 - error, 1.0 + error) as f32;
 }
 
 /// Random feeders of 20 to 180 Hz whose impacts the sensor detects. In gear of order 1 the feeders
@@ -96,9 +101,8 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
             [(-0.36, 0.33), (0.27, 0.5)].map(|(a, b)| between(&mut noise, a, b));
         scene.parts.fill(median as f32);
         scene.scatter.fill(scatter as f32);
-        let error = f64::from(scene.settings.amplitude_error);
-        scene.sensor.sensitivity = between(&mut noise, 1.0 - error, 1.0 + error) as f32;
-        let [mut closed, _] = Loop::both(&scene);
+        configure_sensor(&mut scene, &mut noise);
+        let mut closed = Loop::build(&scene, false);
         let after = detected(&mut closed, MAX_SLOW_DETECTION_SECONDS);
         let (moment, ..) = closed.cycle();
         if after.is_some() {
@@ -139,13 +143,8 @@ fn parts_that_scatter_less_than_configured_fit() {
         }
     }
     // Only where the configured scatter is 0.1 and the actual one 0.
-    let is_far = |(scatter, .., actual): &(f32, [f32; 2], f32, usize, f32)| {
-        *scatter == 0.1 && *actual == 0.0
-    };
-    assert!(
-        misfits.len() <= 2 && misfits.iter().all(is_far),
-        "{misfits:?}"
-    );
+    let far = (misfits.iter()).all(|(scatter, .., actual)| *scatter == 0.1 && *actual == 0.0);
+    assert!(misfits.len() <= 2 && far, "{misfits:?}");
     // On one tone the lot of 0.3 to 0.4 is configured with a share in gear below that of READY.
     assert!(ready_count > 115, "{ready_count}");
 }
@@ -155,9 +154,7 @@ fn parts_of_the_lot_always_fit() {
     let mut fitting = 0;
     for number in 0..40 {
         let (mut scene, _) = random_lot(7, number);
-        let mut noise = Noise::new(number);
-        let error = f64::from(scene.settings.amplitude_error);
-        scene.sensor.sensitivity = between(&mut noise, 1.0 - error, 1.0 + error) as f32;
+        configure_sensor(&mut scene, &mut Noise::new(number));
         // The simulation sample by sample takes ten times as long.
         let fidelities = if number < 6 { 2 } else { 1 };
         for mut closed in Loop::both(&scene).into_iter().take(fidelities) {
