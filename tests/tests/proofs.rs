@@ -26,51 +26,31 @@ use Break::{Commanded, Hidden, Measured, Misconfigured, Never, Nothing, Restarte
 use Fault::*;
 use StartCause::Ordinary;
 
-fn deaf(cycle: &mut Cycle) {
-    cycle.impacts.clear();
-}
-fn unaveraged(cycle: &mut Cycle) {
-    cycle.average.residual.fill(0.01);
-}
-fn unsaturated(cycle: &mut Cycle) {
-    cycle.saturated = 0;
-}
+const DEAF: fn(&mut Cycle) = |cycle| cycle.impacts.clear();
+const UNAVERAGED: fn(&mut Cycle) = |cycle| cycle.average.residual.fill(0.01);
+const UNSATURATED: fn(&mut Cycle) = |cycle| cycle.saturated = 0;
 
 /// Output that the drive would need at a gain of 1 mm, the configured one.
-fn uncontrolled(report: &mut Report) {
-    report.command.amplitude = 1e3 * report.reference;
-}
+const UNCONTROLLED: fn(&mut Report) = |report| report.command.amplitude = 1e3 * report.reference;
 
-fn forget_reset(scene: &mut Scene) {
-    scene.start = Ordinary;
-}
-fn narrow_lot(scene: &mut Scene) {
-    scene.settings.restitution_low = 0.199;
-    scene.settings.restitution_high = 0.201;
-}
-fn livelier_lot(scene: &mut Scene) {
-    scene.settings.restitution_low = 0.24;
-    scene.settings.restitution_high = 0.27;
-}
-fn fixed_frequency(scene: &mut Scene) {
-    scene.settings.tracking = 0.0;
-}
-fn no_kicks(scene: &mut Scene) {
-    scene.settings.capture_attempts = 0.0;
-}
-fn another_target(scene: &mut Scene) {
-    scene.target = Target::K(0.5);
-}
+const FORGET_RESET: fn(&mut Scene) = |scene| scene.start = Ordinary;
+const NARROW_LOT: fn(&mut Scene) = |scene| set_lot(scene, 0.199, 0.201);
+const LIVELIER_LOT: fn(&mut Scene) = |scene| set_lot(scene, 0.24, 0.27);
+const FIXED_FREQUENCY: fn(&mut Scene) = |scene| scene.settings.tracking = 0.0;
+const NO_KICKS: fn(&mut Scene) = |scene| scene.settings.capture_attempts = 0.0;
+const ANOTHER_TARGET: fn(&mut Scene) = |scene| scene.target = Target::K(0.5);
 /// Configures a track that is too heavy, which falsifies the estimated mass.
-fn heavier(scene: &mut Scene) {
-    scene.settings.track_mass *= 4.0 / 3.0;
-}
-fn tuned(scene: &mut Scene) {
-    scene.settings.resonance = scene.settings.frequency;
-}
-fn no_limits(scene: &mut Scene) {
+const HEAVIER: fn(&mut Scene) = |scene| scene.settings.track_mass *= 4.0 / 3.0;
+/// Configures a drive at its resonance.
+const TUNED: fn(&mut Scene) = |scene| scene.settings.resonance = scene.settings.frequency;
+const NO_LIMITS: fn(&mut Scene) = |scene| {
     scene.settings.amplitude_limit = 100.0;
     scene.settings.acceleration_limit = 1000.0;
+};
+
+fn set_lot(scene: &mut Scene, low: f32, high: f32) {
+    let settings = &mut scene.settings;
+    (settings.restitution_low, settings.restitution_high) = (low, high);
 }
 
 macro_rules! table {

@@ -3,6 +3,7 @@
 //! `KBAND_SCENES` and `KBAND_SEED` select number and seed.
 
 use std::f64::consts::TAU;
+use std::fmt::Arguments;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use kband::feeder::STANDARD_GRAVITY;
@@ -228,8 +229,8 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     loop {
         let (moment, strikes) = cycle();
         let report = moment.report;
-        let mut add_error = |what: String| {
-            if wrong.len() < 4 {
+        let mut require = |met: bool, what: Arguments| {
+            if !met && wrong.len() < 4 {
                 let (time, state) = (moment.time, report.state);
                 wrong.push(format!("{what} at {time:.2} s in {state:?}"));
             }
@@ -237,28 +238,25 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         let amplitude = report.command.amplitude;
         (amplitude.to_bits(), report.amplitude.to_bits()).hash(&mut bits);
         (report.phase.to_bits(), report.in_gear.to_bits()).hash(&mut bits);
-        if !(0.0..=settings.output_maximum).contains(&amplitude) {
-            add_error(format!("output {amplitude}"));
-        }
-        let (lead, frequency) = (report.lead, report.frequency);
-        let values = [report.amplitude, report.reference, lead, frequency];
-        if !values.iter().all(|number| number.is_finite()) {
-            add_error(format!("{values:?}"));
-        }
-        if report.reference > 1.0001 * ceiling {
-            add_error(format!("reference {} beyond the limit", report.reference));
-        }
+        let within = (0.0..=settings.output_maximum).contains(&amplitude);
+        require(within, format_args!("output {amplitude}"));
+        let (b, reference) = (report.amplitude, report.reference);
+        let values = [b, reference, report.lead, report.frequency];
+        let finite = values.iter().all(|number| number.is_finite());
+        require(finite, format_args!("{values:?}"));
+        let within = reference <= 1.0001 * ceiling;
+        require(
+            within,
+            format_args!("reference {reference} beyond the limit"),
+        );
         // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
-        if calm && report.amplitude > 1.03 * ceiling {
-            add_error(format!("amplitude {} beyond {ceiling}", report.amplitude));
-        }
+        let within = !calm || b <= 1.03 * ceiling;
+        require(within, format_args!("amplitude {b} beyond {ceiling}"));
         let off = matches!(report.state, State::Off | State::Fault);
-        if off && (amplitude != 0.0 || !report.command.immediate) {
-            add_error("driven".into());
-        }
-        if (report.state == State::Fault) != report.fault.is_some() {
-            add_error(format!("fault {:?}", report.fault));
-        }
+        let still = amplitude == 0.0 && report.command.immediate;
+        require(still || !off, format_args!("driven"));
+        let reported = (report.state == State::Fault) == report.fault.is_some();
+        require(reported, format_args!("fault {:?}", report.fault));
         // The inputs of this cycle are at most two cycles old.
         let since = moment.time - 2.0 / f64::from(settings.frequency);
         let mut latest = scene.disturbances.iter().rev();
@@ -267,19 +265,16 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             _ => None,
         });
         let acknowledged = report.fault.is_none() && enable == Some(false);
-        if fault.is_some() && report.fault != fault && !acknowledged && !restarts {
-            add_error(format!("{fault:?} became {:?}", report.fault));
-        }
+        let kept = fault.is_none() || report.fault == fault || acknowledged || restarts;
+        require(kept, format_args!("{fault:?} became {:?}", report.fault));
         fault = report.fault;
-        if !(0.0..=1.0).contains(&report.in_gear) || report.in_gear_error.is_nan() {
-            let (share, error) = (report.in_gear, report.in_gear_error);
-            add_error(format!("in gear {share} +- {error}"));
-        }
+        let (share, error) = (report.in_gear, report.in_gear_error);
+        let valid = (0.0..=1.0).contains(&share) && !error.is_nan();
+        require(valid, format_args!("in gear {share} +- {error}"));
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
             let transitions = TRANSITIONS.map(|change| (change.from, change.to));
-            if !transitions.contains(&(before, report.state)) {
-                add_error(format!("{before:?} went to {:?}", report.state));
-            }
+            let drawn = transitions.contains(&(before, report.state));
+            require(drawn, format_args!("{before:?} went to {:?}", report.state));
         }
         if before != Some(report.state) {
             rhythm = PhaseSums::default();
@@ -288,10 +283,9 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if report.state == State::Locked && calm {
             rhythm.take(&strikes);
             if rhythm.cycles == WINDOW {
-                let locked = rhythm.locked(order);
-                if 2 * locked < scene.parts.len() {
-                    add_error(format!("locked with {locked} of {}", scene.parts.len()));
-                }
+                let (locked, all) = (rhythm.locked(order), scene.parts.len());
+                let enough = 2 * locked >= all;
+                require(enough, format_args!("locked with {locked} of {all}"));
                 rhythm = PhaseSums::default();
             }
         }
@@ -369,13 +363,9 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
             all.disagreeing.push(ends);
         }
     }
-    println!(
-        "{count} scenes, {} refused, {} end in a fault, {} end apart: {:#?}",
-        all.refused,
-        all.faults,
-        all.disagreeing.len(),
-        all.disagreeing
-    );
+    let (refused, faults, apart) = (all.refused, all.faults, &all.disagreeing);
+    println!("{count} scenes, {refused} refused, {faults} end in a fault");
+    println!("{} end apart: {apart:#?}", apart.len());
     all
 }
 

@@ -144,13 +144,13 @@ impl Board {
         assert_eq!(service.counters().frames(), counted + 1);
         let in_use = station.settings().check();
         in_use.expect("settings in use are accepted");
-        let sent = payload(&frame);
-        let saves = read_request(&sent).is_ok_and(|incoming| match incoming {
-            Incoming::Request { request, .. } => {
-                matches!(request, Request::Save | Request::Lock(_))
-            }
-            _ => false,
-        });
+        let saves = matches!(
+            read_request(&payload(&frame)),
+            Ok(Incoming::Request {
+                request: Request::Save | Request::Lock(_),
+                ..
+            })
+        );
         if saves {
             self.saved = None;
         }
@@ -163,27 +163,28 @@ impl Board {
             assert!(unchanged && target == station.target());
             return false;
         };
-        match read_answer(&payload(&answer)).expect("an answer is known") {
-            Outgoing::Response {
-                sequence: same,
-                response,
-            } => {
-                assert_eq!(same, sequence);
-                if let Response::Refused(_) = response {
-                    assert!(unchanged && target == station.target(), "{response:?}");
-                    return false;
-                }
-                if saves {
-                    self.saved = Some(LoadedSettings {
-                        settings,
-                        target,
-                        ..LoadedSettings::default()
-                    });
-                }
-                true
-            }
-            Outgoing::Identity { .. } | Outgoing::Update { .. } => true,
+        let answer = payload(&answer);
+        let answer = read_answer(&answer).expect("an answer is known");
+        let Outgoing::Response {
+            sequence: same,
+            response,
+        } = answer
+        else {
+            return true;
+        };
+        assert_eq!(same, sequence);
+        if let Response::Refused(_) = response {
+            assert!(unchanged && target == station.target(), "{response:?}");
+            return false;
         }
+        if saves {
+            self.saved = Some(LoadedSettings {
+                settings,
+                target,
+                ..LoadedSettings::default()
+            });
+        }
+        true
     }
 }
 

@@ -149,6 +149,9 @@ pub struct ShareResult {
 /// Runs a scene whose gear is of order 1 for a minute.
 pub fn measure_share(scene: &Scene, waveform: bool) -> ShareResult {
     let mut closed = Loop::build(scene, waveform);
+    if let Loop::Envelope(closed) = &mut closed {
+        closed.watch_displacement(false);
+    }
     let parts = scene.parts.len();
     let mut watches = vec![GearWatch::build(1).unwrap(); parts];
     let mut all = ShareResult::default();
