@@ -31,15 +31,14 @@ fn comes_to_rest(k: f64, restitution: f32) -> bool {
 #[test]
 fn final_k_is_just_above_the_end_of_rest() {
     for restitution in [0.3, 0.5, 0.8] {
-        let found = found(identification(&[restitution], 1, SensorModel::default()));
+        let found = found(identified(
+            &scene(&[restitution], 1, SensorModel::default()),
+            true,
+        ));
         let k = f64::from(found.k);
         assert!(comes_to_rest(0.965 * k, restitution), "{found:?}");
         assert!(!comes_to_rest(0.91 * k, restitution), "{found:?}");
     }
-}
-
-fn identification(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
-    identified(&scene(parts, seed, sensor), true)
 }
 
 fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
@@ -93,7 +92,7 @@ fn restitution_is_found_within_0_005_in_noise() {
             ringing_decay: decay,
             ..SensorModel::default()
         };
-        let found = found(identification(&[restitution], seed, sensor));
+        let found = found(identified(&scene(&[restitution], seed, sensor), true));
         let error = (found.restitution - restitution).abs();
         assert!(error < 0.005, "{restitution}: {found:?}");
         assert!(found.hops >= 50 && found.deviation < 0.005);
@@ -113,9 +112,9 @@ fn other_signals_give_no_restitution() {
         (&[0.2], damped, Unidentified::Quiet),
         (&[0.2], noisy, Unidentified::Unsteady),
     ] {
-        let (identification, case) = (identification(parts, 1, sensor), (parts, sensor));
+        let identification = identified(&scene(parts, 1, sensor), true);
         let expected = Identification::NotFound(reason);
-        assert_eq!(identification, expected, "{case:?}");
+        assert_eq!(identification, expected, "{parts:?} {sensor:?}");
     }
 }
 

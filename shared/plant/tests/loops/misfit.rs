@@ -14,9 +14,9 @@ const MAX_DETECTION_SECONDS: f64 = 10.0;
 const MAX_SLOW_DETECTION_SECONDS: f64 = 13.0;
 
 /// Parts of a mean restitution and a scatter on a feeder at 50 Hz, for a configured lot.
-fn scene(target: Target, lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
+fn scene(lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
     let mut scene = Scene {
-        target,
+        target: Target::Gear { order: 1 },
         parts: core::iter::repeat_n(actual[0], parts).collect(),
         scatter: core::iter::repeat_n(actual[1], parts).collect(),
         ..Scene::default()
@@ -61,14 +61,13 @@ fn detected(closed: &mut Loop, seconds: f64) -> Option<(f64, [f64; 2])> {
 #[test]
 fn tumbling_bodies_are_detected_and_conveyed_faster() {
     let tumbling = [[-0.36, 0.4], [0.0, 0.27], [-0.1, 0.5], [0.33, 0.5]];
-    let gear = Target::Gear { order: 1 };
     for (lot, scatter, second_tone, parts) in [
         ([0.18, 0.22], 0.05, 0.0, 1),
         ([0.3, 0.3], 0.1, 0.15, 3),
         ([0.4, 0.5], 0.05, 0.2, 12),
     ] {
         for actual in tumbling {
-            let mut scene = scene(gear, lot, scatter, parts, actual);
+            let mut scene = scene(lot, scatter, parts, actual);
             scene.settings.second_tone = second_tone;
             scene.drive.second_gain = scene.settings.second_gain;
             for mut closed in Loop::both(&scene) {
@@ -118,13 +117,12 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
 /// the predicted ones.
 #[test]
 fn parts_that_scatter_less_than_configured_fit() {
-    let gear = Target::Gear { order: 1 };
     let (mut ready_count, mut misfits) = (0, Vec::new());
     for scatter in [0.03, 0.05, 0.1] {
         for (lot, second_tone) in [([0.18, 0.22], 0.0), ([0.3, 0.4], 0.0), ([0.3, 0.4], 0.2)] {
             for count in [1, 2, 3, 6, 12, 24] {
                 for actual in [0.0, 0.2 * scatter, 0.5 * scatter] {
-                    let mut scene = scene(gear, lot, scatter, count, [lot[0], actual]);
+                    let mut scene = scene(lot, scatter, count, [lot[0], actual]);
                     for (n, part) in scene.parts.iter_mut().enumerate() {
                         *part += (lot[1] - lot[0]) * (n as f32 + 0.5) / count as f32;
                     }
@@ -169,9 +167,8 @@ fn parts_of_the_lot_always_fit() {
 #[test]
 fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
     // 1/k = sqrt(1 + pi^2): 0.3271 mm at 50 Hz and 3 degrees.
-    let gear = Target::Gear { order: 1 };
     for (limit, expected) in [(1.0, 0.3271e-3), (0.25, 0.25e-3)] {
-        let mut scene = scene(gear, [0.3, 0.3], 0.05, 3, [0.0, 0.4]);
+        let mut scene = scene([0.3, 0.3], 0.05, 3, [0.0, 0.4]);
         scene.settings.amplitude_limit = limit;
         for mut closed in Loop::both(&scene) {
             assert!(detected(&mut closed, MAX_DETECTION_SECONDS).is_some());
@@ -188,8 +185,7 @@ fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
 
 #[test]
 fn verdict_ends_with_an_empty_track() {
-    let gear = Target::Gear { order: 1 };
-    let mut scene = scene(gear, [0.2, 0.2], 0.03, 3, [0.0, 0.4]);
+    let mut scene = scene([0.2, 0.2], 0.03, 3, [0.0, 0.4]);
     scene.disturbances = changes([
         (14.0, Change::Parts(0)),
         (14.0, Change::Restitution(0.2)),
