@@ -11,7 +11,8 @@ use crate::verdict::{Proof, Tried, Verdict, judge};
 
 /// A track in every arithmetic that can represent it; several tones only in f64 and f32.
 pub struct Bench {
-    map: Option<Map>,
+    /// The map in f64; `None` on several tones.
+    pub map: Option<Map>,
     wave: Option<WaveMap>,
     single: Option<Single>,
     integer: Option<Integer>,
@@ -20,9 +21,7 @@ pub struct Bench {
 /// A judged launch: verdict on f64, and its impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Judged {
-    /// The verdict.
     pub verdict: Verdict,
-    /// The impact.
     pub impact: Impact<PartState>,
     /// Number of arithmetics with another root that they flag.
     pub flagged: u64,
@@ -38,7 +37,6 @@ fn tones<K: WaveKernel>(track: &Track, restitution: f64) -> Option<K> {
 }
 
 impl Bench {
-    /// A bench for a track.
     pub fn build(track: &Track, restitution: f64) -> Self {
         Self {
             map: sine(track, restitution),
@@ -48,18 +46,10 @@ impl Bench {
         }
     }
 
-    /// The map in f64; `None` on several tones.
-    pub fn map(&self) -> Option<&Map> {
-        self.map.as_ref()
-    }
-
     /// The impact in f64.
     fn impact(&self, state: PartState) -> Option<Impact<PartState>> {
-        match (&self.map, &self.wave) {
-            (Some(map), _) => Some(map.impact(state)),
-            (None, Some(wave)) => Some(wave.impact(state)),
-            (None, None) => None,
-        }
+        let sine = self.map.as_ref().map(|map| map.impact(state));
+        sine.or_else(|| self.wave.as_ref().map(|wave| wave.impact(state)))
     }
 
     /// Judges every arithmetic that can represent a launch from this track.
@@ -104,7 +94,7 @@ impl Bench {
         let Some((held, impact)) = kernel.and_then(|kernel| tried(kernel, launch)) else {
             return Ok(None);
         };
-        if *proof.launch() != held {
+        if proof.launch != held {
             let guess = self.impact(held.state());
             *proof = Proof::new(held, guess.map_or(0.0, |impact| impact.flight));
         }
@@ -121,28 +111,20 @@ fn tried<K: Tried>(kernel: &K, launch: &Launch) -> Option<(Launch, Impact<PartSt
         next: K::observe(impact.next),
         grazes: impact.grazes,
     };
-    let PartState { phase, velocity } = K::observe(state);
-    let held = Launch {
-        phase,
-        velocity,
-        ..*launch
-    };
+    let (state, mut held) = (K::observe(state), *launch);
+    (held.phase, held.velocity) = (state.phase, state.velocity);
     Some((held, impact))
 }
 
 /// Judges the impact of an arithmetic against the proof of its launch.
 fn one<K: Tried>(proof: &mut Proof, impact: Impact<PartState>) -> Result<Verdict, String> {
     // So near to lift-off the phase resolution decides whether the track throws the part.
-    if proof.launch().velocity < 1e-16 && proof.from_edge() < 6.0 * K::STEPS[0] {
+    if proof.launch.velocity < 1e-16 && proof.from_edge() < 6.0 * K::STEPS[0] {
         return Ok(Verdict::Flagged);
     }
     judge::<K>(proof, &impact).map_err(|cause| {
-        let Launch {
-            track,
-            restitution,
-            phase,
-            velocity,
-        } = proof.launch();
+        let (track, restitution) = (proof.launch.track, proof.launch.restitution);
+        let PartState { phase, velocity } = proof.launch.state();
         let mut tones = String::new();
         for (name, tone) in ["second", "third"].iter().zip(track.upper_tones()) {
             if tone.amplitude > 0.0 {

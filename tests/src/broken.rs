@@ -3,8 +3,11 @@
 //! The product contains no fault injection. This module rebuilds the loop of
 //! [`kband_plant::ClosedLoop`] from its public parts, with one fault between two of them.
 
+use std::sync::Mutex;
+
 use kband_control::{
-    Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
+    Controller, Cycle, GearPlanned, KickResult, PLAN_SLICES, Report, SAMPLE_RATE, Signal,
+    StartCause, State, Target,
 };
 use kband_plant::{Bench, Moment, Scene};
 use kband_scene::{Outcome, SceneFile, Watch};
@@ -29,15 +32,12 @@ pub enum Break {
     Restarted(StartCause),
 }
 
-/// The closed loop of a scene with an injected fault.
 struct Broken {
     signal: Signal,
     controller: Controller,
-    /// The driven feeder.
     bench: Bench,
     /// The feeder that the controller measures, if different.
     measured: Option<Bench>,
-    /// The initial target.
     target: Target,
     injected: Break,
     last: Report,
@@ -70,6 +70,7 @@ impl Broken {
 
     /// Runs to the end of the next drive cycle.
     fn cycle(&mut self) -> Moment {
+        supply_plans(&mut self.controller);
         self.bench.forget_strikes();
         self.samples();
         let measured = self.measured.as_mut().unwrap_or(&mut self.bench);
@@ -85,15 +86,10 @@ impl Broken {
         }
         self.last = self.control();
         self.signal.command(self.last.command);
-        for _ in 0..PLAN_SLICES {
-            if !self.controller.plan_step() {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| self.controller.plan_step());
         self.bench.moment(self.last)
     }
 
-    /// The samples of one cycle.
     fn samples(&mut self) {
         for _ in 0..2 * SAMPLE_RATE {
             let mut code = self.bench.sample();
@@ -141,6 +137,35 @@ impl Broken {
             }
             _ => report,
         }
+    }
+}
+
+/// Plans of earlier runs. A plan takes as long as a run of many seconds.
+static PLANS: Mutex<(Vec<KickResult>, Vec<GearPlanned>)> = Mutex::new((Vec::new(), Vec::new()));
+
+/// Supplies earlier plans: they depend on their settings alone, so no bit of the run changes.
+fn supply_plans(controller: &mut Controller) {
+    if controller.kicks_search().is_none() && controller.gear_search().is_none() {
+        return;
+    }
+    let plans = PLANS.lock().unwrap();
+    if let Some(requested) = controller.kicks_search() {
+        if let Some(made) = plans.0.iter().find(|plan| plan.settings == *requested) {
+            controller.supply_kicks(made.clone());
+        }
+    }
+    if let Some(requested) = controller.gear_search() {
+        if let Some(made) = plans.1.iter().find(|plan| plan.settings == *requested) {
+            controller.supply_gear(made.clone());
+        }
+    }
+}
+
+impl Drop for Broken {
+    fn drop(&mut self) {
+        let mut plans = PLANS.lock().unwrap();
+        plans.0.extend(self.controller.planned());
+        plans.1.extend(self.controller.gear_planned().cloned());
     }
 }
 

@@ -12,7 +12,7 @@ use kband::impact::Tone;
 pub struct Flight {
     /// Duration, rad.
     pub duration: f64,
-    /// Arrival speed.
+    /// Arrival speed in `b w`.
     pub arrival: f64,
     /// Smallest gap before the impact where the steps shortened, relative to its rounding error. It
     /// is about 1 or below if an earlier touch is within rounding.
@@ -49,13 +49,11 @@ impl Track {
         Self::on(k, [Tone::default(); 2])
     }
 
-    /// Whether the track has one tone only.
-    pub fn is_sine(&self) -> bool {
+    pub(crate) fn is_sine(&self) -> bool {
         self.tones[1..].iter().all(|(_, e, _)| *e == 0.0)
     }
 
-    /// The second and the third tone.
-    pub fn upper_tones(&self) -> [Tone; 2] {
+    pub(crate) fn upper_tones(&self) -> [Tone; 2] {
         [self.tones[1], self.tones[2]].map(|(_, e, th)| Tone::new(e, th))
     }
 
@@ -91,7 +89,6 @@ impl Track {
         [height, slope, curvature]
     }
 
-    /// Coefficients of a launch.
     fn launched(&self, phase: f64, velocity: f64) -> TrackLaunch {
         let tones = self.tones.map(|(q, e, th)| {
             let (s, c) = if e == 0.0 {

@@ -1,11 +1,10 @@
 //! Soak test: launches of every kind through every arithmetic, each impact judged.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use kband::arithmetic::Phase;
 use kband::impact::batch::{Block, LANES};
+use kband_host::desk::Desk;
 
 use crate::bench::{Bench, Judged};
 use crate::states::{self, Kind, Launch, Random};
@@ -29,19 +28,17 @@ pub struct Tally {
     pub rests: u64,
     /// Largest deviation of an f64 impact, in units of the rounding times the condition number.
     pub worst: f64,
-    /// Number of wrong impacts.
-    pub wrong: u64,
 }
 
 impl Tally {
-    /// Adds another tally.
-    fn add(&mut self, other: &Self) {
-        self.launches += other.launches;
-        self.flagged += other.flagged;
-        self.undecided += other.undecided;
-        self.rests += other.rests;
-        self.worst = self.worst.max(other.worst);
-        self.wrong += other.wrong;
+    fn plus(self, other: &Self) -> Self {
+        Self {
+            launches: self.launches + other.launches,
+            flagged: self.flagged + other.flagged,
+            undecided: self.undecided + other.undecided,
+            rests: self.rests + other.rests,
+            worst: self.worst.max(other.worst),
+        }
     }
 }
 
@@ -91,12 +88,11 @@ fn judged(bench: &Bench, launch: &Launch) -> Result<Judged, String> {
 fn block(launches: &[Launch], report: &impl Fn(&str)) -> Tally {
     let mut tally = Tally::default();
     let tracks = launches.iter().step_by(LAUNCHES_PER_TRACK);
-    let benches: Vec<Bench> = tracks
-        .map(|first| Bench::build(&first.track, first.restitution))
-        .collect();
+    let bench = |first: &Launch| Bench::build(&first.track, first.restitution);
+    let benches: Vec<Bench> = tracks.map(bench).collect();
     let mut lanes = Block::new();
     for (lane, launch) in launches.iter().enumerate() {
-        if let Some(map) = benches[lane / LAUNCHES_PER_TRACK].map() {
+        if let Some(map) = &benches[lane / LAUNCHES_PER_TRACK].map {
             // Every launch has a lane.
             let _ = lanes.put(lane, map, launch.state());
         }
@@ -123,49 +119,31 @@ fn block(launches: &[Launch], report: &impl Fn(&str)) -> Tally {
                     Verdict::Rests => tally.rests += 1,
                 }
             }
-            Err(cause) => {
-                tally.wrong += 1;
-                report(&cause);
-            }
+            Err(cause) => report(&cause),
         }
     }
     tally
 }
 
-/// Tries `count` launches of every kind, from tracks of one tone or of several, on `threads`
-/// threads. Reports wrong impacts at once.
+/// Tries `count` launches of every kind, from tracks of one tone or of several, on every core.
+/// Reports wrong impacts at once.
 ///
-/// The seed alone determines the launches.
+/// The seed alone determines the launches. It panics if the program is asked to stop.
 pub fn soak(
     count: u64,
     on_tones: bool,
     seed: u64,
-    threads: usize,
-    report: impl Fn(&str) + Sync,
+    report: impl Fn(&str) + Sync + Send,
 ) -> Vec<(Kind, Tally)> {
-    let blocks = count.div_ceil(LANES as u64).max(1);
+    let blocks = count.div_ceil(LANES as u64).max(1) as usize;
+    let desk = Desk::new(None).expect("a desk");
     let one = |kind| {
-        let (next, total) = (AtomicU64::new(0), Mutex::new(Tally::default()));
-        let work = || {
-            loop {
-                let number = next.fetch_add(1, Ordering::Relaxed);
-                if number >= blocks {
-                    return;
-                }
-                let tally = block(&launches(kind, on_tones, seed, number), &|cause| {
-                    report(&format!("{kind:?}: {cause}"));
-                });
-                if let Ok(mut total) = total.lock() {
-                    total.add(&tally);
-                }
-            }
+        let try_block = |number| {
+            let launches = launches(kind, on_tones, seed, number as u64);
+            block(&launches, &|cause| report(&format!("{kind:?}: {cause}")))
         };
-        std::thread::scope(|scope| {
-            for _ in 0..threads.max(1) {
-                scope.spawn(work);
-            }
-        });
-        (kind, total.into_inner().unwrap_or_default())
+        let tallies = desk.map("launches", blocks, try_block).expect("all blocks");
+        (kind, tallies.iter().fold(Tally::default(), Tally::plus))
     };
     Kind::ALL.map(one).into()
 }

@@ -20,16 +20,6 @@ pub struct Launch {
 }
 
 impl Launch {
-    /// A launch from a track with one tone.
-    pub fn new(k: f64, restitution: f64, phase: f64, velocity: f64) -> Self {
-        Self {
-            track: Track::sine(k),
-            restitution,
-            phase,
-            velocity,
-        }
-    }
-
     /// Phase and velocity.
     pub fn state(&self) -> PartState {
         PartState::new(self.phase, self.velocity)
@@ -147,10 +137,7 @@ impl Kind {
         self.launch(random, track, restitution)
     }
 
-    /// A random track with these tones.
-    ///
-    /// # Panics
-    /// If the library refuses the tones.
+    /// A random track with these tones. It panics if the library refuses them.
     pub fn track(self, random: &mut Random, tones: [Tone; 2]) -> Track {
         let k = match self {
             Self::High | Self::Low | Self::Chatter | Self::Wrap => random.between(0.02, 0.98),

@@ -8,7 +8,7 @@ use crate::states::Launch;
 
 /// A launch and the time of its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
-    launch: Launch,
+    pub launch: Launch,
     /// Impact time of the f64 map.
     guess: f64,
     first: Option<f64>,
@@ -24,11 +24,6 @@ impl Proof {
         }
     }
 
-    /// The launch.
-    pub fn launch(&self) -> &Launch {
-        &self.launch
-    }
-
     /// Distance in rad from the launch to the phase at which the track's downward acceleration
     /// crosses k.
     pub fn from_edge(&self) -> f64 {
@@ -37,13 +32,10 @@ impl Proof {
     }
 
     fn first(&mut self) -> f64 {
-        let (launch, guess) = (self.launch, self.guess);
-        *self.first.get_or_insert_with(|| {
-            let track = launch.track;
-            track
-                .first_impact_by(launch.phase, launch.velocity, guess)
-                .duration
-        })
+        let (track, guess) = (self.launch.track, self.guess);
+        let PartState { phase, velocity } = self.launch.state();
+        let first = || track.first_impact_by(phase, velocity, guess).duration;
+        *self.first.get_or_insert_with(first)
     }
 }
 
@@ -131,15 +123,9 @@ pub(crate) fn judge<K: Tried>(
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
     let truth = proof.first();
-    let launch = proof.launch();
-    let Launch {
-        restitution,
-        phase,
-        velocity,
-        ..
-    } = *launch;
-    let d = impact.flight;
-    let next = impact.next;
+    let launch = &proof.launch;
+    let (restitution, phase, velocity) = (launch.restitution, launch.phase, launch.velocity);
+    let (d, next) = (impact.flight, impact.next);
     if !(d.is_finite() && d >= 0.0) {
         return Err("flight".into());
     }
@@ -212,9 +198,8 @@ pub(crate) fn judge<K: Tried>(
             if d < truth && height.abs() <= 64.0 * noise && clearance() < 1.0 {
                 return Ok(Verdict::Undecided);
             }
-            return Err(format!(
-                "wrong root, expected flight {truth:e}, off by {deviation:e}"
-            ));
+            let off = format!("off by {deviation:e}");
+            return Err(format!("wrong root, expected flight {truth:e}, {off}"));
         }
         deviation
     };

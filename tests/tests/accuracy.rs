@@ -16,17 +16,9 @@ fn wide(random: &mut Random, velocity: impl Fn(f64) -> f64) -> Case {
     (k, phase, velocity(random.between(0.0, 1.0)))
 }
 
-fn high(random: &mut Random) -> Case {
-    wide(random, |x| 20.0 * x)
-}
-
-fn low(random: &mut Random) -> Case {
-    wide(random, |x| 3.0 * x)
-}
-
-fn logarithmic(random: &mut Random) -> Case {
-    wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x))
-}
+const HIGH: fn(&mut Random) -> Case = |random| wide(random, |x| 20.0 * x);
+const LOW: fn(&mut Random) -> Case = |random| wide(random, |x| 3.0 * x);
+const LOGARITHMIC: fn(&mut Random) -> Case = |random| wide(random, |x| 3.0 * 10_f64.powf(-7.0 * x));
 
 /// Launches near the phase of lift-off, at rest or nearly.
 fn launch(random: &mut Random) -> Case {
@@ -59,11 +51,8 @@ fn check_limits<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
         let expected = map.impact(held);
         let impact = kernel.impact(state);
         let next = K::observe(impact.next);
-        assert!(
-            next.velocity >= 0.0 && impact.flight >= 0.0,
-            "{}: k {k:e} {held:?}: {impact:?}",
-            K::NAME
-        );
+        let what = || format!("{}: k {k:e} {held:?}: {impact:?}", K::NAME);
+        assert!(next.velocity >= 0.0 && impact.flight >= 0.0, "{}", what());
         let error = (impact.flight - expected.flight).abs();
         if expected.grazes || resting_by_rounding(k, held) {
             continue;
@@ -71,7 +60,7 @@ fn check_limits<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
         if error > 1e-3 {
             wrong += 1;
             if wrong < 5 {
-                println!("{}: k {k:e} {held:?}: {impact:?} {expected:?}", K::NAME);
+                println!("{} {expected:?}", what());
             }
             continue;
         }
@@ -81,13 +70,8 @@ fn check_limits<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     flights.sort_by(f64::total_cmp);
     velocities.sort_by(f64::total_cmp);
     let n = flights.len();
-    let fastest = velocities[n - 1];
-    let measured = [
-        flights[n / 2],
-        flights[n * 99 / 100],
-        flights[n - 1],
-        fastest,
-    ];
+    let [median, most, largest] = [n / 2, n * 99 / 100, n - 1].map(|n| flights[n]);
+    let measured = [median, most, largest, velocities[n - 1]];
     println!("{}: {measured:?}", K::NAME);
     assert_eq!(wrong, 0);
     for (error, limit) in measured.iter().zip(limits) {
@@ -105,15 +89,15 @@ fn resting_by_rounding(k: f64, state: PartState) -> bool {
 
 #[test]
 fn single_holds_its_errors() {
-    check_limits::<Single>(high, [2e-6, 9e-5, 5e-4, 4e-4]);
-    check_limits::<Single>(low, [2e-6, 2e-5, 2e-4, 1e-4]);
-    check_limits::<Single>(logarithmic, [2e-6, 5e-6, 4e-4, 1e-4]);
+    check_limits::<Single>(HIGH, [2e-6, 9e-5, 5e-4, 4e-4]);
+    check_limits::<Single>(LOW, [2e-6, 2e-5, 2e-4, 1e-4]);
+    check_limits::<Single>(LOGARITHMIC, [2e-6, 5e-6, 4e-4, 1e-4]);
 }
 
 #[test]
 fn integer_holds_its_errors() {
     // Half a step of the phase, and two steps of the velocity.
-    for case in [high, low, logarithmic, launch] {
+    for case in [HIGH, LOW, LOGARITHMIC, launch] {
         check_limits::<Integer>(case, [4e-10, 8e-10, 2e-9, 3e-8]);
     }
 }
@@ -124,9 +108,8 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
     let (phase, velocity, time) = touching(&Track::sine(k), random)?;
     let gap = 10_f64.powf(random.between(-9.0, -3.5));
     let velocity = velocity + random.sign() * gap / time;
-    (0.0..20.0)
-        .contains(&velocity)
-        .then_some(((k, phase, velocity), time))
+    let flies = (0.0..20.0).contains(&velocity);
+    flies.then_some(((k, phase, velocity), time))
 }
 
 /// Checks the decision for flights that pass a hump by at least a limit, above or below.
@@ -161,13 +144,9 @@ fn decides<K: Kernel>(limit: fn(f64) -> f64) {
         }
         narrow += 1;
         let expected = Map::build(k, 0.5).unwrap().impact(held).flight;
-        let error = (impact.flight - expected).abs();
-        assert!(
-            error < 0.01,
-            "{}: k {k:e} {held:?} gap {gap:e}: {} for {expected}",
-            K::NAME,
-            impact.flight
-        );
+        let (name, flight) = (K::NAME, impact.flight);
+        let case = format!("{name}: k {k:e} {held:?} gap {gap:e}: {flight} for {expected}");
+        assert!((flight - expected).abs() < 0.01, "{case}");
     }
     // Minimum numbers of narrow decisions, and of flags within rounding.
     assert!(narrow > 1_000 && flagged > 20, "{narrow} {flagged}");
@@ -240,9 +219,8 @@ fn a_launch_beyond_the_range_is_refused() {
 
 /// Phase of the track in rad that an arithmetic uses for `phase`.
 fn place<K: Kernel>(phase: f64) -> Option<f64> {
-    K::state(phase, 0.5)
-        .ok()
-        .map(|state| K::observe(state).phase)
+    let state = K::state(phase, 0.5).ok()?;
+    Some(K::observe(state).phase)
 }
 
 #[test]
@@ -265,12 +243,13 @@ fn every_arithmetic_maps_a_phase_to_the_same_place() {
 #[test]
 fn every_arithmetic_refuses_a_phase_too_large_for_a_place() {
     for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
-        for place in [
+        let places = [
             place::<Map>,
             place::<Single>,
             place::<Integer>,
             place::<WaveMap>,
-        ] {
+        ];
+        for place in places {
             assert_eq!(place(phase), None, "{phase}");
         }
     }

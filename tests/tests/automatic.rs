@@ -37,10 +37,8 @@ fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
     drop(input);
     // This returns only after every process has closed the pipe.
     let output = child.wait_with_output().expect("the output is read");
-    (
-        output.status.code(),
-        String::from_utf8_lossy(&output.stdout).into_owned(),
-    )
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    (output.status.code(), text)
 }
 
 #[test]

@@ -11,6 +11,7 @@ use kband::regime::Lock;
 use kband_control::{Event, Fault, Limits, Report, SAMPLE_RATE, State};
 use kband_plant::{Change, Moment, Scene};
 use kband_scene::{Engine, Fidelity};
+use kband_tests::number;
 use kband_tests::states::Random;
 
 /// Longest time after an event in which parts of the lot may be out of lock, s. It includes a start
@@ -82,15 +83,12 @@ impl Shift {
                 self.error[tenth].1 += 1;
             }
         } else if now > upset + RELOCK_TIMEOUT {
-            let since = now - upset;
-            wrong.push(format!(
-                "{:?} {since:.1} s after the last trouble",
-                report.state
-            ));
+            let (state, since) = (report.state, now - upset);
+            wrong.push(format!("{state:?} {since:.1} s after the last trouble"));
         }
         let wrong = wrong.into_iter();
-        self.wrong
-            .extend(wrong.map(|what| format!("at {now:.2} s: {what}")));
+        let wrong = wrong.map(|what| format!("at {now:.2} s: {what}"));
+        self.wrong.extend(wrong);
     }
 }
 
@@ -220,23 +218,24 @@ fn locked_phase(report: &Report, restitution: f32) -> Option<f64> {
 
 #[test]
 fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
-    let days: Option<f64> = std::env::var("KBAND_DAYS")
-        .ok()
-        .map(|text| text.parse().unwrap());
-    let fidelity = if days.is_some_and(|days| days > 1.0) {
-        Fidelity::Envelope
-    } else {
-        Fidelity::Waveform
-    };
-    let shift = operate(days.map_or(1800.0, |days| 86_400.0 * days), 1, fidelity);
+    let days = number("KBAND_DAYS", 0);
+    let fidelity = Fidelity::ALL[usize::from(days < 2)];
+    let hours = if days > 0 { 24.0 * days as f64 } else { 0.5 };
+    let shift = operate(3600.0 * hours, 1, fidelity);
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     // Every kind of event occurred, and each lost sensor gave a fault.
-    for name in ["other parts", "short drop-out", "lost sensor"] {
+    let kinds = [
+        "other parts",
+        "short drop-out",
+        LOST_SENSOR,
+        "pause",
+        "silent link",
+    ];
+    for name in kinds {
         assert!(times(name) > 0, "{name}");
     }
-    assert!(times("pause") > 0 && times("silent link") > 0);
-    assert_eq!(times("lost sensor"), times("faulted"));
+    assert_eq!(times(LOST_SENSOR), times("faulted"));
     assert_eq!(times("faulted"), times("acknowledged"));
     // Two samples: one for the position of a wrap, one for its detection.
     assert!(shift.time_off < 2.01 / 20_000.0, "{} s", shift.time_off);
@@ -245,7 +244,7 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     let (low, high) = errors.fold((f64::MAX, f64::MIN), |(low, high), error| {
         (low.min(error), high.max(error))
     });
-    assert!(days.is_none() || high - low < 0.01, "{low} {high}");
+    assert!(days == 0 || high - low < 0.01, "{low} {high}");
     // An event takes about a minute; parts are out of lock for at most 4 s of it on average.
     let (locked, cycles) = (shift.locked, shift.cycles);
     assert!(locked * 10 > cycles * 8, "{locked} of {cycles}");

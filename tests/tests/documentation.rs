@@ -68,18 +68,15 @@ fn anchors(page: &str) -> BTreeSet<String> {
 /// Reason why a link from a folder is broken; `None` if it is valid.
 fn link_error(from: &Path, link: &str, own: &Path) -> Option<String> {
     let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
-    let target = if file.is_empty() {
-        own.to_owned()
-    } else {
-        from.join(file)
-    };
+    let other = from.join(file);
+    let target = if file.is_empty() { own } else { &other };
     if !target.exists() {
         return Some(format!("{}: no file for {link}", relative(own)));
     }
     if anchor.is_empty() {
         return None;
     }
-    let page = fs::read_to_string(&target).unwrap_or_default();
+    let page = fs::read_to_string(target).unwrap_or_default();
     let exists = anchors(&page).contains(anchor);
     (!exists).then(|| format!("{}: no anchor for {link}", relative(own)))
 }
@@ -139,10 +136,8 @@ fn the_sections_of_the_theory_have_the_numbers_of_their_anchors() {
             let number = heading.split(' ').next().unwrap_or_default();
             let page = relative(&path);
             assert_eq!(&anchor[1..], number.trim_end_matches('.'), "{page}");
-            assert!(
-                anchors.insert(anchor.to_owned()),
-                "{page}: {anchor} is taken"
-            );
+            let is_new = anchors.insert(anchor.to_owned());
+            assert!(is_new, "{page}: {anchor} is taken");
         }
     }
     assert!(anchors.len() > 40, "{anchors:?}");
@@ -173,20 +168,13 @@ fn every_name_of_the_glossary_is_in_the_sources() {
     let glossary = text("docs/glossary.md");
     let sources = texts(&[".rs"]);
     let inside = |c: char| c.is_alphanumeric() || c == '_';
-    let words: BTreeSet<&str> = sources
-        .iter()
-        .flat_map(|(_, text)| text.split(|c| !inside(c)))
-        .collect();
-    let names = names_in_the_code(&glossary);
+    let texts = sources.iter().map(|(_, text)| text);
+    let words: BTreeSet<&str> = texts.flat_map(|text| text.split(|c| !inside(c))).collect();
+    let mut names = names_in_the_code(&glossary);
     assert!(names.len() > 40, "{names:?}");
-    let lost: Vec<&str> = names
-        .into_iter()
-        .filter(|name| !words.contains(name))
-        .collect();
-    assert!(
-        lost.is_empty(),
-        "not in the sources: {lost:?}; see docs/glossary.md"
-    );
+    names.retain(|name| !words.contains(name));
+    let all = names.is_empty();
+    assert!(all, "not in the sources: {names:?}; see docs/glossary.md");
 }
 
 /// The glossary explains the names of regimes and states in tables, legends and `kband status`.
@@ -211,9 +199,8 @@ fn misnamed(page: &str, word: &str, name: impl Fn(u8) -> Option<&'static str>) -
         let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
         let (number, rest) = after.split_at(digits);
         let Ok(number) = number.parse() else { continue };
-        let documented = rest
-            .strip_prefix(" (")
-            .and_then(|rest| rest.split(')').next());
+        let inside = rest.strip_prefix(" (");
+        let documented = inside.and_then(|rest| rest.split(')').next());
         // A quoted command may use the number alone.
         let command = rest.starts_with('`');
         if !command && (documented.is_none() || documented != name(number)) {
@@ -338,9 +325,8 @@ fn sentences_of_the_manual_are_short() {
             let count = sentences.len();
             wrong.push(format!("{name}: {words} words in {count} sentences"));
         }
-        let long = sentences
-            .iter()
-            .filter(|words| words.len() > MAX_SENTENCE_WORDS);
+        let long = |words: &&Vec<String>| words.len() > MAX_SENTENCE_WORDS;
+        let long = sentences.iter().filter(long);
         wrong.extend(long.map(|sentence| format!("{name}: {}", sentence.join(" "))));
     }
     assert!(pages > 15, "{pages} pages");
@@ -350,10 +336,8 @@ fn sentences_of_the_manual_are_short() {
 #[test]
 fn tuned_constants_are_in_the_files_that_the_table_names() {
     let mut constants = 0;
-    for row in text("docs/tuning.md")
-        .lines()
-        .filter(|line| line.starts_with("| `"))
-    {
+    let page = text("docs/tuning.md");
+    for row in page.lines().filter(|line| line.starts_with("| `")) {
         let mut cells = row.split(" | ");
         let names = cells.next().expect("a cell of names");
         let file = cells.next().expect("a cell of a file").trim_matches('`');
@@ -378,10 +362,8 @@ fn parts_of_the_manual_keep_their_length() {
         let pages = links(chapters).filter(|page| *page != "tuning.md");
         let pages: Vec<String> = pages.map(|page| text(format!("docs/{page}"))).collect();
         assert!(pages.len() > 4, "{part}: {} pages", pages.len());
-        let words: usize = pages
-            .iter()
-            .map(|page| page.split_whitespace().count())
-            .sum();
+        let words = pages.iter().map(|page| page.split_whitespace().count());
+        let words: usize = words.sum();
         assert!(words <= MAX_PART_WORDS, "{part}: {words} words");
     }
 }

@@ -50,11 +50,8 @@ fn the_bridge_opens_in_time_for_every_cause() {
         rig.tolerant = true;
         rig.at(3.0, act.clone()).run(3.2);
         let opens = rig.opening_after(3.0);
-        println!(
-            "{name}: bridge open after {opens:?} s, FAULT at {:?} s, resets {:?}",
-            rig.faults_after(3.0),
-            rig.resets(),
-        );
+        let (fault, resets) = (rig.faults_after(3.0), rig.resets());
+        println!("{name}: bridge open after {opens:?} s, FAULT at {fault:?} s, resets {resets:?}");
         let in_time = opens.is_some_and(|time| time <= upper_limit);
         assert!(in_time, "{name}: {opens:?}");
         // The bridge stays open, even with the enable input on.
@@ -137,14 +134,11 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
 fn a_board_does_not_start_by_itself() {
     let mut rig = commissioned();
     // Power fails and returns with the enable input on.
-    rig.at(1.1, Act::Enable(true))
-        .at(1.2, Act::Volts(0.0))
-        .at(1.7, Act::Volts(3.3))
-        .run(3.0);
+    rig.at(1.1, Act::Enable(true)).at(1.2, Act::Volts(0.0));
+    rig.at(1.7, Act::Volts(3.3)).run(3.0);
     assert_eq!(rig.closes_after(1.2), None);
-    rig.at(3.0, Act::Enable(false))
-        .at(3.6, Act::Enable(true))
-        .run(5.0);
+    rig.at(3.0, Act::Enable(false));
+    rig.at(3.6, Act::Enable(true)).run(5.0);
     assert!(rig.closes_after(3.6).is_some());
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "the target is kept");
 }
@@ -158,12 +152,9 @@ fn damaged_settings_never_drive() {
     for bit in [0, 3 * 8 + 1, 60 * 8, 110 * 8 + 5, 242 * 8] {
         let mut rig = rig.clone();
         rig.chip.flash_mut()[settings + bit / 8] ^= 1 << (bit % 8);
-        rig.at(1.1, Act::Volts(0.0))
-            .at(1.5, Act::Volts(3.3))
-            .at(2.0, Act::Enable(true))
-            .at(2.5, Act::Enable(false))
-            .at(3.2, Act::Enable(true))
-            .run(4.0);
+        rig.at(1.1, Act::Volts(0.0)).at(1.5, Act::Volts(3.3));
+        rig.at(2.0, Act::Enable(true)).at(2.5, Act::Enable(false));
+        rig.at(3.2, Act::Enable(true)).run(4.0);
         assert_eq!(rig.closes_after(1.1), None, "bit {bit}");
         assert!(rig.faults_after(1.5).is_some(), "bit {bit}");
         assert_eq!(rig.stored(), SavedSettings::Damaged, "bit {bit}");

@@ -13,7 +13,7 @@ use kband_bus::rtu;
 use kband_control::wire::{Request, Response};
 use kband_control::{Fault, Settings, State, Target};
 use kband_host::board::{Address, Emulated};
-use kband_tests::bus::{self, UNIT};
+use kband_tests::bus::{self, UNIT, float};
 use kband_tests::emulator::Machine;
 use kband_tests::images;
 use kband_tests::terminal::Terminal;
@@ -24,17 +24,12 @@ const STATE_TIMEOUT: Duration = Duration::from_secs(120);
 /// Number of attempts. On a busy machine a frame may be interrupted, and is then no request.
 const ATTEMPTS: u32 = 10;
 
-/// Register of the control word.
+// Registers.
 const CONTROL: u16 = 0;
-/// Register of the target's kind.
 const KIND: u16 = 1;
-/// Register of the status word.
 const STATUS: u16 = 4;
-/// Register of the state.
 const STATE: u16 = 5;
-/// Register of the fault.
 const FAULT: u16 = 6;
-/// Register of the request to save.
 const SAVE: u16 = 9;
 /// Bit of the status word: the target is met.
 const TARGET_HELD: u16 = 1 << 8;
@@ -47,7 +42,6 @@ struct Board {
 }
 
 impl Board {
-    /// Starts the board with this flash.
     fn start(image: &Path, flash: &Path) -> Self {
         let terminal = Terminal::on_bus(image, flash, TIMEOUT);
         let line = File::options().read(true).write(true).open(terminal.port());
@@ -71,9 +65,7 @@ impl Board {
         std::thread::spawn(move || {
             let mut byte = [0];
             // The thread ends with the emulator.
-            while line.read(&mut byte).is_ok_and(|count| count == 1) && sender.send(byte[0]).is_ok()
-            {
-            }
+            while line.read_exact(&mut byte).is_ok() && sender.send(byte[0]).is_ok() {}
         });
         Master {
             line: self.line.try_clone().unwrap(),
@@ -82,7 +74,6 @@ impl Board {
     }
 }
 
-/// A master of Modbus RTU.
 struct Master {
     line: File,
     bytes: mpsc::Receiver<u8>,
@@ -127,21 +118,16 @@ impl Master {
     /// Waits until a register, under a mask, has this value.
     #[track_caller]
     fn wait(&mut self, address: u16, mask: u16, value: u16) {
-        let end = Instant::now() + STATE_TIMEOUT;
-        while self.word(address) & mask != value {
-            let registers =
-                [(0, 10), (16, 16)].map(|(at, count)| self.request(&bus::read(at, count)));
-            assert!(Instant::now() < end, "register {address}: {registers:?}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        self.wait_until(|master| master.word(address) & mask == value);
     }
 
-    /// Waits until the board holds the target at this k, in thousandths.
     #[track_caller]
-    fn hold_k(&mut self, k: u16) {
+    fn wait_until(&mut self, is_met: impl Fn(&mut Self) -> bool) {
         let end = Instant::now() + STATE_TIMEOUT;
-        while self.word(STATUS) & TARGET_HELD == 0 || self.word(16).abs_diff(k) >= 20 {
-            assert!(Instant::now() < end, "k {}", self.word(16));
+        while !is_met(self) {
+            let registers =
+                [(0, 10), (16, 16)].map(|(at, count)| self.request(&bus::read(at, count)));
+            assert!(Instant::now() < end, "{registers:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -149,11 +135,6 @@ impl Master {
     fn wait_for(&mut self, state: State) {
         self.wait(STATE, u16::MAX, state.number().into());
     }
-}
-
-fn float(number: f32) -> [u16; 2] {
-    let bits = number.to_bits();
-    [(bits >> 16) as u16, bits as u16]
 }
 
 /// A folder with a flash in which the bus has this authority, a board with this flash, and its
@@ -192,7 +173,9 @@ fn a_master_runs_the_board_from_power_on_to_gear_and_saves() {
     // A new target while the drive runs.
     let [high, low] = float(0.8);
     board.write(KIND, &[32, high, low]);
-    board.hold_k(800);
+    // k, in thousandths.
+    let is_held = |master: &mut Master| master.word(STATUS) & TARGET_HELD != 0;
+    board.wait_until(|master| is_held(master) && master.word(16).abs_diff(800) < 20);
     board.write(CONTROL, &[0]);
     board.wait_for(State::Off);
     // A sensitivity other than the sensor's.
@@ -228,11 +211,8 @@ fn run(command: &mut Command) -> String {
 fn mbpoll_command(board: &Board, arguments: &str, values: &[&str]) -> Command {
     let mut command = Command::new("mbpoll");
     let fixed = "-m rtu -a 17 -b 19200 -P none -0 -1 -q -o 5";
-    command
-        .args(fixed.split(' '))
-        .args(arguments.split(' '))
-        .arg(board.terminal.port())
-        .args(values);
+    command.args(fixed.split(' ')).args(arguments.split(' '));
+    command.arg(board.terminal.port()).args(values);
     command
 }
 
@@ -285,12 +265,10 @@ fn mbpoll_reads_and_runs_the_board() {
 #[test]
 fn pymodbus_reads_and_runs_the_board() {
     let (_folder, board, _) = commissioned(1.0);
-    let root = kband_tests::root();
-    let python = images::target_folder().join("python/venv/bin/python3");
-    let output = run(Command::new(python)
-        .arg(root.join("tests/clients/board.py"))
-        .arg(board.terminal.port())
-        .arg(UNIT.to_string()));
+    let client = kband_tests::root().join("tests/clients/board.py");
+    let mut python = Command::new(images::target_folder().join("python/venv/bin/python3"));
+    python.arg(client).arg(board.terminal.port());
+    let output = run(python.arg(UNIT.to_string()));
     println!("{output}");
     assert!(output.starts_with("pymodbus: held"), "{output}");
 }
@@ -301,16 +279,12 @@ fn libmodbus_reads_and_runs_the_board() {
     let (folder, board, _) = commissioned(1.0);
     let client = folder.path().join("client");
     let source = kband_tests::root().join("tests/clients/board.c");
-    let compiled = ["-Wall", "-Wextra", "-Werror", "-o"];
-    run(Command::new("gcc")
-        .args(compiled)
-        .arg(&client)
-        .arg(&source)
-        .arg("-lmodbus"));
+    let mut gcc = Command::new("gcc");
+    gcc.args(["-Wall", "-Wextra", "-Werror", "-o"]).arg(&client);
+    run(gcc.arg(&source).arg("-lmodbus"));
     board.wait_until_started();
-    let output = run(Command::new(client)
-        .arg(board.terminal.port())
-        .arg(UNIT.to_string()));
+    let mut client = Command::new(client);
+    let output = run(client.arg(board.terminal.port()).arg(UNIT.to_string()));
     println!("{output}");
     assert!(output.starts_with("libmodbus: held"), "{output}");
 }

@@ -42,13 +42,8 @@ fn footprint(image: &Path) -> [u32; 3] {
 fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
     let machine = Machine::CortexM4F;
     let image = images::build("kband-firmware", "virtual_feeder", machine);
-    emulator::run(
-        &image,
-        machine,
-        clock,
-        &[word],
-        Duration::from_secs(seconds),
-    )
+    let limit = Duration::from_secs(seconds);
+    emulator::run(&image, machine, clock, &[word], limit)
 }
 
 fn trace_is_the_desks(name: &'static str) {
@@ -61,10 +56,8 @@ fn trace_is_the_desks(name: &'static str) {
     for line in trace {
         assert_eq!(line, trial::TraceRow(&desk.cycle().report).to_string());
     }
-    let stack = text
-        .lines()
-        .find(|line| line.starts_with("stack "))
-        .unwrap();
+    let mut lines = text.lines();
+    let stack = lines.find(|line| line.starts_with("stack ")).unwrap();
     println!("{name}: {stack}");
     let words = stack.split(' ').filter_map(|word| word.parse().ok());
     let words: Vec<u32> = words.collect();
@@ -115,23 +108,12 @@ fn samples_control_and_plans_take_their_share_of_the_core() {
 }
 
 #[test]
-fn a_track_of_two_tones_is_the_desks_bit_for_bit() {
-    trace_is_the_desks("two-tones");
-}
-
-#[test]
-fn the_default_scene_is_the_desks_bit_for_bit() {
-    trace_is_the_desks("default");
-}
-
-#[test]
-fn an_eventful_scene_is_the_desks_bit_for_bit() {
-    trace_is_the_desks("eventful");
-}
-
-#[test]
-fn parts_that_scatter_are_the_desks_bit_for_bit() {
-    trace_is_the_desks("scattering");
+fn traces_of_scenes_are_the_desks_bit_for_bit() {
+    std::thread::scope(|scope| {
+        for name in ["default", "two-tones", "eventful", "scattering"] {
+            scope.spawn(move || trace_is_the_desks(name));
+        }
+    });
 }
 
 #[test]

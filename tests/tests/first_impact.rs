@@ -3,6 +3,7 @@
 use std::sync::Mutex;
 
 use kband::impact::Tone;
+use kband_tests::number;
 use kband_tests::oracle::Track;
 use kband_tests::soak::{replay, soak};
 use kband_tests::states::{Kind, Launch};
@@ -13,13 +14,10 @@ const MAX_PRINTED: usize = 100;
 /// Some thousand launches of each kind; `KBAND_MILLIONS` and `KBAND_SEED` select a longer soak
 /// test.
 fn soak_all(on_tones: bool) {
-    let selected = |name| std::env::var(name).ok().map(|text| text.parse().unwrap());
-    let millions: Option<u64> = selected("KBAND_MILLIONS");
-    let each = millions.map_or(8_000, |millions| millions * 1_000_000 / 8);
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let millions = number("KBAND_MILLIONS", 0) * 1_000_000 / 8;
+    let each = if millions > 0 { millions } else { 8_000 };
     let wrong = Mutex::new(Vec::new());
-    let seed = selected("KBAND_SEED").unwrap_or(7);
-    let tallies = soak(each, on_tones, seed, threads, |cause| {
+    let tallies = soak(each, on_tones, number("KBAND_SEED", 7), |cause| {
         let mut wrong = wrong.lock().unwrap();
         if wrong.len() < MAX_PRINTED {
             wrong.push(cause.to_owned());
@@ -73,10 +71,8 @@ fn launches_that_went_astray_once_do_not_again() {
     let replayed = std::env::var("KBAND_LAUNCH");
     let launches = replayed.as_deref().unwrap_or(launches);
     for line in launches.trim().lines() {
-        let numbers: Vec<f64> = line
-            .split_whitespace()
-            .map(|number| number.parse().unwrap())
-            .collect();
+        let words = line.split_whitespace();
+        let numbers: Vec<f64> = words.map(|word| word.parse().unwrap()).collect();
         let (&[k, restitution, phase, velocity], tones) = numbers.split_first_chunk().unwrap();
         let mut tones = tones.chunks(2).map(|tone| Tone::new(tone[0], tone[1]));
         let tones = [(); 2].map(|()| tones.next().unwrap_or_default());
@@ -86,9 +82,7 @@ fn launches_that_went_astray_once_do_not_again() {
             phase,
             velocity,
         };
-        match replay(&launch) {
-            Ok(text) => println!("{text}"),
-            Err(wrong) => panic!("{wrong}"),
-        }
+        let text = replay(&launch).unwrap_or_else(|wrong| panic!("{wrong}"));
+        println!("{text}");
     }
 }

@@ -2,10 +2,11 @@
 
 use kband_control::State;
 use kband_control::wire::{Request, Response};
-use kband_plant::{ClosedLoop, Scene};
+use kband_plant::Scene;
 use kband_tests::chip::clocks::Cause;
 use kband_tests::chip::kind::Kind;
 use kband_tests::chip::world::Event;
+use kband_tests::desk_amplitude;
 use kband_tests::rig::{Act, Rig};
 
 /// A board with the machine's settings, saved at its first start, and the target lock.
@@ -17,14 +18,6 @@ fn commissioned(kind: Kind) -> Rig {
     rig.request_done(&Request::set("link_timeout", 0.0));
     rig.request_done(&Request::Save);
     rig
-}
-
-/// Amplitude of the simulation at the desk in lock, mm.
-fn desk() -> f64 {
-    let mut desk = ClosedLoop::build(&Scene::default()).unwrap();
-    let last = (0..500).map(|_| desk.cycle().report).last().unwrap();
-    assert_eq!(last.state, State::Locked);
-    f64::from(last.amplitude) * 1e3
 }
 
 #[test]
@@ -48,7 +41,8 @@ fn locks_as_the_desk(kind: Kind, wait_states: u32) {
     let begins = rig.find_time(1.5, &Event::Bridge(true)).unwrap();
     assert!(begins < 1.6, "{begins} s");
     assert!(rig.find_time(1.5, &Event::Ready(true)).is_some());
-    let (board, desk) = (rig.amplitude(), desk());
+    let (board, scene) = (rig.amplitude(), Scene::default());
+    let desk = desk_amplitude(&scene, 500, State::Locked);
     assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
     assert!(rig.peak() < 0.3);
     // One reset, no fault, and the highest core clock with its wait states.

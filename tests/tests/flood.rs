@@ -8,6 +8,7 @@ use kband_control::Target;
 use kband_control::wire::{Request, Response};
 use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, SAMPLE};
+use kband_tests::number;
 use kband_tests::rig::{Act, Rig};
 use kband_tests::states::Random;
 
@@ -16,13 +17,6 @@ const DEADLINE: u64 = 8400;
 /// Bytes per slice of the run at 115200 baud, and the slice's duration in s.
 const SLICE: usize = 1152;
 const SLICE_DURATION: f64 = 0.1;
-
-fn number(variable: &str, otherwise: u64) -> u64 {
-    std::env::var(variable).map_or(otherwise, |text| {
-        text.parse()
-            .unwrap_or_else(|_| panic!("{variable} = {text}"))
-    })
-}
 
 /// A frame of the flood with its end; mostly invalid ones, because answers occupy the line.
 fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
@@ -133,10 +127,8 @@ fn flood(kind: Kind) {
     // a frame, two frames merge. A lost request is repeated.
     assert!(sent + counts - 1 <= counted + lost, "{counted}, {lost}");
     assert!(counted <= sent + counts + lost, "{counted}, {lost}");
-    assert!(
-        (lost as f64) < 0.01 * sent_bytes as f64,
-        "{lost} of {sent_bytes}"
-    );
+    let few = (lost as f64) < 0.01 * sent_bytes as f64;
+    assert!(few, "{lost} of {sent_bytes}");
     assert!(after.corrupt > before.corrupt && after.requests > before.requests);
     assert!(sampling.longest < DEADLINE, "{sampling:?}");
     let due = 19_990.0 * lasted - 100.0;

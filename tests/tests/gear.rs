@@ -6,27 +6,21 @@ use std::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband::regime::gear::GearWatch;
 use kband_control::wire::Telemetry;
-use kband_control::{Event, Settings, State, Target};
+use kband_control::{Event, State, Target};
 use kband_plant::{Change, EnvelopeLoop, Scene};
 
 /// A scene of one part with random restitution, correctly configured.
 fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
-    let settings = Settings {
-        restitution_low: restitution,
-        restitution_high: restitution,
-        scatter,
-        second_tone,
-        ..Settings::default()
-    };
     let mut scene = Scene {
-        settings,
         target: Target::Gear { order: 1 },
         parts: std::iter::once(restitution).collect(),
         scatter: std::iter::once(scatter).collect(),
         ..Scene::default()
     };
-    scene.drive.second_gain = settings.second_gain;
-    scene.drive.second_lag = settings.second_lag;
+    let (settings, drive) = (&mut scene.settings, &mut scene.drive);
+    (settings.restitution_low, settings.restitution_high) = (restitution, restitution);
+    (settings.scatter, settings.second_tone) = (scatter, second_tone);
+    (drive.second_gain, drive.second_lag) = (settings.second_gain, settings.second_lag);
     scene
 }
 

@@ -5,7 +5,6 @@ use kband::impact::{Impact, Kernel, Map, PartState, Tone, WaveKernel, WaveMap};
 use kband_tests::exact;
 use kband_tests::states::{Kind, Random};
 
-/// One row: launch and impact.
 struct Golden {
     k: f64,
     restitution: f64,
@@ -50,8 +49,8 @@ fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
     rows.map(|line| line.split(',').skip(1).collect())
 }
 
-fn impacts() -> impl Iterator<Item = Golden> {
-    rows(include_str!("../reference/impacts.csv")).map(|field| Golden {
+fn impact(field: Vec<&'static str>) -> Golden {
+    Golden {
         k: number(field[0]),
         restitution: number(field[1]),
         state: Map::state(number(field[2]), number(field[3])).unwrap(),
@@ -59,7 +58,7 @@ fn impacts() -> impl Iterator<Item = Golden> {
         next_phase: Some(field[5]),
         next_velocity: number(field[6]),
         condition: number(field[7]),
-    })
+    }
 }
 
 fn hops() -> impl Iterator<Item = Golden> {
@@ -84,25 +83,18 @@ fn every_golden_impact_has_the_right_root() {
         let map = Map::build(golden.k, golden.restitution).unwrap();
         golden.check(map.impact(golden.state))
     };
-    let counted = impacts().chain(hops()).filter(exact).count();
+    let impacts = rows(include_str!("../reference/impacts.csv")).map(impact);
+    let counted = impacts.chain(hops()).filter(exact).count();
     assert!(counted > 2_500, "{counted}");
 }
 
 #[test]
 fn every_golden_impact_on_tones_has_the_right_root() {
     let mut counted = 0;
-    for field in rows(include_str!("../reference/tones.csv")) {
-        let at = |n: usize| number(field[n]);
-        let tones = [Tone::new(at(2), at(3)), Tone::new(at(4), at(5))];
-        let golden = Golden {
-            k: at(0),
-            restitution: at(1),
-            state: WaveMap::state(at(6), at(7)).unwrap(),
-            flight: at(8),
-            next_phase: Some(field[9]),
-            next_velocity: at(10),
-            condition: at(11),
-        };
+    for mut field in rows(include_str!("../reference/tones.csv")) {
+        let tones: Vec<f64> = field.drain(2..6).map(number).collect();
+        let tones = [Tone::new(tones[0], tones[1]), Tone::new(tones[2], tones[3])];
+        let golden = impact(field);
         let map = WaveMap::on_tones(tones, golden.k, golden.restitution).unwrap();
         counted += u32::from(golden.check(map.impact(golden.state)));
     }

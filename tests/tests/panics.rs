@@ -91,11 +91,8 @@ fn the_functions_that_may_panic_are_the_listed_ones() {
     for (name, sites) in &counts {
         writeln!(list, "{sites} {name}").unwrap();
     }
-    println!(
-        "panics left: {} calls in {} functions",
-        counts.values().sum::<usize>(),
-        counts.len()
-    );
+    let (calls, functions) = (counts.values().sum::<usize>(), counts.len());
+    println!("panics left: {calls} calls in {functions} functions");
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference/panics.txt");
     if std::env::var_os("KBAND_ACCEPT").is_some() {
         std::fs::write(&path, &list).unwrap();

@@ -28,9 +28,8 @@ fn a_capture_over_a_serial_port_has_the_bits_of_the_desk() {
     };
     file.scene.disturbances = std::iter::once(sag).collect();
     let desk = Desk::new(Some(1)).unwrap();
-    let line = Address::new(&board.port().display().to_string(), None)
-        .open(Emulated::AtRest)
-        .unwrap();
+    let address = Address::new(&board.port().display().to_string(), None);
+    let line = address.open(Emulated::AtRest).unwrap();
     let emulated = run_on(line, &file, Watch::ALL_CYCLES, &desk).unwrap();
     let simulated = run_watched(&file, Fidelity::Waveform, Watch::ALL_CYCLES, &desk).unwrap();
     assert_eq!(emulated.moments().len(), 145);

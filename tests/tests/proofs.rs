@@ -3,19 +3,18 @@
 //! Together the scenes show every state transition, every fault and every limit.
 
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 
 use kband_control::{Cycle, Fault, Limits, Report, StartCause, State, TRANSITIONS, Target};
+use kband_host::desk::Desk;
 use kband_host::simulate::Outcome;
 use kband_plant::{Change, Scene};
 use kband_tests::broken::{Break, run};
 use kband_tests::scenes::read;
 
-/// Behaviour that a scene shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Behaviour {
-    /// This fault stops the drive.
     Stops(Fault),
-    /// This limit restricts the drive.
     Limit(Limits),
     /// The controller follows settings, target and inputs.
     Obeying,
@@ -27,52 +26,31 @@ use Break::{Commanded, Hidden, Measured, Misconfigured, Never, Nothing, Restarte
 use Fault::*;
 use StartCause::Ordinary;
 
-fn deaf(cycle: &mut Cycle) {
-    cycle.impacts.clear();
-}
-fn unaveraged(cycle: &mut Cycle) {
-    cycle.average.residual.fill(0.01);
-}
-fn unsaturated(cycle: &mut Cycle) {
-    cycle.saturated = 0;
-}
+const DEAF: fn(&mut Cycle) = |cycle| cycle.impacts.clear();
+const UNAVERAGED: fn(&mut Cycle) = |cycle| cycle.average.residual.fill(0.01);
+const UNSATURATED: fn(&mut Cycle) = |cycle| cycle.saturated = 0;
 
 /// Output that the drive would need at a gain of 1 mm, the configured one.
-fn uncontrolled(report: &mut Report) {
-    report.command.amplitude = 1e3 * report.reference;
-}
+const UNCONTROLLED: fn(&mut Report) = |report| report.command.amplitude = 1e3 * report.reference;
 
-fn forget_reset(scene: &mut Scene) {
-    scene.start = Ordinary;
-}
-fn narrow_lot(scene: &mut Scene) {
-    scene.settings.restitution_low = 0.199;
-    scene.settings.restitution_high = 0.201;
-}
-fn livelier_lot(scene: &mut Scene) {
-    scene.settings.restitution_low = 0.24;
-    scene.settings.restitution_high = 0.27;
-}
-fn fixed_frequency(scene: &mut Scene) {
-    scene.settings.tracking = 0.0;
-}
-fn no_kicks(scene: &mut Scene) {
-    scene.settings.capture_attempts = 0.0;
-}
-fn another_target(scene: &mut Scene) {
-    scene.target = Target::K(0.5);
-}
+const FORGET_RESET: fn(&mut Scene) = |scene| scene.start = Ordinary;
+const NARROW_LOT: fn(&mut Scene) = |scene| set_lot(scene, 0.199, 0.201);
+const LIVELIER_LOT: fn(&mut Scene) = |scene| set_lot(scene, 0.24, 0.27);
+const FIXED_FREQUENCY: fn(&mut Scene) = |scene| scene.settings.tracking = 0.0;
+const NO_KICKS: fn(&mut Scene) = |scene| scene.settings.capture_attempts = 0.0;
+const ANOTHER_TARGET: fn(&mut Scene) = |scene| scene.target = Target::K(0.5);
 /// Configures a track that is too heavy, which falsifies the estimated mass.
-fn heavier(scene: &mut Scene) {
-    scene.settings.track_mass *= 4.0 / 3.0;
-}
+const HEAVIER: fn(&mut Scene) = |scene| scene.settings.track_mass *= 4.0 / 3.0;
 /// Configures a drive at its resonance.
-fn tuned(scene: &mut Scene) {
-    scene.settings.resonance = scene.settings.frequency;
-}
-fn no_limits(scene: &mut Scene) {
+const TUNED: fn(&mut Scene) = |scene| scene.settings.resonance = scene.settings.frequency;
+const NO_LIMITS: fn(&mut Scene) = |scene| {
     scene.settings.amplitude_limit = 100.0;
     scene.settings.acceleration_limit = 1000.0;
+};
+
+fn set_lot(scene: &mut Scene, low: f32, high: f32) {
+    let settings = &mut scene.settings;
+    (settings.restitution_low, settings.restitution_high) = (low, high);
 }
 
 macro_rules! table {
@@ -83,12 +61,20 @@ macro_rules! table {
 }
 kband_tests::all_scenes!(table);
 
-/// Whether the result meets the scene's expectations.
+/// The scenes without an injected fault, in the order of the proofs, run once for all tests.
+fn sound() -> &'static [Outcome] {
+    static ALL: OnceLock<Vec<Outcome>> = OnceLock::new();
+    ALL.get_or_init(|| {
+        let scene = |n: usize| run(&read(PROOFS[n].0), Nothing);
+        let desk = Desk::new(None).unwrap();
+        desk.map("scenes", PROOFS.len(), scene).unwrap()
+    })
+}
+
 fn expected(outcome: &Outcome) -> bool {
     outcome.unmet().expect("every scene expects").is_empty()
 }
 
-/// Whether a result shows the behaviour.
 fn is_shown(behaviour: Behaviour, outcome: &Outcome) -> bool {
     let mut reports = outcome.moments().iter().map(|moment| moment.report);
     match behaviour {
@@ -98,7 +84,6 @@ fn is_shown(behaviour: Behaviour, outcome: &Outcome) -> bool {
     }
 }
 
-/// State transitions in a result.
 fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     let states = outcome.moments().iter().map(|moment| moment.report.state);
     let states: Vec<u8> = states.map(State::number).collect();
@@ -106,10 +91,8 @@ fn changes(outcome: &Outcome) -> BTreeSet<(u8, u8)> {
     // Before the first cycle of an ordinary start the state is off.
     let first = states.first().map(|&first| (State::Off.number(), first));
     let ordinary = outcome.file().scene.start == Ordinary;
-    pairs
-        .chain(first.filter(|_| ordinary))
-        .filter(|(from, to)| from != to)
-        .collect()
+    let pairs = pairs.chain(first.filter(|_| ordinary));
+    pairs.filter(|(from, to)| from != to).collect()
 }
 
 fn describe_change((from, to): (u8, u8)) -> String {
@@ -120,13 +103,11 @@ fn describe_change((from, to): (u8, u8)) -> String {
 #[test]
 fn each_scene_fails_under_its_injected_fault() {
     let mut wrong = Vec::new();
-    for &(name, behaviour, how) in PROOFS {
-        let file = read(name);
-        let sound = run(&file, Nothing);
-        if !expected(&sound) || !is_shown(behaviour, &sound) {
+    for (&(name, behaviour, how), sound) in PROOFS.iter().zip(sound()) {
+        if !expected(sound) || !is_shown(behaviour, sound) {
             wrong.push(format!("{name} does not show {behaviour:?}"));
         }
-        let broken = run(&file, how);
+        let broken = run(sound.file(), how);
         if matches!(behaviour, Stops(_) | Limit(_)) && is_shown(behaviour, &broken) {
             wrong.push(format!("{name} shows {behaviour:?} in spite of {how:?}"));
         }
@@ -139,15 +120,12 @@ fn each_scene_fails_under_its_injected_fault() {
 
 #[test]
 fn each_state_change_has_a_scene_that_fails_without_it() {
-    let mut scenes: Vec<Outcome> = PROOFS
-        .iter()
-        .map(|(name, ..)| run(&read(name), Nothing))
-        .collect();
+    let mut scenes: Vec<&Outcome> = sound().iter().collect();
     // Shortest scenes first: each transition is assigned to the first scene that fails without it.
     scenes.sort_by_key(|outcome| outcome.moments().len());
     let mut made = BTreeSet::new();
     let mut proven = BTreeSet::new();
-    for outcome in &scenes {
+    for outcome in scenes {
         for (from, to) in changes(outcome) {
             made.insert((from, to));
             let state = |number: u8| State::ALL[usize::from(number)];
@@ -178,11 +156,7 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
             assert!(proven, "{name} has no proof");
         }
     }
-    let behaviour = |searched: Behaviour| {
-        PROOFS
-            .iter()
-            .any(|(_, behaviour, _)| *behaviour == searched)
-    };
+    let behaviour = |searched| PROOFS.iter().any(|(_, shown, _)| *shown == searched);
     for &fault in Fault::ALL {
         assert!(behaviour(Stops(fault)), "no scene shows {}", fault.name());
     }
@@ -194,10 +168,8 @@ fn the_proofs_are_those_of_all_scenes_faults_and_limits() {
 #[test]
 fn a_withdrawn_enable_is_obeyed_within_one_cycle() {
     let mut times = 0;
-    for &(name, ..) in PROOFS {
-        let outcome = run(&read(name), Nothing);
-        let scene = &outcome.file().scene;
-        for disturbance in &scene.disturbances {
+    for (&(name, ..), outcome) in PROOFS.iter().zip(sound()) {
+        for disturbance in &outcome.file().scene.disturbances {
             if disturbance.change != Change::Enable(false) {
                 continue;
             }

@@ -3,12 +3,15 @@
 //! `KBAND_SCENES` and `KBAND_SEED` select number and seed.
 
 use std::f64::consts::TAU;
+use std::fmt::Arguments;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use kband::feeder::STANDARD_GRAVITY;
 use kband_control::{Fault, Limits, State, TRANSITIONS, Target};
 use kband_host::desk::Desk;
-use kband_plant::{Change, ClosedLoop, Disturbance, EnvelopeLoop, Moment, Scene, Strike};
+use kband_plant::{Change, Disturbance, Moment, PARTS, Scene, Strike};
+use kband_scene::{Engine, Fidelity};
+use kband_tests::number;
 use kband_tests::states::Random;
 
 /// Number of drive cycles in a window for comparing a reported lock with the parts' impacts.
@@ -69,9 +72,8 @@ fn scene(random: &mut Random) -> Scene {
     };
     let parts = one_of(random, &[1, 1, 3, 8, 24]);
     let (low, high) = (settings.restitution_low, settings.restitution_high);
-    scene.parts = (0..parts)
-        .map(|_| random.between(f64::from(low), f64::from(high) + 1e-9) as f32)
-        .collect();
+    let part = |_| random.between(f64::from(low), f64::from(high) + 1e-9) as f32;
+    scene.parts = (0..parts).map(part).collect();
     scene.scatter = std::iter::repeat_n(settings.scatter, parts).collect();
     scene.seed = random.bits();
     scene
@@ -174,30 +176,17 @@ struct End {
     limits: Limits,
     /// Hash of all commands and measurements of the controller.
     bits: u64,
-    /// Violations.
     wrong: Vec<String>,
 }
 
-impl End {
-    fn reached(&self) -> (State, Option<Fault>) {
-        (self.state, self.fault)
-    }
-}
-
 /// Impacts of a part over a window: number, and sums of cosine and sine of their phases.
+#[derive(Default)]
 struct PhaseSums {
     cycles: u32,
-    parts: Vec<(f64, f64, f64)>,
+    parts: [(f64, f64, f64); PARTS],
 }
 
 impl PhaseSums {
-    fn anew(parts: usize) -> Self {
-        Self {
-            cycles: 0,
-            parts: vec![(0.0, 0.0, 0.0); parts],
-        }
-    }
-
     fn take(&mut self, strikes: &[Strike]) {
         self.cycles += 1;
         for strike in strikes {
@@ -236,12 +225,12 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     let mut bits = DefaultHasher::new();
     let mut wrong = Vec::new();
     let (mut before, mut fault) = (None, None);
-    let mut rhythm = PhaseSums::anew(scene.parts.len());
+    let mut rhythm = PhaseSums::default();
     loop {
         let (moment, strikes) = cycle();
         let report = moment.report;
-        let mut add_error = |what: String| {
-            if wrong.len() < 4 {
+        let mut require = |met: bool, what: Arguments| {
+            if !met && wrong.len() < 4 {
                 let (time, state) = (moment.time, report.state);
                 wrong.push(format!("{what} at {time:.2} s in {state:?}"));
             }
@@ -249,28 +238,25 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         let amplitude = report.command.amplitude;
         (amplitude.to_bits(), report.amplitude.to_bits()).hash(&mut bits);
         (report.phase.to_bits(), report.in_gear.to_bits()).hash(&mut bits);
-        if !(0.0..=settings.output_maximum).contains(&amplitude) {
-            add_error(format!("output {amplitude}"));
-        }
-        let (lead, frequency) = (report.lead, report.frequency);
-        let values = [report.amplitude, report.reference, lead, frequency];
-        if !values.iter().all(|number| number.is_finite()) {
-            add_error(format!("{values:?}"));
-        }
-        if report.reference > 1.0001 * ceiling {
-            add_error(format!("reference {} beyond the limit", report.reference));
-        }
+        let within = (0.0..=settings.output_maximum).contains(&amplitude);
+        require(within, format_args!("output {amplitude}"));
+        let (b, reference) = (report.amplitude, report.reference);
+        let values = [b, reference, report.lead, report.frequency];
+        let finite = values.iter().all(|number| number.is_finite());
+        require(finite, format_args!("{values:?}"));
+        let within = reference <= 1.0001 * ceiling;
+        require(
+            within,
+            format_args!("reference {reference} beyond the limit"),
+        );
         // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
-        if calm && report.amplitude > 1.03 * ceiling {
-            add_error(format!("amplitude {} beyond {ceiling}", report.amplitude));
-        }
+        let within = !calm || b <= 1.03 * ceiling;
+        require(within, format_args!("amplitude {b} beyond {ceiling}"));
         let off = matches!(report.state, State::Off | State::Fault);
-        if off && (amplitude != 0.0 || !report.command.immediate) {
-            add_error("driven".into());
-        }
-        if (report.state == State::Fault) != report.fault.is_some() {
-            add_error(format!("fault {:?}", report.fault));
-        }
+        let still = amplitude == 0.0 && report.command.immediate;
+        require(still || !off, format_args!("driven"));
+        let reported = (report.state == State::Fault) == report.fault.is_some();
+        require(reported, format_args!("fault {:?}", report.fault));
         // The inputs of this cycle are at most two cycles old.
         let since = moment.time - 2.0 / f64::from(settings.frequency);
         let mut latest = scene.disturbances.iter().rev();
@@ -279,34 +265,28 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             _ => None,
         });
         let acknowledged = report.fault.is_none() && enable == Some(false);
-        if fault.is_some() && report.fault != fault && !acknowledged && !restarts {
-            add_error(format!("{fault:?} became {:?}", report.fault));
-        }
+        let kept = fault.is_none() || report.fault == fault || acknowledged || restarts;
+        require(kept, format_args!("{fault:?} became {:?}", report.fault));
         fault = report.fault;
-        if !(0.0..=1.0).contains(&report.in_gear) || report.in_gear_error.is_nan() {
-            let (share, error) = (report.in_gear, report.in_gear_error);
-            add_error(format!("in gear {share} +- {error}"));
-        }
+        let (share, error) = (report.in_gear, report.in_gear_error);
+        let valid = (0.0..=1.0).contains(&share) && !error.is_nan();
+        require(valid, format_args!("in gear {share} +- {error}"));
         if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
-            let mut transitions = TRANSITIONS.iter();
-            if !transitions
-                .any(|transition| transition.from == before && transition.to == report.state)
-            {
-                add_error(format!("{before:?} went to {:?}", report.state));
-            }
+            let transitions = TRANSITIONS.map(|change| (change.from, change.to));
+            let drawn = transitions.contains(&(before, report.state));
+            require(drawn, format_args!("{before:?} went to {:?}", report.state));
         }
         if before != Some(report.state) {
-            rhythm = PhaseSums::anew(scene.parts.len());
+            rhythm = PhaseSums::default();
         }
         before = Some(report.state);
         if report.state == State::Locked && calm {
             rhythm.take(&strikes);
             if rhythm.cycles == WINDOW {
-                let locked = rhythm.locked(order);
-                if 2 * locked < scene.parts.len() {
-                    add_error(format!("locked with {locked} of {}", scene.parts.len()));
-                }
-                rhythm = PhaseSums::anew(scene.parts.len());
+                let (locked, all) = (rhythm.locked(order), scene.parts.len());
+                let enough = 2 * locked >= all;
+                require(enough, format_args!("locked with {locked} of {all}"));
+                rhythm = PhaseSums::default();
             }
         }
         if moment.time >= seconds {
@@ -321,28 +301,19 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     }
 }
 
-fn envelope(scene: &Scene, seconds: f64) -> Option<End> {
-    let mut closed = EnvelopeLoop::build(scene).ok()?;
-    Some(run(scene, seconds, || {
-        let moment = closed.cycle();
-        (moment, closed.strikes().to_vec())
-    }))
+/// Runs a scene, with the plan of its earlier runs.
+fn run_at(fidelity: Fidelity, scene: &Scene, seconds: f64) -> Option<End> {
+    let mut engine = Engine::build(scene, fidelity).ok()?;
+    engine.watch(true);
+    let end = run(scene, seconds, || {
+        // A number that is not finite is found in the moment.
+        let _ = engine.cycle();
+        (engine.moment().unwrap(), engine.strikes().to_vec())
+    });
+    engine.cache_plan();
+    Some(end)
 }
 
-fn waveform(scene: &Scene, seconds: f64) -> Option<End> {
-    let mut closed = ClosedLoop::build(scene).ok()?;
-    Some(run(scene, seconds, || {
-        let moment = closed.cycle();
-        (moment, closed.plant().strikes().to_vec())
-    }))
-}
-
-/// A number from the environment.
-fn environment_number(name: &str, otherwise: u64) -> u64 {
-    std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
-}
-
-/// Ends of many scenes.
 #[derive(Default)]
 struct Ends {
     /// Number of scenes, and of refused ones.
@@ -351,21 +322,20 @@ struct Ends {
     /// Scenes that end in a fault at waveform fidelity, and in another fault at envelope fidelity.
     faults: usize,
     other_faults: usize,
-    /// Scenes whose fidelities end in different states, each with both.
     disagreeing: Vec<String>,
-    /// Violations.
     wrong: Vec<String>,
 }
 
 /// Runs scenes at both fidelities, twice at envelope fidelity: bits depend neither on the thread
-/// nor on earlier runs.
+/// nor on earlier runs and their plans.
 fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
     let played = Desk::new(None).unwrap().map("scenes", count as usize, |n| {
         let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n as u64));
         let scene = drawn(&mut random);
         let seconds = random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency);
         let name = format!("scene {n}, {:?}, {} parts", scene.target, scene.parts.len());
-        let ends = [envelope, envelope, waveform].map(|play| play(&scene, seconds));
+        use Fidelity::{Envelope, Waveform};
+        let ends = [Envelope, Envelope, Waveform].map(|which| run_at(which, &scene, seconds));
         (name, ends)
     });
     let mut all = Ends {
@@ -382,31 +352,27 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         }
         for (fidelity, end) in [("envelope", &fast), ("waveform", &slow)] {
             let wrong = end.wrong.iter();
-            all.wrong
-                .extend(wrong.map(|what| format!("{name}, {fidelity}: {what}")));
+            let wrong = wrong.map(|what| format!("{name}, {fidelity}: {what}"));
+            all.wrong.extend(wrong);
         }
         all.faults += usize::from(slow.fault.is_some());
         all.other_faults += usize::from(fast.fault != slow.fault);
-        let (fast, slow) = (fast.reached(), slow.reached());
+        let [fast, slow] = [fast, slow].map(|end| (end.state, end.fault));
         if fast != slow {
-            all.disagreeing
-                .push(format!("{name}: {fast:?} and {slow:?}"));
+            let ends = format!("{name}: {fast:?} and {slow:?}");
+            all.disagreeing.push(ends);
         }
     }
-    println!(
-        "{count} scenes, {} refused, {} end in a fault, {} end apart: {:#?}",
-        all.refused,
-        all.faults,
-        all.disagreeing.len(),
-        all.disagreeing
-    );
+    let (refused, faults, apart) = (all.refused, all.faults, &all.disagreeing);
+    println!("{count} scenes, {refused} refused, {faults} end in a fault");
+    println!("{} end apart: {apart:#?}", apart.len());
     all
 }
 
 #[test]
 fn a_feeder_keeps_to_its_rules_under_any_settings() {
-    let count = environment_number("KBAND_SCENES", 200);
-    let ends = play(count, environment_number("KBAND_SEED", 1), scene);
+    let count = number("KBAND_SCENES", 200);
+    let ends = play(count, number("KBAND_SEED", 1), scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(10 * ends.refused < ends.count, "{} refused", ends.refused);
     // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. The
@@ -418,12 +384,9 @@ fn a_feeder_keeps_to_its_rules_under_any_settings() {
 
 #[test]
 fn a_misconfigured_feeder_keeps_to_its_rules() {
-    let count = environment_number("KBAND_SCENES", 200) / 2;
-    let ends = play(
-        count,
-        environment_number("KBAND_SEED", 1) ^ 0x5eed,
-        random_scene,
-    );
+    let count = number("KBAND_SCENES", 200) / 2;
+    let seed = number("KBAND_SEED", 1) ^ 0x5eed;
+    let ends = play(count, seed, random_scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(2 * ends.refused < ends.count, "{} refused", ends.refused);
     assert!(20 * ends.faults > ends.count, "{} faults", ends.faults);

@@ -4,9 +4,10 @@
 //! It meets its deadlines, counted in cycles on the emulated chip.
 
 use kband_control::{Event, Shape, State, Target, UpperTone};
-use kband_plant::{ClosedLoop, Scene};
+use kband_plant::Scene;
 use kband_tests::chip::SAMPLE;
 use kband_tests::chip::kind::Kind;
+use kband_tests::desk_amplitude;
 use kband_tests::hazards::Hazard;
 use kband_tests::rig::{Act, Rig};
 
@@ -16,22 +17,12 @@ const DEADLINE: u64 = 8400;
 /// A machine with this frequency as its resonance, and a target k.
 fn machine(frequency: f32, k: f32) -> Scene {
     let mut scene = Scene::default();
-    scene.settings.frequency = frequency;
-    scene.settings.resonance = frequency;
+    (scene.settings.frequency, scene.settings.resonance) = (frequency, frequency);
     scene.drive.resonance = frequency;
     // Within the acceleration limit at each of these frequencies.
     scene.settings.safe_amplitude = 0.005;
     scene.target = Target::K(k);
     scene
-}
-
-/// Amplitude of the simulation at the desk, mm.
-fn desk(scene: &Scene) -> f64 {
-    let mut desk = ClosedLoop::build(scene).unwrap();
-    let cycles = (4.0 * scene.settings.frequency) as usize;
-    let last = (0..cycles).map(|_| desk.cycle().report).last().unwrap();
-    assert_eq!(last.state, State::Holding);
-    f64::from(last.amplitude) * 1e3
 }
 
 /// A board with this scene, enabled at 2 s, at `until` s. The desk keeps sending, because a silent
@@ -49,7 +40,8 @@ fn board(scene: &Scene, until: f64) -> Rig {
 
 fn check_gear(frequency: f32, k: f32) {
     let scene = machine(frequency, k);
-    let (mut rig, desk) = (board(&scene, 6.0), desk(&scene));
+    let mut rig = board(&scene, 6.0);
+    let desk = desk_amplitude(&scene, (4.0 * frequency) as usize, State::Holding);
     let held = rig.amplitude();
     let sampling = rig.chip.handler(SAMPLE);
     assert!((held / desk - 1.0).abs() < 0.02, "{held} {desk}");

@@ -12,9 +12,7 @@ fn run(name: &str) {
     let run_fidelity = |fidelity: Fidelity| {
         let outcome = run_watched(&file, fidelity, Watch::ALL_CYCLES, &desk)
             .unwrap_or_else(|refusal| panic!("{refusal}"));
-        let unmet = outcome
-            .unmet()
-            .expect("a scene states what must come of it");
+        let unmet = outcome.unmet().expect("every scene expects");
         assert!(unmet.is_empty(), "{fidelity:?}: {}", unmet.join("\n"));
         let upper_limit = 1.0001e-3 * file.scene.settings.amplitude_limit;
         for moment in outcome.moments() {

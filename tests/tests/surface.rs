@@ -29,19 +29,32 @@ fn described(package: &str) -> PathBuf {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new("timeout");
     command.args(["--kill-after=5", TIMEOUT]).arg(cargo);
-    command.args(["rustdoc", "--quiet", "--locked", "--lib"]);
-    command.args(["--package", package]);
+    command.args([
+        "rustdoc",
+        "--quiet",
+        "--locked",
+        "--lib",
+        "--package",
+        package,
+    ]);
     command.arg("--target-dir").arg(&folder);
     command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
-    command.env_remove("RUSTFLAGS").env_remove("RUSTDOCFLAGS");
-    command.env_remove("CARGO_ENCODED_RUSTFLAGS");
-    command.env_remove("CARGO_BUILD_TARGET");
+    for flags in [
+        "RUSTFLAGS",
+        "RUSTDOCFLAGS",
+        "CARGO_ENCODED_RUSTFLAGS",
+        "CARGO_BUILD_TARGET",
+    ] {
+        command.env_remove(flags);
+    }
     command.env("RUSTC_BOOTSTRAP", "1").current_dir(root());
     let output = command.stdin(Stdio::null()).output();
     let output = output.expect("the command timeout is on the path");
     let stderr = String::from_utf8_lossy(&output.stderr);
-    let done = output.status.success();
-    assert!(done, "rustdoc does not describe the crate:\n{stderr}");
+    assert!(
+        output.status.success(),
+        "rustdoc does not describe the crate:\n{stderr}"
+    );
     folder.join("doc").join(package.replace('-', "_") + ".json")
 }
 
@@ -106,13 +119,11 @@ fn lines(api: &PublicApi) -> Vec<String> {
             if implemented.is_none() || line.contains("::StructuralPartialEq ") {
                 continue;
             }
-        } else if implemented
-            .as_ref()
-            .is_some_and(|prefix| line.contains(prefix))
-        {
-            continue;
         } else {
-            implemented = None;
+            implemented = implemented.filter(|prefix| line.contains(prefix));
+            if implemented.is_some() {
+                continue;
+            }
         }
         if unique.insert(line.clone()) {
             lines.push(line);
@@ -121,14 +132,12 @@ fn lines(api: &PublicApi) -> Vec<String> {
     lines
 }
 
-/// Lines that are missing in the other list.
 fn missing<'a>(from: &'a [String], other: &[String]) -> Vec<&'a str> {
     let other: BTreeSet<&String> = other.iter().collect();
     let missing = from.iter().filter(|line| !other.contains(line));
     missing.map(String::as_str).collect()
 }
 
-/// Compares the public names with the accepted list.
 fn compare(now: &[String], list: &str) {
     let path = root().join(list);
     if std::env::var_os(ACCEPT).is_some() {

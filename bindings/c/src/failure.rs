@@ -1,8 +1,9 @@
 //! Codes of failures, their texts, and the boundary that no panic crosses.
 
 use std::cell::RefCell;
-use std::ffi::c_char;
+use std::ffi::{CStr, c_char};
 use std::fmt::{self, Write};
+use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use kband::feeder::OutOfRange;
@@ -29,16 +30,17 @@ pub enum Code {
 /// Text of a code; of another number "no code of kband".
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_code_text(code: i32) -> *const c_char {
-    let text = match code {
-        code if code == Code::Ok as i32 => c"done",
-        code if code == Code::Null as i32 => c"a pointer is null",
-        code if code == Code::OutOfRange as i32 => c"a value is out of range",
-        code if code == Code::Scene as i32 => c"the text is no scene",
-        code if code == Code::None as i32 => c"there is no such band or plan",
-        code if code == Code::Panic as i32 => c"an error of kband; report it",
-        _ => c"no code of kband",
-    };
-    text.as_ptr()
+    // By number.
+    const TEXTS: [&CStr; 6] = [
+        c"done",
+        c"a pointer is null",
+        c"a value is out of range",
+        c"the text is no scene",
+        c"there is no such band or plan",
+        c"an error of kband; report it",
+    ];
+    let text = usize::try_from(code).ok().and_then(|code| TEXTS.get(code));
+    text.unwrap_or(&c"no code of kband").as_ptr()
 }
 
 /// Longest message in bytes; it is cut there.
@@ -119,6 +121,14 @@ pub(crate) fn call(work: impl FnOnce() -> Result<(), Failure>) -> Code {
             Code::Panic
         }
     }
+}
+
+type Place<'a, T> = Option<&'a mut MaybeUninit<T>>;
+
+/// Writes to where a pointer refers to; an error for a null pointer.
+pub(crate) fn put<T>(place: Place<'_, T>, name: &str, value: T) -> Result<(), Failure> {
+    require(place, name)?.write(value);
+    Ok(())
 }
 
 /// The object that a pointer refers to; an error for a null pointer.

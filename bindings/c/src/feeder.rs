@@ -11,7 +11,7 @@ use kband_control::{AdcCode, Controller, Fault, Inputs, Signal, State, Target};
 use kband_plant::Bench;
 use kband_scene::SceneFile;
 
-use crate::failure::{Code, Failure, call, require};
+use crate::failure::{Code, Failure, call, put, require};
 
 /// Samples a second.
 pub const SAMPLE_RATE: u32 = 20_000;
@@ -155,8 +155,7 @@ pub unsafe extern "C" fn kband_scene_parse(
 
 /// Moves a new object to the caller.
 fn create<T>(place: Option<&mut MaybeUninit<Box<T>>>, object: T) -> Result<(), Failure> {
-    require(place, "the place for the handle")?.write(Box::new(object));
-    Ok(())
+    put(place, "the place for the handle", Box::new(object))
 }
 
 /// Frees a scene; null is ignored.
@@ -179,8 +178,7 @@ pub extern "C" fn kband_scene_duration(
 ) -> Code {
     call(|| {
         let scene = require(scene, "scene")?;
-        require(duration, "duration")?.write(scene.0.duration);
-        Ok(())
+        put(duration, "duration", scene.0.duration)
     })
 }
 
@@ -242,10 +240,8 @@ pub extern "C" fn kband_plant_hold(
     call(|| {
         let plant = require(plant, "plant")?;
         if !(-1.0..=1.0).contains(&output) {
-            return Err(Failure::new(
-                Code::OutOfRange,
-                format_args!("output = {output} is refused; accepted: -1..1"),
-            ));
+            let message = format_args!("output = {output} is refused; accepted: -1..1");
+            return Err(Failure::new(Code::OutOfRange, message));
         }
         plant.0.hold(output, step);
         Ok(())
@@ -263,8 +259,7 @@ pub extern "C" fn kband_plant_inputs(
 ) -> Code {
     call(|| {
         let plant = require(plant, "plant")?;
-        require(inputs, "inputs")?.write(plant.0.inputs().into());
-        Ok(())
+        put(inputs, "inputs", plant.0.inputs().into())
     })
 }
 
@@ -279,8 +274,7 @@ pub extern "C" fn kband_plant_displacement(
 ) -> Code {
     call(|| {
         let plant = require(plant, "plant")?;
-        require(displacement, "displacement")?.write(plant.0.displacement());
-        Ok(())
+        put(displacement, "displacement", plant.0.displacement())
     })
 }
 
@@ -407,8 +401,7 @@ pub extern "C" fn kband_controller_plan(
 ) -> Code {
     call(|| {
         let controller = require(controller, "controller")?;
-        require(more, "more")?.write(controller.0.plan_step());
-        Ok(())
+        put(more, "more", controller.0.plan_step())
     })
 }
 

@@ -7,7 +7,7 @@ use kband::impact::ContactTime;
 use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{GearLimits, GearPlanSettings, GearPlanner};
 
-use crate::failure::{Code, Failure, call, require};
+use crate::failure::{Code, Failure, call, put, require};
 
 /// Band of k in which a whole lot has the lock.
 #[repr(C)]
@@ -41,12 +41,12 @@ pub extern "C" fn kband_band(
                 return Err(Failure::new(Code::None, format_args!("{none}")));
             }
         };
-        require(band, "band")?.write(BandOfLot {
+        let found = BandOfLot {
             low: found.low(),
             high: found.high(),
             setpoint: found.setpoint(),
-        });
-        Ok(())
+        };
+        put(band, "band", found)
     })
 }
 
@@ -128,7 +128,7 @@ pub extern "C" fn kband_gear_plan(
         })?;
         let [[second_tone, second_angle], [third_tone, third_angle]] = plan.tones;
         let [band_low, band_high] = plan.band;
-        require(choice, "choice")?.write(GearChoice {
+        let chosen = GearChoice {
             k: plan.k,
             second_tone,
             second_angle,
@@ -137,7 +137,7 @@ pub extern "C" fn kband_gear_plan(
             band_low,
             band_high,
             share: plan.share,
-        });
-        Ok(())
+        };
+        put(choice, "choice", chosen)
     })
 }

@@ -71,11 +71,7 @@ fn controller_allocates_nothing_and_gives_the_loops_bits() {
         let report = created(|to| {
             kband_controller_cycle(Some(&mut controller), Some(&mut signal), Some(&inputs), to)
         });
-        for _ in 0..PLAN_SLICES {
-            if !created(|to| kband_controller_plan(Some(&mut controller), to)) {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| created(|to| kband_controller_plan(Some(&mut controller), to)));
         assert_eq!(ALLOCATIONS.get(), before);
         let due = closed.cycle().report;
         assert_eq!(

@@ -56,8 +56,9 @@ fn accepted(file: &str, text: &str) {
         return;
     }
     let recorded = fs::read_to_string(&path).unwrap_or_default();
+    let same = recorded == text;
     assert!(
-        recorded == text,
+        same,
         "{file} is out of date; {ACCEPT}=1 rewrites it:\n{text}"
     );
 }
@@ -75,10 +76,8 @@ fn header_is_up_to_date() {
 fn exported_symbols_are_the_listed_ones() {
     let options = ["-D", "--defined-only", "--format=posix"];
     let listed = output(limited("nm").args(options).arg(library("libkband_c.so")));
-    let mut names: Vec<&str> = listed
-        .lines()
-        .filter_map(|line| line.split(' ').next())
-        .collect();
+    let names = listed.lines().filter_map(|line| line.split(' ').next());
+    let mut names: Vec<&str> = names.collect();
     names.sort_unstable();
     accepted("symbols.txt", &(names.join("\n") + "\n"));
 }
@@ -104,20 +103,14 @@ fn program(name: &str, library_name: &str, options: &[&str], run: impl Fn(&Path)
 fn a_program_in_c_runs_with_the_shared_library() {
     program("shared", "libkband_c.so", &[], |file| {
         let printed = output(limited(file).arg(scene()).arg("2"));
-        assert!(
-            printed.contains("fault none") && printed.contains("holding after"),
-            "{printed}"
-        );
+        let holds = printed.contains("fault none") && printed.contains("holding after");
+        assert!(holds, "{printed}");
     });
 }
 
 #[test]
 fn the_address_sanitizer_finds_nothing() {
-    let options = [
-        "-fsanitize=address",
-        "-fsanitize=undefined",
-        "-fno-sanitize-recover=all",
-    ];
+    let options = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
     program("sanitized", "libkband_c.a", &options, |file| {
         output(limited(file).arg(scene()).arg("2"));
     });
@@ -126,14 +119,10 @@ fn the_address_sanitizer_finds_nothing() {
 #[test]
 fn valgrind_finds_nothing() {
     program("static", "libkband_c.a", &[], |file| {
-        let options = [
-            "--quiet",
-            "--leak-check=full",
-            "--error-exitcode=9",
-            "--errors-for-leak-kinds=definite",
-        ];
         let mut valgrind = limited("valgrind");
-        output(valgrind.args(options).arg(file).arg(scene()).arg("1"));
+        valgrind.args(["--quiet", "--leak-check=full", "--error-exitcode=9"]);
+        valgrind.arg("--errors-for-leak-kinds=definite").arg(file);
+        output(valgrind.arg(scene()).arg("1"));
     });
 }
 
@@ -150,9 +139,8 @@ fn blocks(language: &str) -> Vec<String> {
     let page = fs::read_to_string(root().join("docs/c.md")).unwrap();
     let begin = format!("```{language}\n");
     let blocks = page.split(&begin).skip(1);
-    blocks
-        .map(|block| block.split("```").next().unwrap().into())
-        .collect()
+    let code = |block: &str| block.split("```").next().unwrap().into();
+    blocks.map(code).collect()
 }
 
 #[test]
@@ -160,10 +148,8 @@ fn the_program_of_the_manual_runs() {
     let (programs, outputs, commands) = (blocks("c"), blocks("text"), blocks("sh"));
     assert_eq!((programs.len(), outputs.len(), commands.len()), (1, 1, 1));
     // The libraries of this build replace those of the first command.
-    let build = "cargo build --release --package kband-c\n";
-    let use_it = commands[0]
-        .strip_prefix(build)
-        .expect("the first command builds");
+    let use_it = commands[0].strip_prefix("cargo build --release --package kband-c\n");
+    let use_it = use_it.expect("the first command builds");
     let scratch = tempfile::tempdir().unwrap();
     let path_in = |name: &str| scratch.path().join(name);
     fs::create_dir_all(path_in("target/release")).unwrap();

@@ -13,7 +13,7 @@ use pyo3::exceptions::PyConnectionError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::refused::Refused;
+use crate::refused::{Refused, message};
 use crate::scenes::target;
 
 /// Longest time for which telemetry is collected at once.
@@ -37,8 +37,7 @@ fn exception(refusal: Refusal, raised: &Mutex<Option<PyErr>>) -> PyErr {
         if refusal.is_of_value() {
             return Refused::from(refusal).into();
         }
-        let message = refusal.to_string();
-        PyConnectionError::new_err(message.trim_start_matches("error: ").to_string())
+        PyConnectionError::new_err(message(&refusal))
     })
 }
 
@@ -68,11 +67,7 @@ impl Board {
                 Refusal::interrupted()
             })
         });
-        let emulated = if running {
-            Emulated::Running
-        } else {
-            Emulated::AtRest
-        };
+        let emulated = [Emulated::AtRest, Emulated::Running][usize::from(running)];
         let link = py.detach(|| {
             let link = if on == "qemu" {
                 Link::emulate([image.as_deref(), None], emulated, check_stop)
@@ -94,7 +89,6 @@ impl Board {
         link.image().into()
     }
 
-    /// Every setting.
     fn settings(&mut self, py: Python<'_>) -> PyResult<Vec<Setting>> {
         let read = self.with(py, BoardSettings::read)?;
         let all = read.iter().cloned();
@@ -102,12 +96,10 @@ impl Board {
         Ok(of_each.collect())
     }
 
-    /// Changes settings, all of them or none.
     fn change(&mut self, py: Python<'_>, wanted: Vec<(String, f32)>) -> PyResult<()> {
         self.with(py, |link| BoardSettings::read(link)?.change(link, &wanted))
     }
 
-    /// Saves settings and target.
     fn save(&mut self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |link| link.command(&Request::Save))
     }
@@ -139,11 +131,11 @@ impl Board {
             let mut rows = Vec::new();
             while Instant::now() < end {
                 let remaining = end.saturating_duration_since(Instant::now());
-                for message in link.listen(remaining.min(LISTEN))? {
-                    if let Unsolicited::Telemetry(telemetry) = message {
-                        rows.push(row(&telemetry));
-                    }
-                }
+                let messages = link.listen(remaining.min(LISTEN))?.into_iter();
+                rows.extend(messages.filter_map(|message| match message {
+                    Unsolicited::Telemetry(telemetry) => Some(row(&telemetry)),
+                    _ => None,
+                }));
             }
             link.command(&Request::Telemetry(0))?;
             Ok(rows)

@@ -11,10 +11,8 @@ use pyo3::types::PyDict;
 use crate::refused::Refused;
 use crate::scenes::{Given, impact, report, scene, target};
 
-/// Name of an input of the board, and its field.
 type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
 
-/// Inputs of the board.
 const INPUTS: [Input; 7] = [
     ("enable", |inputs| &mut inputs.enable),
     ("over_temperature", |inputs| &mut inputs.over_temperature),
@@ -46,9 +44,8 @@ impl Plant {
     /// Holds an output until the next sample, while the drive's phase advances by `step`.
     fn hold(&mut self, output: f32, step: u32) -> PyResult<()> {
         if !(-1.0..=1.0).contains(&output) {
-            return Err(PyValueError::new_err(format!(
-                "output = {output} is refused; accepted: -1..1"
-            )));
+            let message = format!("output = {output} is refused; accepted: -1..1");
+            return Err(PyValueError::new_err(message));
         }
         self.0.hold(output, step);
         Ok(())
@@ -143,11 +140,7 @@ impl Controller {
         }
         self.last = self.control.cycle(self.signal.cycle(), &inputs);
         self.signal.command(self.last.command);
-        for _ in 0..PLAN_SLICES {
-            if !self.control.plan_step() {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| self.control.plan_step());
         report(py, &self.last)
     }
 

@@ -46,7 +46,16 @@ fn pick(column: &[f64], n: usize) -> f64 {
 /// A map, and phases and speeds of launches on it.
 type Inputs<'a> = (&'a Map, &'a [f64], &'a [f64]);
 
-impl Launches<'_> {
+impl<'a> Launches<'a> {
+    fn new([phase, speed, k, restitution]: [&'a PyReadonlyArray1<'_, f64>; 4]) -> PyResult<Self> {
+        Ok(Self {
+            phase: phase.as_slice()?,
+            speed: speed.as_slice()?,
+            k: k.as_slice()?,
+            restitution: restitution.as_slice()?,
+        })
+    }
+
     fn state(&self, n: usize) -> Result<PartState, Refused> {
         let state = Map::state(pick(self.phase, n), pick(self.speed, n));
         state.map_err(|refused| Refused::from(refused).at(n))
@@ -54,12 +63,12 @@ impl Launches<'_> {
 
     /// Map, phases and speeds of launches on one track. `None` unless [`Map::state`] would accept
     /// every state unchanged, up to the sign of a phase 0.
-    fn inputs<'a>(
-        &'a self,
+    fn inputs<'b>(
+        &'b self,
         first: usize,
         count: usize,
-        maps: &'a mut Maps,
-    ) -> Result<Option<Inputs<'a>>, Refused> {
+        maps: &'b mut Maps,
+    ) -> Result<Option<Inputs<'b>>, Refused> {
         let rows = first..first + count;
         let (Some(phases), Some(speeds), [_], [_]) = (
             self.phase.get(rows.clone()),
@@ -178,12 +187,7 @@ pub fn impacts(
     tones: Option<Tones>,
     threads: Option<NonZero<usize>>,
 ) -> PyResult<()> {
-    let launches = Launches {
-        phase: phase.as_slice()?,
-        speed: speed.as_slice()?,
-        k: k.as_slice()?,
-        restitution: restitution.as_slice()?,
-    };
+    let launches = Launches::new([&phase, &speed, &k, &restitution])?;
     let wave = wave(tones)?;
     let phases = next_phase.as_slice_mut()?.chunks_mut(TASK);
     let speeds = next_speed.as_slice_mut()?.chunks_mut(TASK);
@@ -268,12 +272,7 @@ pub fn orbits(
     tones: Option<Tones>,
     threads: Option<NonZero<usize>>,
 ) -> PyResult<()> {
-    let launches = Launches {
-        phase: phase.as_slice()?,
-        speed: speed.as_slice()?,
-        k: k.as_slice()?,
-        restitution: restitution.as_slice()?,
-    };
+    let launches = Launches::new([&phase, &speed, &k, &restitution])?;
     let wave = wave(tones)?;
     let rows = phases
         .as_slice_mut()?
@@ -281,23 +280,20 @@ pub fn orbits(
         .zip(speeds.as_slice_mut()?.chunks_mut(impacts))
         .zip(flights.as_slice_mut()?.chunks_mut(impacts))
         .zip(rested.as_slice_mut()?.chunks_mut(impacts));
-    let rows: Vec<Mutex<Row<'_>>> = rows
-        .map(|(((phase, speed), flight), rested)| {
-            Mutex::new(Row {
-                columns: [phase, speed, flight],
-                rested,
-                at: 0,
-                rests: false,
-            })
-        })
-        .collect();
+    let row = |(((phase, speed), flight), rested)| Row {
+        columns: [phase, speed, flight],
+        rested,
+        at: 0,
+        rests: false,
+    };
+    let rows: Vec<Mutex<Row<'_>>> = rows.map(row).map(Mutex::new).collect();
     work::map(py, &shape, rows.len(), threads, |n, stop| {
         let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
         let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
         let of_row = |refused| Refused::from(refused).at(n);
         // Checked after the map, whose range of restitution is narrower.
-        let scatter =
-            || Scatter::build(restitution, scatter, stream(seed, n as u64)).map_err(of_row);
+        let seed = stream(seed, n as u64);
+        let scatter = || Scatter::build(restitution, scatter, seed).map_err(of_row);
         if wave.is_sine() {
             let map = Map::build(k, restitution).map_err(of_row)?;
             let orbit = Orbit::new(&map, start).scattering(scatter()?);

@@ -5,12 +5,9 @@ use kband_scene::refusal::Refusal;
 use pyo3::PyErr;
 use pyo3::exceptions::PyValueError;
 
-/// Reason for a refused call.
 #[derive(Clone, Debug)]
 pub enum Refused {
-    /// A value out of range, and its index if it is in an array.
     Value(OutOfRange, Option<usize>),
-    /// A scene or a run of it.
     Scene(Refusal),
 }
 
@@ -26,23 +23,25 @@ impl Refused {
     /// As an exception; `shape` is that of the arrays.
     pub fn exception(self, shape: &[usize]) -> PyErr {
         match self {
-            Self::Scene(refusal) => {
-                let message = refusal.to_string();
-                PyValueError::new_err(message.trim_start_matches("error: ").to_string())
-            }
+            Self::Scene(refusal) => PyValueError::new_err(message(&refusal)),
             Self::Value(refused, index) => {
                 let name = match refused.parameter {
                     "velocity" => "speed",
                     other => other,
                 };
                 let place = index.map_or(String::new(), |index| place(index, shape));
-                PyValueError::new_err(format!(
-                    "{name}{place} = {:?} is refused; accepted: {}",
-                    refused.value, refused.accepted
-                ))
+                let (value, accepted) = (refused.value, refused.accepted);
+                let refusal = format!("{name}{place} = {value:?} is refused");
+                PyValueError::new_err(format!("{refusal}; accepted: {accepted}"))
             }
         }
     }
+}
+
+/// Text of a refusal, without the word of the command line before it.
+pub fn message(refusal: &Refusal) -> String {
+    let message = refusal.to_string();
+    message.trim_start_matches("error: ").to_string()
 }
 
 /// The index of an element in row-major order, as `[1, 2]`; empty for one value.

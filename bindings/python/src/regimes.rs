@@ -24,8 +24,7 @@ use crate::map::{Tones, stream, wave};
 use crate::refused::Refused;
 use crate::work::{self, InterruptPoll};
 
-fn lot(restitution: [f64; 2]) -> Result<Restitution, Refused> {
-    let [low, high] = restitution;
+fn lot([low, high]: [f64; 2]) -> Result<Restitution, Refused> {
     Ok(Restitution::interval(low, high)?)
 }
 
@@ -262,10 +261,10 @@ pub fn capture_plan(
     })?;
     let k = k.unwrap_or(band.setpoint());
     if !band.contains(k) {
+        let (low, high) = (band.low(), band.high());
+        let accepted = format!("accepted: {low}..{high}, the band of this lot");
         return Err(PyValueError::new_err(format!(
-            "k = {k} is refused; accepted: {}..{}, the band of this lot",
-            band.low(),
-            band.high()
+            "k = {k} is refused; {accepted}"
         )));
     }
     let drive = DriveLag::build(DriveLagSettings {
@@ -378,9 +377,9 @@ pub fn transport_speeds(
     .map_err(Refused::from)?;
     let wave = wave(tones)?;
     if !wave.is_sine() && matches!(along, Along::Kept(_)) {
-        return Err(PyValueError::new_err(
-            "tones are refused with tangential_restitution; accepted: friction with tones",
-        ));
+        let accepted = "accepted: friction with tones";
+        let message = format!("tones are refused with tangential_restitution; {accepted}");
+        return Err(PyValueError::new_err(message));
     }
     let effort = Effort { settle, impacts };
     let shape = [k.len()];

@@ -2,10 +2,10 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use kband_control::{Event, Fault, Target};
+use kband_control::{Event, Fault, Report, Target};
 use kband_plant::{Change, Moment, Strike};
 use kband_scene::refusal::Refusal;
-use kband_scene::{Engine, Fidelity, Outcome, SceneFile, Watch, at_line, change, table};
+use kband_scene::{Engine, Fidelity, Outcome, SceneFile, Watch, change};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
@@ -52,12 +52,9 @@ pub enum Given<'py> {
     Dict(Bound<'py, PyDict>),
 }
 
-/// The scene that was given.
 pub fn scene(given: &Given<'_>) -> PyResult<SceneFile> {
     let read = match given {
-        Given::Text(text) => table(text)
-            .and_then(SceneFile::from_table)
-            .map_err(|refusal| at_line(refusal, text)),
+        Given::Text(text) => SceneFile::parse(text),
         Given::Dict(dict) => SceneFile::from_table(table_of(dict)?),
     };
     Ok(read.map_err(Refused::from)?)
@@ -80,9 +77,7 @@ pub fn impact(strike: &Strike) -> (u8, f64, f64) {
 
 /// Fidelity of this name; without a name the scene's own.
 fn fidelity(file: &SceneFile, name: Option<&str>) -> PyResult<Fidelity> {
-    let Some(name) = name else {
-        return Ok(file.fidelity.unwrap_or_default());
-    };
+    let name = name.unwrap_or(file.fidelity.unwrap_or_default().name());
     let known = Fidelity::ALL.into_iter().find(|known| known.name() == name);
     known.ok_or_else(|| {
         let names = Fidelity::ALL.map(Fidelity::name).join(", ");
@@ -101,10 +96,7 @@ fn moment_dict<'py>(py: Python<'py>, moment: &Moment) -> PyResult<Bound<'py, PyD
 }
 
 /// The controller's report of a drive cycle, as a dict.
-pub fn report<'py>(
-    py: Python<'py>,
-    report: &kband_control::Report,
-) -> PyResult<Bound<'py, PyDict>> {
+pub fn report<'py>(py: Python<'py>, report: &Report) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("cycle", report.cycle)?;
     dict.set_item("amplitude", report.amplitude)?;

@@ -18,7 +18,6 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 pub struct Stop(AtomicBool);
 
 impl Stop {
-    /// Whether the end is requested.
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -94,7 +93,6 @@ pub fn map<T: Send + Sync>(
 pub struct InterruptPoll(Instant);
 
 impl InterruptPoll {
-    /// Starts the time to the first check.
     pub fn new() -> Self {
         Self(Instant::now())
     }

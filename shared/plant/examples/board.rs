@@ -35,9 +35,8 @@ fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut 
     }
     let before = signal.phase();
     let sampled = signal.sample(hardware.feeder.sample());
-    hardware
-        .feeder
-        .hold(sampled.output, (signal.phase() - before).bits());
+    let step = (signal.phase() - before).bits();
+    hardware.feeder.hold(sampled.output, step);
     if sampled.wrapped {
         mailbox.cycle = Some(signal.cycle().clone());
     }
@@ -61,17 +60,11 @@ fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
         let report = controller.cycle(&cycle, &hardware.feeder.inputs());
         mailbox.command = Some(report.command);
         // In the remaining time of the drive cycle.
-        for _ in 0..PLAN_SLICES {
-            if !controller.plan_step() {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| controller.plan_step());
         state = report.state;
         if state == State::Locked {
-            println!(
-                "locked after {} drive cycles and {} kicks",
-                report.cycle, report.attempts
-            );
+            let (cycles, kicks) = (report.cycle, report.attempts);
+            println!("locked after {cycles} drive cycles and {kicks} kicks");
             break;
         }
     }

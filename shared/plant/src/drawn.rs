@@ -127,15 +127,11 @@ fn is_near(scene: &Scene) -> bool {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct RunResult {
-    /// Largest true amplitude and acceleration over their limits.
     max_excess: f32,
-    /// Largest peak-to-peak variation of the amplitude over its reference while READY is on.
     swing: f32,
-    /// Largest distance of the mean amplitude from its reference, over the reference, likewise.
     deviation: f32,
     /// Whether a number was not finite.
     broken: bool,
-    /// Number of the last fault.
     fault: u8,
 }
 
@@ -226,9 +222,7 @@ fn number(name: &str, otherwise: u64) -> u64 {
 /// Violated bounds; `None` if the bounds do not apply to the feeder.
 fn violations(scene: &Scene) -> Option<Vec<std::string::String>> {
     let cycles = (6.0 * scene.settings.frequency) as usize;
-    let result = is_near(scene)
-        .then(|| run_fidelities(scene, cycles))
-        .flatten()?;
+    let near = is_near(scene).then(|| run_fidelities(scene, cycles));
     let exceeds_bounds = |result: &RunResult| {
         let saturated = result.fault == Fault::SensorSaturated.number();
         let max_excess = [MAX_EXCESS, MAX_EXCESS_SATURATED][usize::from(saturated)];
@@ -238,12 +232,10 @@ fn violations(scene: &Scene) -> Option<Vec<std::string::String>> {
             || result.swing > steady
             || result.deviation > MAX_MEAN_ERROR
     };
-    let failures = result
-        .iter()
-        .enumerate()
-        .filter(|(_, result)| exceeds_bounds(result));
-    let texts = failures.map(|(n, result)| std::format!("fidelity {n}: {result:?} {scene:?}"));
-    Some(texts.collect())
+    let mut results = near.flatten()?.into_iter().enumerate().collect::<Vec<_>>();
+    results.retain(|(_, result)| exceeds_bounds(result));
+    let text = |(n, result)| std::format!("fidelity {n}: {result:?} {scene:?}");
+    Some(results.into_iter().map(text).collect())
 }
 
 #[test]
@@ -257,9 +249,8 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
         }
         if let Some(violations) = violations(&feeder(&mut draw)) {
             done += 1;
-            for violation in violations {
-                failures.push(std::format!("scene {drawn}, {violation}"));
-            }
+            let violations = violations.into_iter();
+            failures.extend(violations.map(|what| std::format!("scene {drawn}, {what}")));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
@@ -273,7 +264,6 @@ fn a_rise_waits_for_heavy_parts_on_two_tones() {
     let mut draw = Draw(Noise::new(427_200));
     let mut scene = (0..=110).map(|_| feeder(&mut draw)).last().unwrap();
     scene.scatter.extend([0.2]);
-    let result = run_fidelities(&scene, 800).unwrap();
-    let result = result[0];
+    let result = run_fidelities(&scene, 800).unwrap()[0];
     assert!((0.95..1.05).contains(&result.max_excess), "{result:?}");
 }

@@ -14,14 +14,10 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// Starts the counter and calibrates it with a loop of known length.
-    ///
-    /// # Panics
-    /// It was already started.
+    /// Starts the counter once, and calibrates it with a loop of known length.
     pub fn start() -> Self {
-        let mut system = Peripherals::take()
-            .expect("the counter is started once")
-            .SYST;
+        let peripherals = Peripherals::take();
+        let mut system = peripherals.expect("the counter is started once").SYST;
         system.set_clock_source(SystClkSource::Core);
         system.set_reload(0x00ff_ffff);
         system.clear_current();

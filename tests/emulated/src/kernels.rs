@@ -67,10 +67,7 @@ pub const WAVES: [[f64; 6]; 9] = [
 /// A chattering orbit on two tones, with two humps in a turn.
 pub const WAVE_CHATTER: [f64; 6] = [0.9, 0.5, 1.119_769_515, 0.5, 0.3, 1.0];
 
-/// Kernel and initial state of an orbit on two tones.
-///
-/// # Panics
-/// The kernel refuses them.
+/// Kernel and initial state of an orbit on two tones. It panics if the kernel refuses them.
 pub fn begin_on_tones<K: Machine + WaveKernel>(
     [k, restitution, phase, velocity, amplitude, angle]: [f64; 6],
 ) -> (K, K::State) {
@@ -81,10 +78,7 @@ pub fn begin_on_tones<K: Machine + WaveKernel>(
     )
 }
 
-/// Kernel and initial state of an orbit.
-///
-/// # Panics
-/// The kernel refuses them.
+/// Kernel and initial state of an orbit. It panics if the kernel refuses them.
 pub fn begin<K: Machine>([k, restitution, phase, velocity]: [f64; 4]) -> (K, K::State) {
     (
         K::build(k, restitution).expect("parameters within range"),
@@ -173,27 +167,18 @@ fn uniform(state: &mut u64) -> f64 {
 /// k of eight tracks.
 pub const TRACKS: [f64; 8] = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85];
 
-/// Map of a track with restitution 0.8.
-///
-/// # Panics
-/// The kernel refuses it.
+/// Map of a track with restitution 0.8. It panics if the kernel refuses it.
 pub fn track<K: Kernel>(k: f64) -> K {
     K::build(k, 0.8).expect("parameters within range")
 }
 
 /// The same map on two tones.
-///
-/// # Panics
-/// The kernel refuses it.
 pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
     let second = Tone::new(0.15, 2.356);
     K::on_tones([second, Tone::default()], k, 0.8).expect("parameters within range")
 }
 
-/// 256 states on [`TRACKS`], with velocities up to `top`.
-///
-/// # Panics
-/// The kernel refuses them.
+/// 256 states on [`TRACKS`], with velocities up to `top`. It panics if the kernel refuses them.
 pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
     let mut random = 1;
     core::array::from_fn(|i| {

@@ -155,37 +155,36 @@ impl Board {
             self.saved = None;
         }
         let unchanged = settings == station.settings();
-        assert!(
-            unchanged || at_rest,
-            "settings changed while the drive runs"
-        );
+        let kept = unchanged || at_rest;
+        assert!(kept, "settings changed while the drive runs");
         let written = OPERATIONS.get() != operations;
         assert!(!written || at_rest, "the slot changed while the drive runs");
         let Some(answer) = answer else {
             assert!(unchanged && target == station.target());
             return false;
         };
-        match read_answer(&payload(&answer)).expect("an answer is known") {
-            Outgoing::Response {
-                sequence: same,
-                response,
-            } => {
-                assert_eq!(same, sequence);
-                if let Response::Refused(_) = response {
-                    assert!(unchanged && target == station.target(), "{response:?}");
-                    return false;
-                }
-                if saves {
-                    self.saved = Some(LoadedSettings {
-                        settings,
-                        target,
-                        ..LoadedSettings::none(Condition::Never)
-                    });
-                }
-                true
-            }
-            Outgoing::Identity { .. } | Outgoing::Update { .. } => true,
+        let answer = payload(&answer);
+        let answer = read_answer(&answer).expect("an answer is known");
+        let Outgoing::Response {
+            sequence: same,
+            response,
+        } = answer
+        else {
+            return true;
+        };
+        assert_eq!(same, sequence);
+        if let Response::Refused(_) = response {
+            assert!(unchanged && target == station.target(), "{response:?}");
+            return false;
         }
+        if saves {
+            self.saved = Some(LoadedSettings {
+                settings,
+                target,
+                ..LoadedSettings::none(Condition::Never)
+            });
+        }
+        true
     }
 }
 
@@ -242,22 +241,16 @@ pub fn service(input: &[u8]) -> bool {
                 }
             }
             _ => {
-                let start = [
-                    StartCause::Ordinary,
-                    StartCause::PowerOn,
-                    StartCause::Reset,
-                    StartCause::Refused,
-                ];
+                use StartCause::{Ordinary, PowerOn, Refused, Reset};
+                let start = [Ordinary, PowerOn, Reset, Refused];
                 let which = usize::from(input.byte().unwrap_or(0));
                 // In half of the runs the power fails during a flash operation.
                 let words = [usize::MAX, 8 * which][which / 128];
                 let saved = board.saved;
                 board = Board::start(&flash, start[which % start.len()], words);
                 if let (Some(saved), Some(loaded)) = (saved, board.saved) {
-                    assert_eq!(
-                        (saved.settings, saved.target),
-                        (loaded.settings, loaded.target)
-                    );
+                    assert_eq!(saved.settings, loaded.settings);
+                    assert_eq!(saved.target, loaded.target);
                 }
             }
         }
@@ -268,10 +261,8 @@ pub fn service(input: &[u8]) -> bool {
 /// Recipes of a file up to the first zero, then messages about recipes: kind of request, and its
 /// content. A board at rest returns each recipe that it accepted.
 pub fn recipes(input: &[u8]) -> bool {
-    let (file, messages) = match input.iter().position(|byte| *byte == 0) {
-        Some(end) => (&input[..end], &input[end + 1..]),
-        None => (input, &[][..]),
-    };
+    let mut parts = input.splitn(2, |byte| *byte == 0);
+    let [file, messages] = [(); 2].map(|()| parts.next().unwrap_or(&[]));
     let flash = Flash::default();
     let mut board = Board::start(&flash, StartCause::Ordinary, usize::MAX);
     let written = |request: &Request<'_>| {

@@ -105,17 +105,13 @@ pub fn settings(input: &[u8]) -> bool {
 pub fn recipes(input: &[u8]) -> Vec<(u8, RecipeName, Recipe)> {
     let read = |text: &str| {
         let entries = Entry::parse(text)?.into_iter();
-        Ok(entries
-            .map(|entry| (entry.number, entry.name, entry.recipe))
-            .collect::<Vec<_>>())
+        let entries = entries.map(|entry| (entry.number, entry.name, entry.recipe));
+        Ok(entries.collect::<Vec<_>>())
     };
     let entries = text(input, read).unwrap_or_default();
     if !entries.is_empty() {
-        let reread = read(&export(&entries, "fuzzed"));
-        assert_eq!(
-            format!("{:?}", reread.expect("an export")),
-            format!("{entries:?}")
-        );
+        let reread = read(&export(&entries, "fuzzed")).expect("an export");
+        assert_eq!(format!("{reread:?}"), format!("{entries:?}"));
     }
     entries
 }
@@ -178,11 +174,10 @@ pub fn record(input: &[u8]) -> bool {
 pub fn elf(input: &[u8]) -> bool {
     let image = accepted(Image::parse(input));
     if let Some(image) = &image {
-        let written: u32 = image.chip().sectors().map(|s| image.bytes_in(&s)).sum();
-        assert_eq!(written, image.size(), "each byte lies in one sector");
-        let free = image.chip().memory.end - image.chip().memory.start;
-        assert!(image.memory() <= free);
         let chip = image.chip();
+        let written: u32 = chip.sectors().map(|s| image.bytes_in(&s)).sum();
+        assert_eq!(written, image.size(), "each byte lies in one sector");
+        assert!(image.memory() <= chip.memory.end - chip.memory.start);
         for piece in image.pieces() {
             let end = piece.address + piece.bytes.len() as u32;
             assert!(chip.flash.start <= piece.address && end <= chip.flash.end);

@@ -38,10 +38,7 @@ fn framed_behind(head: &[u8], message: &[u8]) -> Option<Vec<u8>> {
     (frame.len() <= MAX_FRAME_BYTES).then_some(frame)
 }
 
-/// Payload of a written frame.
-///
-/// # Panics
-/// It is not a frame.
+/// Payload of a written frame. It panics if it is not a frame.
 pub fn payload(frame: &[u8]) -> Vec<u8> {
     let mut receiver = Receiver::new();
     let (end, bytes) = frame.split_last().expect("a frame has an end");
@@ -106,10 +103,7 @@ pub fn frames(input: &[u8]) -> bool {
         }
     }
     if let Some((sequence, message)) = input.split_first() {
-        let frames = [
-            framed(*sequence, message),
-            framed_update(*sequence, message),
-        ];
+        let frames = [framed, framed_update].map(|frame| frame(*sequence, message));
         for frame in frames.into_iter().flatten() {
             is_valid |= read(&payload(&frame));
         }

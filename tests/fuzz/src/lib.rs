@@ -26,7 +26,7 @@ pub struct Target {
     /// Number of mutated inputs in a short run, which takes 1 or 2 s on a busy machine.
     pub short: u32,
     /// Dictionary of its inputs.
-    pub tokens: &'static [&'static [u8]],
+    pub tokens: Tokens,
 }
 
 /// All targets.
@@ -43,12 +43,9 @@ pub const TARGETS: &[Target] = &[
     target("store", store::store, 3000, &[]),
 ];
 
-const fn target(
-    name: &'static str,
-    run: fn(&[u8]) -> bool,
-    short: u32,
-    tokens: &'static [&'static [u8]],
-) -> Target {
+type Tokens = &'static [&'static [u8]];
+
+const fn target(name: &'static str, run: fn(&[u8]) -> bool, short: u32, tokens: Tokens) -> Target {
     Target {
         name,
         run,
@@ -65,15 +62,12 @@ impl Target {
 
     /// Folder of the corpus.
     pub fn folder(&self) -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("corpus")
-            .join(self.name)
+        let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
+        corpus.join(self.name)
     }
 
-    /// The corpus, sorted by file name; it includes the test scenes.
-    ///
-    /// # Panics
-    /// The folder cannot be read.
+    /// The corpus, sorted by file name; it includes the test scenes. It panics if the folder cannot
+    /// be read.
     pub fn corpus(&self) -> Vec<Vec<u8>> {
         let mut files = Vec::new();
         let scenes = (self.name == "scene").then(|| self.folder().join("../../../scenes"));
@@ -86,15 +80,12 @@ impl Target {
         files.into_iter().map(read).collect()
     }
 
-    /// Inputs found by coverage-guided fuzzing, as packed by `keep.py`.
-    ///
-    /// # Panics
-    /// The file cannot be read or is incomplete.
+    /// Inputs found by coverage-guided fuzzing, as packed by `keep.py`. It panics if the file cannot
+    /// be read or is incomplete.
     pub fn saved_inputs(&self) -> Vec<Vec<u8>> {
         let file = self.folder().join("../../found").join(self.name);
-        let mut rest = std::fs::read(file)
-            .expect("every target has what was found")
-            .into_iter();
+        let rest = std::fs::read(file).expect("every target has what was found");
+        let mut rest = rest.into_iter();
         let mut inputs = Vec::new();
         while let Some(low) = rest.next() {
             let high = rest.next().expect("a length of two bytes");

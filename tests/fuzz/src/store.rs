@@ -59,9 +59,8 @@ impl Flash {
         let bytes = &mut self.0.borrow_mut().bytes;
         bytes[..2 * PAGE].fill(0xff);
         for line in include_str!("../../../firmware/src/storage/store/version_3.hex").lines() {
-            let mut words = line
-                .split(' ')
-                .map(|word| usize::from_str_radix(word, 16).unwrap_or(0));
+            let words = line.split(' ');
+            let mut words = words.map(|word| usize::from_str_radix(word, 16).unwrap_or(0));
             let at = words.next().unwrap_or(0);
             if at < 256 * (1 + saves) {
                 for (byte, word) in bytes[at..].iter_mut().zip(words) {
@@ -78,9 +77,6 @@ impl Flash {
     }
 
     /// Memory of settings and faults in this flash.
-    ///
-    /// # Panics
-    /// Never: the ranges are two pages each.
     pub fn records(&self) -> Records<Self, Waiting> {
         let page = PAGE as u32;
         let (settings, faults) = (0..2 * page, 2 * page..4 * page);
@@ -174,9 +170,8 @@ pub fn store(input: &[u8]) -> bool {
             0 => {
                 let at = usize::from(input.half().unwrap_or(0)) % (4 * PAGE);
                 let piece = input.piece().unwrap_or(&[]);
-                for (cell, byte) in flash.0.borrow_mut().bytes[at..].iter_mut().zip(piece) {
-                    *cell = *byte;
-                }
+                let length = piece.len().min(4 * PAGE - at);
+                flash.0.borrow_mut().bytes[at..at + length].copy_from_slice(&piece[..length]);
                 records = flash.records();
                 sound = false;
             }

@@ -12,10 +12,8 @@ use kband_fuzz::{Mutator, TARGETS, Target};
 
 fn number(variable: &str) -> Option<u64> {
     let text = std::env::var(variable).ok()?;
-    Some(
-        text.parse()
-            .unwrap_or_else(|_| panic!("{variable} = {text}")),
-    )
+    let number = text.parse();
+    Some(number.unwrap_or_else(|_| panic!("{variable} = {text}")))
 }
 
 /// Runs an input; a failing one is stored in the build folder.
@@ -39,39 +37,25 @@ fn no_input_is_more_than_refused() {
     let targets: Vec<_> = TARGETS.iter().filter(is_chosen).collect();
     assert!(!targets.is_empty(), "{chosen:?} names no target");
     for target in targets {
-        let began = Instant::now();
+        let (name, began) = (target.name, Instant::now());
         let (corpus, saved) = (target.corpus(), target.saved_inputs());
-        let valid_count = corpus.iter().filter(|input| run(target, input)).count();
-        assert!(
-            valid_count > 0,
-            "{}: the corpus makes no sense",
-            target.name
-        );
+        let valid = |inputs: &[Vec<u8>]| inputs.iter().filter(|input| run(target, input)).count();
+        let sensible = valid(&corpus);
+        assert!(sensible > 0, "{name}: the corpus makes no sense");
         // Coverage-guided fuzzing has not been run on recipes yet.
-        let is_searched = target.name != "recipes";
-        assert_eq!(
-            !saved.is_empty(),
-            is_searched,
-            "{}: what was found",
-            target.name
-        );
-        let sense = saved.iter().filter(|input| run(target, input)).count();
+        let is_searched = name != "recipes";
+        assert_eq!(!saved.is_empty(), is_searched, "{name}: what was found");
+        let sense = valid(&saved);
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
         // Half of the inputs are near the corpus, half near results of coverage-guided fuzzing.
         let second = if is_searched { &saved } else { &corpus };
         let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.tokens, seed));
-        let made = (0..count)
-            .filter(|n| run(target, &near[(n % 2) as usize].make()))
-            .count();
+        let mut make = |n: &u64| run(target, &near[(n % 2) as usize].make());
+        let made = (0..count).filter(&mut make).count();
+        let (all, found, seconds) = (corpus.len(), saved.len(), began.elapsed().as_secs_f64());
         println!(
-            "fuzz: {:8} {} of {} of the corpus, {} of {} found and {made} of {count} mutated made sense, {:.1} s",
-            target.name,
-            valid_count,
-            corpus.len(),
-            sense,
-            saved.len(),
-            began.elapsed().as_secs_f64()
+            "fuzz: {name:8} {sensible} of {all} of the corpus, {sense} of {found} found and {made} of {count} mutated made sense, {seconds:.1} s"
         );
-        assert!((made as u64) < count, "{}: nothing is refused", target.name);
+        assert!((made as u64) < count, "{name}: nothing is refused");
     }
 }

@@ -2,21 +2,18 @@
 
 use kband_control::signal_path::MAX_BLANKED_SHARE;
 
-/// Blanked samples of the current cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Blanking {
     /// First sample after the blanking, counted from the start of the scene, and end of the cycle.
-    until: u64,
+    pub until: u64,
     end: u64,
     /// Number of blanked samples of the cycle, and how many more are allowed.
     samples: u64,
     remaining: u64,
-    /// Whether blanking is off in the next cycle.
-    disabled: bool,
+    pub disabled: bool,
 }
 
 impl Blanking {
-    /// Begins a cycle of `samples` samples at a sample.
     pub fn begin(&mut self, sample: u64, samples: u32) {
         let limit = (MAX_BLANKED_SHARE * f64::from(samples)) as u64;
         let limit = if self.disabled { 0 } else { limit };
@@ -24,16 +21,6 @@ impl Blanking {
         self.samples = self.until.saturating_sub(sample).min(limit);
         self.remaining = limit - self.samples;
         self.until = sample + self.samples;
-    }
-
-    /// Sets whether blanking is off in the next cycle.
-    pub fn disable_blanking(&mut self, disabled: bool) {
-        self.disabled = disabled;
-    }
-
-    /// First sample after the blanking.
-    pub fn until(&self) -> u64 {
-        self.until
     }
 
     /// Blanks the samples of a ringing up to the allowed number; returns the first sample after it.
@@ -49,7 +36,6 @@ impl Blanking {
         self.until
     }
 
-    /// Share of the cycle of `samples` samples that is blanked.
     pub fn share(&self, samples: u32) -> f64 {
         self.samples as f64 / f64::from(samples.max(1))
     }
@@ -66,7 +52,7 @@ mod tests {
         assert_eq!(blanking.blank(1010, 1040), 1040);
         // Overlapping samples count once.
         assert_eq!(blanking.blank(1020, 1060), 1060);
-        assert_eq!(blanking.until(), 1060);
+        assert_eq!(blanking.until, 1060);
         assert!((blanking.share(300) - 50.0 / 300.0).abs() < 1e-12);
         assert_eq!(blanking.blank(1100, 1200), 1150);
         assert!((blanking.share(300) - 100.0 / 300.0).abs() < 1e-12);

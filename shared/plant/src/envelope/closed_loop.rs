@@ -20,7 +20,6 @@ pub struct EnvelopeLoop {
     pending: Command,
     /// Target at the start of the board.
     target: Target,
-    /// Whether outputs without effect on the loop are computed.
     watched: bool,
 }
 
@@ -73,7 +72,7 @@ impl EnvelopeLoop {
             // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
-        self.controller.advance(&cycle, &self.timeline.inputs());
+        self.controller.advance(&cycle, &self.timeline.inputs);
         self.running = self.pending;
         self.pending = self.controller.command();
         if self.pending.immediate {
@@ -82,14 +81,9 @@ impl EnvelopeLoop {
             self.running.overtones = self.pending.overtones;
         }
         share(&mut self.controller);
-        for _ in 0..PLAN_SLICES {
-            if !self.controller.plan_step() {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| self.controller.plan_step());
     }
 
-    /// Simulates the plant's next cycle.
     fn run(&mut self) -> Cycle {
         let [before, samples] = self.plant.samples();
         // A change in the first half of a cycle affects the whole cycle.
@@ -99,7 +93,6 @@ impl EnvelopeLoop {
         cycle
     }
 
-    /// Restarts the board after a brown-out.
     fn restart(&mut self) {
         let settings = *self.controller.settings();
         // Settings accepted once are accepted again.
@@ -165,7 +158,6 @@ impl EnvelopeLoop {
     }
 }
 
-/// Command of a drive without output.
 fn still(frequency: f32) -> Command {
     Command {
         step: phase_step(frequency),
@@ -189,7 +181,7 @@ mod tests {
         board = EnvelopeLoop::build(&scene).unwrap();
         for enabled in [true, false] {
             board.cycle();
-            assert_eq!(board.timeline.inputs().enable, enabled);
+            assert_eq!(board.timeline.inputs.enable, enabled);
         }
     }
 }

@@ -11,6 +11,7 @@ use core::f64::consts::TAU;
 
 use num_complex::Complex64 as Complex;
 
+use super::onset::RESIDUAL_SAMPLES;
 use super::powers::Powers;
 use super::recurrence::{exp, turn};
 use kband::arithmetic::Phase;
@@ -21,17 +22,6 @@ const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();
 /// Squared height below which a ringing counts as 0, in (m/s^2)^2; a hundredth of a converter step
 /// squared.
 const NEGLIGIBLE_HEIGHT_SQUARED: f64 = 1e-6;
-/// Samples of the filters' transient at the start of a ringing.
-const FILTER_TRANSIENT_SAMPLES: usize = 10;
-
-/// Residual without ringing.
-#[derive(Clone, Copy, Debug)]
-pub struct NoiseFloor {
-    /// RMS of the noise in m/s^2.
-    pub rms: f64,
-    /// Residual of the drive's acceleration in m/s^2: `Re(leak e^(i phase))`.
-    pub leak: Complex,
-}
 
 /// Sum of all ringings: `Im(phasor e^(ringing n))` after n samples, plus the filters' transient of
 /// the last one.
@@ -40,7 +30,7 @@ pub struct RingingEnergy {
     /// Residual of a ringing of unit height in steady state, and its transient in the first
     /// samples.
     steady: Complex,
-    transient: [Complex; FILTER_TRANSIENT_SAMPLES],
+    transient: [Complex; RESIDUAL_SAMPLES],
     /// Decay of a ringing in one sample and in several.
     sample: Complex,
     decay: Powers,
@@ -70,8 +60,8 @@ impl RingingEnergy {
     /// For a ringing (logarithm of its decay per sample) and the detector's response to it.
     pub fn new(
         ringing: Complex,
-        response: &[Complex; FILTER_TRANSIENT_SAMPLES],
-        steady: &[Complex; FILTER_TRANSIENT_SAMPLES],
+        response: &[Complex; RESIDUAL_SAMPLES],
+        steady: &[Complex; RESIDUAL_SAMPLES],
     ) -> Self {
         let sample = exp(ringing);
         let decay = Powers::new(ringing);
@@ -84,7 +74,7 @@ impl RingingEnergy {
             conjugate_sum: (Complex::ONE - sample * sample).inv(),
             phasor: Complex::ZERO,
             newest: Complex::ZERO,
-            begun: FILTER_TRANSIENT_SAMPLES,
+            begun: RESIDUAL_SAMPLES,
             at: 0,
             began: 0,
             phase: 0,
@@ -98,7 +88,6 @@ impl RingingEnergy {
         }
     }
 
-    /// Begins a cycle at a sample and an output phase.
     pub fn begin(&mut self, sample: u64, phase: Phase, step: u32) {
         let step = step.max(1);
         if step != self.step {
@@ -108,7 +97,6 @@ impl RingingEnergy {
         (self.began, self.phase, self.step) = (sample, phase.bits(), step);
     }
 
-    /// Adds a ringing that starts at a sample with complex height `began`.
     pub fn strike(&mut self, sample: u64, began: Complex) {
         self.advance(sample);
         self.phasor += began * self.steady;
@@ -120,7 +108,6 @@ impl RingingEnergy {
         self.phase.wrapping_add(since.wrapping_mul(self.step))
     }
 
-    /// Sums the energy before sample `to`.
     pub fn advance(&mut self, to: u64) {
         if to <= self.at {
             return;
@@ -129,8 +116,8 @@ impl RingingEnergy {
         let mut phase = self.phase_at(self.at);
         self.at = to;
         let mut phasor = self.phasor;
-        if self.begun < FILTER_TRANSIENT_SAMPLES {
-            let begins = (FILTER_TRANSIENT_SAMPLES - self.begun).min(samples as usize);
+        if self.begun < RESIDUAL_SAMPLES {
+            let begins = (RESIDUAL_SAMPLES - self.begun).min(samples as usize);
             let step = self.step;
             let mut sector = (phase >> SECTOR_SHIFT) as usize;
             let mut sum = self.sums[sector];
@@ -192,14 +179,16 @@ impl RingingEnergy {
     }
 
     /// Ends a cycle of `samples` samples and returns the energy of the next group of sectors.
-    pub fn finish(&mut self, samples: u32, floor: &NoiseFloor) -> Sectors {
+    /// Without ringing the residual is noise of `rms` and the drive's `Re(leak e^(i phase))`, both
+    /// in m/s^2.
+    pub fn finish(&mut self, samples: u32, rms: f64, leak: Complex) -> Sectors {
         self.advance(self.began + u64::from(samples));
         let first = self.next;
         // A sector is returned once in as many cycles as there are groups.
         let waited = f64::from(samples) / SECTORS_PER_CYCLE as f64;
-        let swing = 0.5 * floor.leak.norm_sqr();
-        let leak_squared = floor.leak * floor.leak;
-        let level = floor.rms * floor.rms + swing;
+        let swing = 0.5 * leak.norm_sqr();
+        let leak_squared = leak * leak;
+        let level = rms * rms + swing;
         let mut handed = Sectors {
             first: first as u8,
             ..Sectors::default()
@@ -215,7 +204,6 @@ impl RingingEnergy {
     }
 }
 
-/// Phase from here to the end of the sector.
 #[inline(always)]
 fn phase_to_sector_end(phase: u32) -> u32 {
     (1 << SECTOR_SHIFT) - (phase & ((1 << SECTOR_SHIFT) - 1))

@@ -12,7 +12,6 @@ use num_complex::Complex64 as Complex;
 use super::recurrence::turn;
 use crate::model::scene::{PARTS, Scene};
 
-/// A rest of a part on the track.
 #[derive(Clone, Copy, Debug)]
 pub struct Rest {
     /// Output phases at its start and end, in rad.
@@ -35,7 +34,6 @@ pub struct TrackLoad {
 }
 
 impl TrackLoad {
-    /// Load of a scene at rest.
     pub fn new(scene: &Scene) -> Self {
         Self {
             shares: core::array::from_fn(|part| scene.mass_share(part)),
@@ -62,7 +60,6 @@ impl TrackLoad {
         self.force_terms[0] + self.force_terms[1]
     }
 
-    /// Force of the impacts in this cycle.
     pub fn impact_force(&self) -> Complex {
         self.force_terms[0]
     }
@@ -76,7 +73,6 @@ impl TrackLoad {
         self.sums[0] += Complex::new(0.0, size) * turn(-phase);
     }
 
-    /// Adds a rest of a part.
     pub fn add_rest(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
         let Rest {
             phases: [from, until],

@@ -9,7 +9,6 @@ mod plant;
 mod powers;
 mod readings;
 mod recurrence;
-mod sense;
 mod track_motion;
 mod upper;
 

@@ -8,7 +8,7 @@ use core::f64::consts::{PI, TAU};
 use num_complex::Complex64 as Complex;
 
 use super::blanking::Blanking;
-use super::energy::{NoiseFloor, RingingEnergy};
+use super::energy::RingingEnergy;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use crate::model::scene::SensorModel;
@@ -18,10 +18,9 @@ use kband_control::signal_path::{HighPass, OnsetDetector, Sectors};
 
 /// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
 /// Hz, the lowest ringing frequency of a scene, and a period at the default.
-const RESIDUAL_SAMPLES: usize = 10;
+pub(super) const RESIDUAL_SAMPLES: usize = 10;
 /// Sample index for "not within [`RESIDUAL_SAMPLES`] samples".
 const NO_SAMPLE: usize = usize::MAX;
-/// Number of tabulated starts of a ringing within a sample.
 const START_SHARES: usize = 8;
 /// Relative level at which the detector's peak memory of a ringing counts as 0. It is below the
 /// noise of any measurable ringing.
@@ -48,8 +47,7 @@ pub struct OnsetModel {
     noise_gain: f64,
     /// Increase of the hidden share of time per decay time of a hiding ringing.
     filling: f64,
-    /// Constants that depend on the drive frequency.
-    tuning: Tuning,
+    pub(super) tuning: Tuning,
     /// Share of time in which ringing hides the noise, with exponential forgetting over some
     /// cycles.
     hidden: f64,
@@ -61,8 +59,7 @@ pub struct OnsetModel {
     /// Powers of the decay of a ringing, and of the detector's memory, over whole samples.
     decay: Powers,
     memory_decay: Powers,
-    blanking: Blanking,
-    /// Energy of all ringing by sector of the turn.
+    pub(super) blanking: Blanking,
     energy: RingingEnergy,
     /// Logarithm of the decay per sample of the detector's memory of a loud ringing.
     forgetting: f64,
@@ -75,7 +72,7 @@ pub struct OnsetModel {
 
 /// Constants of the detector for a drive phase of `theta` rad a sample.
 #[derive(Clone, Copy, Debug)]
-struct Tuning {
+pub(super) struct Tuning {
     theta: f64,
     /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r of a sample and for
     /// its conjugate.
@@ -86,11 +83,10 @@ struct Tuning {
     turn: Complex,
     /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
     /// number.
-    leak: f64,
+    pub(super) leak: f64,
     complex_gain: Complex,
 }
 
-/// A ringing and the detector's peak memory of it.
 #[derive(Clone, Copy, Debug)]
 struct RingingState {
     /// Complex height `e^(i angle)` times height at its first sample, and the index of that sample.
@@ -152,7 +148,6 @@ impl RingingState {
         }
     }
 
-    /// Residuals of all ringings in the samples from its first on, without noise.
     #[inline(always)]
     fn residuals(&self, model: &OnsetModel) -> [f64; RESIDUAL_SAMPLES] {
         let mut residuals = sines(self.began, &model.response);
@@ -219,7 +214,6 @@ pub struct Background {
     pub leak: Complex,
 }
 
-/// A detected impact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DetectedOnset {
     /// Index of the sample of detection, counted from the start of the scene.
@@ -232,7 +226,6 @@ impl OnsetModel {
     /// Detection threshold over the running median.
     const THRESHOLD: f64 = OnsetDetector::THRESHOLD / OnsetDetector::QUARTILE;
 
-    /// The detector's response to the ringing of a sensor.
     pub fn new(sensor: &SensorModel) -> Self {
         let h = 1.0 / f64::from(SAMPLE_RATE);
         let decay = f64::from(sensor.ringing_decay) * 1e-3;
@@ -287,11 +280,6 @@ impl OnsetModel {
         }
     }
 
-    /// Gain of both high-pass filters at the drive's frequency.
-    pub fn leak(&self) -> f64 {
-        self.tuning.leak
-    }
-
     /// RMS of the residual for an RMS of white noise in the reading.
     pub fn residual(&self, noise: f64) -> f64 {
         self.noise_gain * noise
@@ -332,17 +320,7 @@ impl OnsetModel {
     /// number of samples, RMS of the noise and complex amplitude of the drive, both in m/s^2.
     pub fn sectors(&mut self, samples: u32, rms: f64, swing: Complex) -> Sectors {
         let leak = self.leaked(swing);
-        self.energy.finish(samples, &NoiseFloor { rms, leak })
-    }
-
-    /// Sets whether blanking is off in the next cycle.
-    pub fn disable_blanking(&mut self, disabled: bool) {
-        self.blanking.disable_blanking(disabled);
-    }
-
-    /// Share of the current cycle that the demodulator blanks.
-    pub fn blanked(&self, samples: u32) -> f64 {
-        self.blanking.share(samples)
+        self.energy.finish(samples, rms, leak)
     }
 
     /// Adds an impact's ringing only, `share` of a sample before a sample.
@@ -454,7 +432,7 @@ impl OnsetModel {
     ) -> Complex {
         let sample = ring.sample;
         let since = |at: u64| at.saturating_sub(sample);
-        let blanked_until = self.blanking.until().max(sample);
+        let blanked_until = self.blanking.until.max(sample);
         let began = self.sums(ring.began);
         let own_sum = self.tail(began, since(blanked_until));
         let ringing_level = ring.began + ring.earlier_phasor;
@@ -487,7 +465,6 @@ impl OnsetModel {
         own_sum - self.tail(sums, since(from)) + self.tail(sums, since(until))
     }
 
-    /// Both terms of a ringing's sum at its first sample.
     fn sums(&self, began: Complex) -> [Complex; 2] {
         let [forward, backward] = self.tuning.sums;
         [began * forward, began.conj() * backward]
@@ -513,7 +490,6 @@ impl OnsetModel {
         *node * exp_small(self.ringing * offset)
     }
 
-    /// Ends a cycle of this many samples.
     pub fn age_background(&mut self, samples: u32) {
         let keep = (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
         self.hidden *= keep;
@@ -567,53 +543,76 @@ mod tests {
     use super::*;
     use crate::model::drive::Ringing;
 
-    /// Detection samples of the detector itself, and of the closed form.
-    fn count_onsets(height: f32, spacing: f64, sigma: f32) -> [Vec<u64>; 2] {
+    /// Impacts of a height in m/s^2, from the time `next` on every `spacing`, in samples. The drive
+    /// turns by `theta` rad a sample with an acceleration `swing`; `sigma` is the RMS of the noise,
+    /// both in m/s^2.
+    ///
+    /// Detections from sample `from` on, and final median, of the detector and of the closed form.
+    fn onsets(
+        height: f32,
+        [mut next, spacing]: [f64; 2],
+        [theta, swing]: [f64; 2],
+        sigma: f32,
+        [from, until]: [u64; 2],
+    ) -> ([Vec<u64>; 2], [f64; 2]) {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::from_sensor(&sensor);
         let mut fast = OnsetModel::new(&sensor);
+        fast.tune(theta);
         let mut noise = [Noise::new(3), Noise::new(4)];
+        let swing = Complex::new(swing, 0.0);
+        let rms = fast.residual(f64::from(sigma));
+        let leaked = fast.leaked(swing);
+        let square = rms * rms + 0.5 * leaked.norm_sqr();
+        let median = |fast: &OnsetModel| {
+            let swinging = 0.5 * leaked.norm_sqr() / square;
+            fast.median(libm::sqrt(square), swinging).max(0.01)
+        };
         let mut detected = [Vec::new(), Vec::new()];
-        let mut next = 9000.25;
-        for sample in 0..60_000_u64 {
+        for sample in 0..until {
+            let turned = turn(theta * sample as f64);
             if next <= sample as f64 {
                 let share = sample as f64 - next;
                 ringing.strike(height, share as f32);
-                let rms = fast.residual(f64::from(sigma));
-                let median = fast.median(rms, 0.0).max(0.01);
                 let impact = SampledImpact {
                     sample,
                     share,
                     height: f64::from(height),
                 };
                 let background = Background {
-                    median,
+                    median: median(&fast),
                     rms,
-                    leak: Complex::default(),
+                    leak: leaked * turned,
                 };
                 let (stamp, _) = fast.impact(impact, background, &mut noise[1]);
+                let stamp = stamp.filter(|_| sample >= from);
                 detected[1].extend(stamp.map(|stamp| stamp.sample));
                 next += spacing;
             }
-            let reading = ringing.acceleration() + sigma * noise[0].gauss();
+            let drive = (swing * turned).re as f32;
+            let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
             // The detector first adapts to the noise.
-            if detector.sample(reading).is_some() && sample > 8000 {
+            if detector.sample(reading).is_some() && sample >= from {
                 detected[0].push(sample);
             }
             ringing.step();
-            if sample % 400 == 0 {
-                fast.age_background(400);
+            if sample % 200 == 199 {
+                fast.age_background(200);
             }
         }
-        detected
+        let slow = f64::from(detector.noise()) * OnsetDetector::QUARTILE;
+        (detected, [slow, median(&fast)])
     }
 
     #[test]
     fn model_detects_the_onsets_of_the_detector() {
+        let onsets = |height, spacing, sigma| {
+            onsets(height, [9000.25, spacing], [0.0; 2], sigma, [8001, 60_000]).0
+        };
         for (height, spacing, sigma) in [(6.0, 400.3, 0.15), (6.0, 133.7, 0.15), (2.0, 811.1, 0.1)]
         {
-            let [slow, fast] = count_onsets(height, spacing, sigma);
+            let [slow, fast] = onsets(height, spacing, sigma);
             assert!(slow.len() > 50);
             assert_eq!(slow.len(), fast.len(), "{height} {spacing}");
             for (slow, fast) in slow.iter().zip(&fast) {
@@ -621,69 +620,28 @@ mod tests {
                 assert!(slow.abs_diff(*fast) <= 2, "{slow} {fast}");
             }
         }
-        let [slow, fast] = count_onsets(0.4, 400.3, 0.15);
+        let [slow, fast] = onsets(0.4, 400.3, 0.15);
         assert!(slow.is_empty() && fast.is_empty());
     }
 
-    /// Number of detections of 500 impacts at one phase of a drive of 100 Hz, and final median.
-    /// Both are given for the detector and for the closed form. `swing` is the drive's
-    /// acceleration, `sigma` the RMS of the noise, both in m/s^2.
-    fn count_onsets_on_swing(
+    /// 500 impacts at one phase of a drive of 100 Hz.
+    fn onsets_on_swing(
         height: f32,
         phase: f64,
         swing: f64,
         sigma: f32,
-    ) -> ([u32; 2], [f64; 2]) {
+    ) -> ([Vec<u64>; 2], [f64; 2]) {
         let theta = TAU / 200.0;
-        let mut detector = OnsetDetector::new(0.01);
-        let mut ringing = Ringing::from_sensor(&SensorModel::default());
-        let mut fast = OnsetModel::new(&SensorModel::default());
-        fast.tune(theta);
-        let mut noise = [Noise::new(3), Noise::new(4)];
-        let swing = Complex::new(swing, 0.0);
-        let rms = fast.residual(f64::from(sigma));
-        let leaked = fast.leaked(swing);
-        let square = rms * rms + 0.5 * leaked.norm_sqr();
-        let swinging = 0.5 * leaked.norm_sqr() / square;
-        let at = (phase / theta) as u64;
-        let mut detected = [0, 0];
-        for sample in 0..120_000_u64 {
-            let turned = turn(theta * sample as f64);
-            if sample % 200 == at {
-                ringing.strike(height, 0.25);
-                let background = Background {
-                    median: fast.median(libm::sqrt(square), swinging),
-                    rms,
-                    leak: leaked * turned,
-                };
-                let impact = SampledImpact {
-                    sample,
-                    share: 0.25,
-                    height: f64::from(height),
-                };
-                let (stamp, _) = fast.impact(impact, background, &mut noise[1]);
-                detected[1] += u32::from(stamp.is_some() && sample >= 20_000);
-            }
-            let drive = (swing * turned).re as f32;
-            let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
-            detected[0] += u32::from(detector.sample(reading).is_some() && sample >= 20_000);
-            ringing.step();
-            if sample % 200 == 199 {
-                fast.age_background(200);
-            }
-        }
-        let median = f64::from(detector.noise()) * OnsetDetector::QUARTILE;
-        (
-            detected,
-            [median, fast.median(libm::sqrt(square), swinging)],
-        )
+        let first = (phase / theta).floor() - 0.25;
+        let samples = [20_000, 120_000];
+        onsets(height, [first, 200.0], [theta, swing], sigma, samples)
     }
 
     #[test]
     fn ringing_on_a_sine_moves_the_median_alike_in_both() {
         for n in 0..8 {
             let phase = 0.1 + 0.75 * f64::from(n);
-            let (_, [slow, fast]) = count_onsets_on_swing(2.5, phase, 25.0, 0.02);
+            let (_, [slow, fast]) = onsets_on_swing(2.5, phase, 25.0, 0.02);
             assert!((fast / slow - 1.0).abs() < 0.05, "{phase}: {slow} {fast}");
         }
     }
@@ -696,9 +654,9 @@ mod tests {
                 let mut thresholds = [lowest; 2];
                 for n in 0..9 {
                     let height = lowest + step * f64::from(n);
-                    let (detected, _) = count_onsets_on_swing(height as f32, phase, swing, 0.15);
+                    let (detected, _) = onsets_on_swing(height as f32, phase, swing, 0.15);
                     for (threshold, detected) in thresholds.iter_mut().zip(detected) {
-                        *threshold += step * (1.0 - f64::from(detected) / 500.0);
+                        *threshold += step * (1.0 - detected.len() as f64 / 500.0);
                     }
                 }
                 let [slow, fast] = thresholds;

@@ -10,12 +10,11 @@ use num_complex::{Complex32, Complex64 as Complex};
 
 use super::load::TrackLoad;
 use super::onset::{Background, DetectedOnset, OnsetModel, SampledImpact};
-use super::readings::{Read, Readings};
-use super::recurrence::{Demodulated, Recurrence, turn};
-use super::sense::Sense;
+use super::readings::{Read, Readings, Sense};
+use super::recurrence::{Recurrence, turn};
 use super::track_motion::TrackMotion;
 use super::upper::UpperEnvelope;
-use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean_displacement};
+use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
@@ -52,13 +51,11 @@ pub struct EnvelopePlant {
     /// Amplitude of the measured current in A at full output; 0 without a current sensor.
     full_current: f32,
     sensor: SensorModel,
-    /// Duration of an impact.
     contact: ContactTime,
     sense: Sense,
     readings: Readings,
     onset: OnsetModel,
     parts: Vec<Part, PARTS>,
-    /// Force of the parts on the track, if they have mass.
     load: Option<TrackLoad>,
     hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
@@ -86,7 +83,6 @@ pub struct EnvelopePlant {
 }
 
 impl EnvelopePlant {
-    /// The plant of a scene at rest; an error names the parameter out of range.
     pub(crate) fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -141,7 +137,6 @@ impl EnvelopePlant {
         Ok(plant)
     }
 
-    /// Updates the constants that depend on the accelerometer's noise and sensitivity.
     fn sense(&mut self) {
         let factor = f64::from(self.sensor.sensitivity);
         let noise = f64::from(self.sensor.noise);
@@ -172,9 +167,8 @@ impl EnvelopePlant {
         self.drive.begin(driven + pushed, step);
         if let Some(upper) = &mut self.upper {
             let gain = f64::from(self.gain);
-            let overtones = command
-                .overtones
-                .map(|[sine, cosine]| Complex::new(f64::from(sine), f64::from(cosine)) * gain);
+            let tone = |[sine, cosine]: [f32; 2]| Complex::new(sine.into(), cosine.into()) * gain;
+            let overtones = command.overtones.map(tone);
             upper.begin(driven, overtones, step.max(1));
         }
         let samples = self.drive.samples();
@@ -207,25 +201,21 @@ impl EnvelopePlant {
         cycle.sectors = self.onset.sectors(samples, self.sense.residual, swing);
         let mut measured = self.drive.end();
         if let Some(upper) = &mut self.upper {
-            let ([cosine, sine], above) = upper.end(samples);
-            measured.in_phase += cosine;
-            measured.quadrature += sine;
+            let (first, above) = upper.end(samples);
+            measured += first;
             if !self.lost {
                 for (parts, measured) in cycle.upper.iter_mut().zip(above).take(self.tones) {
                     *parts = measured.map(|part| part as f32);
                 }
             }
         }
-        let unblanked_share = 1.0 - self.onset.blanked(samples);
-        let mut measured = readings.unwrap_or(Demodulated {
-            in_phase: measured.in_phase + ringing_sum.re / unblanked_share,
-            quadrature: measured.quadrature + ringing_sum.im / unblanked_share,
-        });
+        let unblanked_share = 1.0 - self.onset.blanking.share(samples);
+        let mut measured = readings.unwrap_or(measured + ringing_sum / unblanked_share);
         self.blank(&mut measured, samples);
         self.read(&mut cycle, measured, max_acceleration + added, middle);
         self.report_impacts(&mut cycle, samples);
         self.readings.finish(next.average_from, step, &mut cycle);
-        self.onset.disable_blanking(next.whole);
+        self.onset.blanking.disabled = next.whole;
         self.sample += u64::from(samples);
         self.onset.age_background(samples);
         cycle
@@ -253,14 +243,14 @@ impl EnvelopePlant {
 
     /// Effect of blanking on the demodulated acceleration. Impacts that push the track are blanked
     /// together with the motion at that phase; the last cycle's motion replaces it.
-    fn blank(&mut self, measured: &mut Demodulated, samples: u32) {
+    fn blank(&mut self, measured: &mut Complex, samples: u32) {
         let Some(load) = &self.load else {
             return;
         };
         let impact_force = load.impact_force();
-        let share = self.onset.blanked(samples) as f32;
+        let share = self.onset.blanking.share(samples) as f32;
         let between = impact_force * f64::from(impulse_weight(share));
-        let now = Complex::new(measured.quadrature, measured.in_phase) - between;
+        let now = Complex::new(measured.im, measured.re) - between;
         // A push leads its velocity jump by a quarter turn.
         let ahead =
             impact_force * Complex::new(0.0, 1.0 / libm::sqrt(impact_force.norm_sqr()).max(1e-30));
@@ -268,11 +258,10 @@ impl EnvelopePlant {
         let repeated = last_cycle_gain(at, share);
         let repeated = Complex::new(f64::from(repeated.re), f64::from(repeated.im));
         let demodulated = now + repeated * (self.demodulated - now).conj();
-        (measured.quadrature, measured.in_phase) = (demodulated.re, demodulated.im);
+        *measured = Complex::new(demodulated.im, demodulated.re);
         self.demodulated = demodulated;
     }
 
-    /// Simulates the parts to the end of the cycle.
     fn move_parts(&mut self) {
         let (samples, step) = (self.drive.samples(), self.drive.step());
         let end = (self.time + i64::from(samples) * i64::from(step)).max(0) as u64;
@@ -330,7 +319,7 @@ impl EnvelopePlant {
                 };
                 if let Some(strike) = part.event(swing, &jumping) {
                     if let Some(load) = &mut load {
-                        load.strike(index, part.pushed(), motion.output_phase(next));
+                        load.strike(index, part.pushed, motion.output_phase(next));
                     }
                     if part.is_on_track() {
                         rest_start = Some(next);
@@ -369,7 +358,7 @@ impl EnvelopePlant {
         self.onset
             .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
         let sense = self.sense;
-        let leak = self.onset.leak() * max_acceleration * sense.factor;
+        let leak = self.onset.tuning.leak * max_acceleration * sense.factor;
         let square = sense.residual * sense.residual + 0.5 * leak * leak;
         let level = libm::sqrt(square);
         let swinging = 0.5 * leak * leak / square.max(1e-30);
@@ -420,15 +409,9 @@ impl EnvelopePlant {
     }
 
     /// Writes the demodulated values into the board's readings, with noise, hum and sensor faults.
-    fn read(
-        &mut self,
-        cycle: &mut Cycle,
-        measured: Demodulated,
-        max_acceleration: f64,
-        middle: f64,
-    ) {
+    fn read(&mut self, cycle: &mut Cycle, measured: Complex, max_acceleration: f64, middle: f64) {
         cycle.noise = (self.median / OnsetDetector::QUARTILE) as f32;
-        cycle.blanked = self.onset.blanked(u32::from(cycle.samples)) as f32;
+        cycle.blanked = self.onset.blanking.share(u32::from(cycle.samples)) as f32;
         let factor = self.sense.factor;
         let signed_factor = if self.inverted { -factor } else { factor };
         cycle.mean = (self.sense.rest * signed_factor) as f32;
@@ -441,11 +424,11 @@ impl EnvelopePlant {
         let sense = self.sense;
         let samples = f64::from(cycle.samples);
         // Standard deviation of the mean of 2 n(t) e^(i phase) over the N unblanked samples.
-        let unblanked_share = 1.0 - self.onset.blanked(u32::from(cycle.samples));
+        let unblanked_share = 1.0 - self.onset.blanking.share(u32::from(cycle.samples));
         let scatter = sense.white * libm::sqrt(2.0 / (samples * unblanked_share).max(1.0));
         let hum = self.hum(samples, middle);
-        let in_phase = measured.in_phase + hum.re + scatter * f64::from(self.noise.gauss());
-        let quadrature = measured.quadrature + hum.im + scatter * f64::from(self.noise.gauss());
+        let in_phase = measured.re + hum.re + scatter * f64::from(self.noise.gauss());
+        let quadrature = measured.im + hum.im + scatter * f64::from(self.noise.gauss());
         cycle.in_phase = (in_phase * signed_factor) as f32;
         cycle.quadrature = (quadrature * signed_factor) as f32;
         for part in cycle.upper.iter_mut().take(self.tones).flatten() {
@@ -480,8 +463,7 @@ impl EnvelopePlant {
         sum * f64::from(self.sensor.hum)
     }
 
-    /// Simulates the readings of the cycle sample by sample and demodulates them.
-    fn read_each(&mut self, cycle: &mut Cycle) -> Demodulated {
+    fn read_each(&mut self, cycle: &mut Cycle) -> Complex {
         let of = Read {
             drive: &self.drive,
             upper: self.upper.as_ref(),
@@ -495,7 +477,6 @@ impl EnvelopePlant {
         self.readings.read(&of, cycle, &mut self.noise)
     }
 
-    /// Stores a detected impact for the cycle of its sample; dropped when the list is full.
     fn queue_impact(&mut self, detected: DetectedOnset) {
         let at = (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
         let _ = self.pending_impacts.insert(at, detected);
@@ -564,16 +545,15 @@ impl EnvelopePlant {
 
     /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
     pub fn displacement(&self) -> f64 {
-        mean_displacement(&self.parts)
+        mean(self.parts.iter().map(|part| part.displacement))
     }
 
-    /// Applies a change to the plant.
     pub(crate) fn apply(&mut self, change: Change) {
         match change {
             Change::Gain(gain) => self.gain = gain,
             Change::Restitution(_) | Change::Scatter(_) => {
-                let parts = self.parts.iter_mut().map(Part::restitution_mut);
-                parts.for_each(|restitution| change_restitution(restitution, change));
+                let parts = self.parts.iter_mut();
+                parts.for_each(|part| change_restitution(&mut part.restitution, change));
             }
             Change::Noise(noise) => self.sensor.noise = noise,
             Change::SensorLost(lost) => self.lost = lost,

@@ -4,10 +4,8 @@ use num_complex::Complex64 as Complex;
 
 use super::recurrence::exp;
 
-/// Bits of the exponent per table.
 const TABLE_BITS: u64 = 4;
 const TABLE_SIZE: usize = 1 << TABLE_BITS;
-/// First exponent beyond both tables.
 const TABLE_END: u64 = 1 << (2 * TABLE_BITS);
 
 /// `e^(log n)` for n = 0, 1, 2 ...
@@ -20,7 +18,6 @@ pub struct Powers {
 }
 
 impl Powers {
-    /// Powers of `e^log`.
     pub fn new(log: Complex) -> Self {
         let row = |step: Complex| {
             let mut power = Complex::new(1.0, 0.0);

@@ -2,8 +2,7 @@
 
 use num_complex::Complex64 as Complex;
 
-use super::recurrence::{Demodulated, Recurrence};
-use super::sense::Sense;
+use super::recurrence::Recurrence;
 use super::upper::UpperEnvelope;
 use crate::model::drive::Ringing;
 use crate::model::part::Strike;
@@ -11,6 +10,28 @@ use crate::model::scene::SensorModel;
 use kband::arithmetic::{Noise, Phase};
 use kband_control::Cycle;
 use kband_control::signal_path::{OnsetDetector, SynchronousAverage};
+
+/// Constants that follow from the accelerometer's noise and sensitivity.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sense {
+    /// Sensitivity over the configured one.
+    pub factor: f64,
+    /// RMS of its noise in m/s^2.
+    pub noise: f64,
+    /// RMS of white noise in the reading in m/s^2, the converter's rounding included.
+    pub white: f64,
+    /// RMS of this noise after the onset detector's filters, in the board's unit.
+    pub residual: f64,
+    /// Acceleration in m/s^2 that its axis measures of gravity at rest.
+    pub rest: f64,
+    /// Distance from the reading at rest to the nearer end of the converter's range, in m/s^2.
+    pub headroom: f64,
+    /// Converter step in m/s^2.
+    pub floor: f64,
+    /// Converter reading at rest, and its largest reading.
+    pub zero: f64,
+    pub full: f64,
+}
 
 /// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and averaging
 /// needs each reading.
@@ -25,7 +46,6 @@ pub(crate) struct Readings {
     at: u64,
 }
 
-/// Inputs of a simulated cycle.
 pub(crate) struct Read<'a> {
     pub drive: &'a Recurrence,
     pub upper: Option<&'a UpperEnvelope>,
@@ -39,7 +59,6 @@ pub(crate) struct Read<'a> {
 }
 
 impl Readings {
-    /// Initial state without readings.
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
             ringing: Ringing::from_sensor(sensor),
@@ -50,7 +69,6 @@ impl Readings {
         }
     }
 
-    /// Whether the readings of this cycle are averaged.
     #[inline]
     pub fn averages(&self) -> bool {
         self.averages
@@ -65,8 +83,7 @@ impl Readings {
         }
     }
 
-    /// Simulates the readings of a cycle and demodulates them.
-    pub fn read(&mut self, input: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Demodulated {
+    pub fn read(&mut self, input: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Complex {
         let Read { drive, sense, .. } = *input;
         let sign = if input.inverted { -1.0 } else { 1.0 };
         let codes = sign * sense.factor / sense.floor;
@@ -111,10 +128,6 @@ impl Readings {
         }
         self.at = input.sample + u64::from(samples);
         (cycle.low, cycle.high) = (low as u16, high as u16);
-        let mean = sum * (2.0 / f64::from(samples) / (sign * sense.factor));
-        Demodulated {
-            in_phase: mean.re,
-            quadrature: mean.im,
-        }
+        sum * (2.0 / f64::from(samples) / (sign * sense.factor))
     }
 }

@@ -133,7 +133,6 @@ struct Tuning {
     cycles: [CycleConstants; 2],
 }
 
-/// Constants of a cycle with a given number of samples.
 #[derive(Clone, Copy, Debug)]
 struct CycleConstants {
     samples: u32,
@@ -223,15 +222,6 @@ pub struct Recurrence {
     longer: usize,
 }
 
-/// Demodulated acceleration of a cycle. The drive's output is a sine of the same phase.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Demodulated {
-    /// Cosine part of the acceleration in m/s^2.
-    pub in_phase: f64,
-    /// Sine part of the acceleration in m/s^2.
-    pub quadrature: f64,
-}
-
 impl Recurrence {
     /// The drive of a model at rest, for a phase step per sample.
     pub fn new(model: &DriveModel, step: u32) -> Self {
@@ -270,18 +260,17 @@ impl Recurrence {
         self.tuning.cycles[longer].samples
     }
 
-    /// Number of samples of this cycle.
     pub fn samples(&self) -> u32 {
         self.samples_in_cycle(self.longer)
     }
 
-    /// Steady state at `e^(i phase)`.
     fn steady(&self, at: Complex) -> Complex {
         self.steady[0] * at + self.steady[1] * at.conj()
     }
 
-    /// Ends the cycle and returns its demodulated acceleration.
-    pub fn end(&mut self) -> Demodulated {
+    /// Ends the cycle and returns its demodulated acceleration: cosine and sine parts in m/s^2. The
+    /// drive's output is a sine of the same phase.
+    pub fn end(&mut self) -> Complex {
         let constants = &self.tuning.cycles[self.longer];
         let advance = u64::from(self.tuning.step) * u64::from(constants.samples);
         let phase = (u64::from(self.phase) + advance) as u32;
@@ -302,11 +291,7 @@ impl Recurrence {
         self.phase = phase;
         self.began = ended;
         self.squared = square;
-        let demodulated = demodulated * (1.0 / weight);
-        Demodulated {
-            in_phase: demodulated.re,
-            quadrature: demodulated.im,
-        }
+        demodulated * (1.0 / weight)
     }
 
     /// Output whose force equals an acceleration of the track of 1 m/s^2.
@@ -337,7 +322,6 @@ impl Recurrence {
         self.phase
     }
 
-    /// Swing of the track in this cycle.
     pub fn swinging(&self) -> Swinging<'_> {
         let transient =
             (self.transient.norm_sqr() > 1e-30).then(|| self.transient * self.began.conj());
@@ -371,10 +355,9 @@ impl Recurrence {
     }
 }
 
-/// Swing of the track in a cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Swinging<'a> {
-    drive: &'a Recurrence,
+    pub drive: &'a Recurrence,
     /// Transient at the start of the cycle relative to the rotating phase; `None` if it has
     /// decayed.
     transient: Option<Complex>,
@@ -383,12 +366,7 @@ pub struct Swinging<'a> {
     counter_rotating: [Complex; 2],
 }
 
-impl<'a> Swinging<'a> {
-    /// The drive.
-    pub fn drive(&self) -> &'a Recurrence {
-        self.drive
-    }
-
+impl Swinging<'_> {
     /// Swing at the drive's frequency, `ticks` output steps of 2^-32 turns after the first sample
     /// of the cycle.
     pub fn at(&self, ticks: i64) -> Swing {
@@ -473,7 +451,7 @@ mod tests {
             assert_eq!(fast.phase(), phase);
             let slow = [2.0 * cosines / weight, 2.0 * sines / weight];
             largest = largest.max(slow[0].hypot(slow[1]));
-            let error = (demodulated.in_phase - slow[0]).hypot(demodulated.quadrature - slow[1]);
+            let error = (demodulated.re - slow[0]).hypot(demodulated.im - slow[1]);
             // The waveform's first reading of a cycle contains the previous output. This is a step
             // of at most 0.7 at phase theta, in one of N readings.
             let theta = f64::from(step) / Phase::TURN * TAU;

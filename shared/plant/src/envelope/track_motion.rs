@@ -14,7 +14,6 @@ use crate::model::part::{Track, WaveCache, wrap_angle};
 use kband::arithmetic::Phase;
 use kband::impact::{Kernel, Map, Wave, WaveMap};
 
-/// Motion of the track in the current cycle.
 #[derive(Clone, Copy)]
 pub(crate) struct TrackMotion<'a> {
     swinging: Swinging<'a>,
@@ -40,7 +39,6 @@ impl<'a> TrackMotion<'a> {
         }
     }
 
-    /// Swing of the track at a time.
     #[inline]
     pub fn swing(&self, time: u64) -> Swing {
         let ticks = time as i64 - self.time;
@@ -48,7 +46,7 @@ impl<'a> TrackMotion<'a> {
         let Some(upper) = self.upper else {
             return swing;
         };
-        let drive = self.swinging.drive();
+        let drive = self.swinging.drive;
         let phase = Phase::from_bits(drive.phase().wrapping_add(ticks as u32));
         upper.complete(swing, ticks as f64 * drive.per_step(), phase)
     }
@@ -59,10 +57,9 @@ impl<'a> TrackMotion<'a> {
         self.upper.and_then(|_| waves.shape(swing.shape))
     }
 
-    /// Output phase at a time, in rad.
     pub fn output_phase(&self, time: u64) -> f64 {
         let ticks = (time as i64 - self.time) as u32;
-        Phase::from_bits(self.swinging.drive().phase().wrapping_add(ticks)).radians()
+        Phase::from_bits(self.swinging.drive.phase().wrapping_add(ticks)).radians()
     }
 
     /// A rest between two times, on the moving track.

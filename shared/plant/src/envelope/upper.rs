@@ -80,7 +80,6 @@ impl Mode {
 #[derive(Clone, Debug)]
 pub struct UpperEnvelope {
     modes: Vec<Mode, { 1 + UPPER }>,
-    /// Number of upper tones.
     tones: usize,
     step: u32,
     angular: f64,
@@ -134,7 +133,7 @@ impl UpperEnvelope {
 
     /// Ends a cycle and returns the demodulated acceleration beside that of the resonance's first
     /// tone. Values are cosine and sine parts in m/s^2, at the drive's frequency and its multiples.
-    pub fn end(&mut self, samples: u32) -> ([f64; 2], [[f64; 2]; UPPER]) {
+    pub fn end(&mut self, samples: u32) -> (Complex, [[f64; 2]; UPPER]) {
         let count = f64::from(samples);
         let mut sums = [Complex::ZERO; UPPER];
         for mode in &mut self.modes {
@@ -149,10 +148,12 @@ impl UpperEnvelope {
             }
         }
         let first = self.added * (-self.angular * self.angular);
-        ([first.im, first.re], sums.map(|tone| [tone.im, tone.re]))
+        (
+            Complex::new(first.im, first.re),
+            sums.map(|tone| [tone.im, tone.re]),
+        )
     }
 
-    /// Each mode under each tone, with the tone's index.
     fn driven(&self) -> impl Iterator<Item = (&Mode, usize, &Driven)> {
         self.modes.iter().flat_map(|mode| {
             let tones = mode.tones.iter().take(self.tones).enumerate();

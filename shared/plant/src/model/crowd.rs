@@ -20,10 +20,7 @@ pub(crate) fn all_at_rest(scene: &Scene) -> Result<Vec<Part, PARTS>, OutOfRange>
     parts.collect()
 }
 
-/// Restitution of each part of a scene.
-pub(crate) fn restitutions(
-    scene: &Scene,
-) -> impl Iterator<Item = Result<Scatter, OutOfRange>> + '_ {
+pub(crate) fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter, OutOfRange>> {
     let mut seeds = Noise::new(scene.seed ^ RESTITUTION_SEED);
     let parts = scene.parts.iter().enumerate();
     parts.map(move |(n, &restitution)| {
@@ -46,8 +43,8 @@ pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
     }
 }
 
-/// Mean displacement of parts along the track so far in m, positive upwards; 0 without parts.
-pub(crate) fn mean_displacement(parts: &[Part]) -> f64 {
-    let sum: f64 = parts.iter().map(Part::displacement).sum();
-    sum / parts.len().max(1) as f64
+/// Mean of the parts' displacements; 0 without parts.
+pub(crate) fn mean(displacements: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = displacements.len().max(1);
+    displacements.sum::<f64>() / count as f64
 }

@@ -27,12 +27,10 @@ pub struct Resonator {
 }
 
 impl Resonator {
-    /// Resonator of a drive model at rest.
     pub fn new(model: &DriveModel) -> Self {
         Self::from_mode(&UpperMode::resonance(model))
     }
 
-    /// Resonator of a mode at rest.
     pub fn from_mode(mode: &UpperMode) -> Self {
         // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta
         // y).
@@ -105,7 +103,6 @@ pub struct Swing {
     pub amplitude: f32,
     /// Phase of the track; 0 at its centre, moving upwards.
     pub phase: Phase,
-    /// Shape of its motion.
     pub shape: Shape,
 }
 
@@ -146,7 +143,6 @@ impl Swing {
 pub struct UpperMode {
     /// Frequency in Hz.
     pub frequency: f64,
-    /// Quality factor.
     pub quality: f64,
     /// Static displacement in m at full output; negative for a mode in antiphase.
     pub force: f64,
@@ -157,7 +153,6 @@ pub struct UpperMode {
 const FIT_ROUNDS: usize = 12;
 
 impl UpperMode {
-    /// The resonance of a model.
     pub fn resonance(model: &DriveModel) -> Self {
         let quality = f64::from(model.quality);
         Self {
@@ -233,14 +228,12 @@ impl UpperMode {
 pub struct ToneSeparator {
     /// State of each mode under each upper tone.
     states: [[[f32; 2]; 1 + UPPER]; UPPER],
-    /// Number of upper tones of the drive.
     upper: usize,
     /// Estimated output along sine and cosine of the phase and its multiples.
     output: [[f32; 2]; 1 + UPPER],
 }
 
 impl ToneSeparator {
-    /// For a drive at rest with this number of upper tones.
     pub fn new(upper: usize) -> Self {
         Self {
             states: [[[0.0; 2]; 1 + UPPER]; UPPER],
@@ -313,7 +306,6 @@ pub struct Ringing {
 }
 
 impl Ringing {
-    /// Ringing in a sensor.
     pub fn from_sensor(sensor: &SensorModel) -> Self {
         let (frequency, decay) = (sensor.ringing_frequency, sensor.ringing_decay * 1e-3);
         let h = 1.0 / SAMPLE_RATE as f32;
@@ -333,7 +325,6 @@ impl Ringing {
         self.state += turn(self.angle * share) * height;
     }
 
-    /// Stops the ringing.
     pub fn silence(&mut self) {
         self.state = Complex::default();
     }
@@ -343,7 +334,6 @@ impl Ringing {
         self.state.im
     }
 
-    /// Advances one sample.
     #[inline]
     pub fn step(&mut self) {
         self.state *= self.turn;
@@ -358,7 +348,6 @@ fn turn(angle: f32) -> Complex {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use kband::arithmetic::sine_cosine_single;
     use kband_control::phase_step;
 
     fn steady(frequency: f32) -> Swing {
@@ -400,10 +389,7 @@ mod tests {
             separator.step(output, phase, step, core::iter::empty());
         }
         let parts = separator.output.as_flattened().iter();
-        assert!(
-            parts
-                .zip(expected.as_flattened())
-                .all(|(a, b)| (a - b).abs() < 1e-3)
-        );
+        let mut pairs = parts.zip(expected.as_flattened());
+        assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-3));
     }
 }

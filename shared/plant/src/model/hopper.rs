@@ -14,7 +14,6 @@ pub struct Hopper {
 }
 
 impl Hopper {
-    /// Hopper of a scene.
     pub fn new(scene: &Scene) -> Self {
         let end = scene.parts.len();
         let first = end.saturating_sub(usize::from(scene.waiting));
@@ -54,7 +53,6 @@ impl Hopper {
         self.first = self.end;
     }
 
-    /// Arrival time of a part on the track.
     #[inline]
     pub fn arrives(&self, part: usize) -> u64 {
         self.arrives.get(part).copied().unwrap_or(0)
@@ -65,14 +63,18 @@ impl Hopper {
 mod tests {
     use super::*;
 
+    /// Of five parts the last ones wait.
+    fn hopper(waiting: u8) -> Hopper {
+        Hopper::new(&Scene {
+            parts: [0.2; 5].into_iter().collect(),
+            waiting,
+            ..Scene::default()
+        })
+    }
+
     #[test]
     fn the_last_parts_wait_and_then_fall_evenly() {
-        let scene = Scene {
-            parts: [0.2; 5].into_iter().collect(),
-            waiting: 4,
-            ..Scene::default()
-        };
-        let mut hopper = Hopper::new(&scene);
+        let mut hopper = hopper(4);
         assert_eq!((hopper.arrives(0), hopper.arrives(1)), (0, u64::MAX));
         hopper.dump(1 << 32, 8.0);
         let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
@@ -84,12 +86,7 @@ mod tests {
 
     #[test]
     fn the_first_parts_stay_and_missing_ones_arrive() {
-        let scene = Scene {
-            parts: [0.2; 5].into_iter().collect(),
-            waiting: 2,
-            ..Scene::default()
-        };
-        let mut hopper = Hopper::new(&scene);
+        let mut hopper = hopper(2);
         let mut place = |now, count| {
             let mut arrived = std::vec::Vec::new();
             hopper.place(now, count, |part| arrived.push(part));

@@ -2,7 +2,6 @@
 
 use kband::impact::{FrictionSettings, TangentialSettings, Wave};
 
-/// Law of the parts' motion along the track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law {
     /// Tangential restitution: an impact keeps a share of the velocity along the track, and a part

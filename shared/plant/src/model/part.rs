@@ -11,10 +11,8 @@ use kband::impact::{
 };
 use kband_control::{Shape, UpperTone};
 
-/// A part's motion between two events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
-    /// At rest on the track.
     Resting,
     /// In flight until a time in steps of 2^-32 turns, with arrival speed in m/s, displacement in m
     /// and velocity in m/s along the track. The velocity is that after the impact under tangential
@@ -26,7 +24,9 @@ enum Motion {
         along: f64,
     },
     /// In a chatter below the sensor's resolution, until rest.
-    Chattering { until: u64 },
+    Chattering {
+        until: u64,
+    },
 }
 
 /// An impact of a part on the track.
@@ -46,12 +46,10 @@ pub struct Strike {
     pub rested: bool,
 }
 
-/// One part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    restitution: Scatter,
+    pub restitution: Scatter,
     motion: Motion,
-    /// Whether the current flight began from rest.
     rested: bool,
     /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the
     /// drive.
@@ -60,9 +58,9 @@ pub struct Part {
     along: f64,
     /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
     /// mass.
-    pushed: f64,
-    /// Displacement along the track so far in m.
-    displacement: f64,
+    pub pushed: f64,
+    /// Displacement along the track so far in m, positive upwards.
+    pub displacement: f64,
     /// Time from which the part lies on the track, in steps of 2^-32 turns of the drive; `None` in
     /// flight. Earlier sliding is in its displacement.
     rest_start: Option<u64>,
@@ -79,7 +77,6 @@ pub struct Track<'a> {
     pub law: Option<Law>,
     /// Shape of the motion; `None` for a sine.
     pub wave: Option<&'a Wave>,
-    /// Duration of an impact.
     pub contact: ContactTime,
 }
 
@@ -138,7 +135,6 @@ impl WaveCache {
 }
 
 impl Part {
-    /// A part at rest on the track.
     pub fn at_rest(restitution: Scatter) -> Self {
         Self {
             restitution,
@@ -158,11 +154,6 @@ impl Part {
         (self.rested, self.along, self.rest_start) = (true, 0.0, Some(time));
     }
 
-    /// Its restitution, from the next impact on.
-    pub fn restitution_mut(&mut self) -> &mut Scatter {
-        &mut self.restitution
-    }
-
     /// Mean restitution, at least 0; a chatter is closed with it.
     fn mean(&self) -> f64 {
         self.restitution.mean().max(0.0)
@@ -176,23 +167,11 @@ impl Part {
         Map::build(k, restitution).ok()
     }
 
-    /// Displacement along the track so far in m, positive upwards.
-    pub fn displacement(&self) -> f64 {
-        self.displacement
-    }
-
-    /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
-    /// mass.
-    pub fn pushed(&self) -> f64 {
-        self.pushed
-    }
-
     /// Whether it rests on the track or is in a silent chatter.
     pub fn is_on_track(&self) -> bool {
         !matches!(self.motion, Motion::Flying { .. })
     }
 
-    /// Whether it rests on the track.
     pub fn rests(&self) -> bool {
         self.motion == Motion::Resting
     }
@@ -212,31 +191,25 @@ impl Part {
         }
     }
 
-    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `swing` is the
-    /// track's at `time`.
-    pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
+    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `None` if not.
+    /// `swing` is the track's at `time`.
+    pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) -> Option<()> {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
         if let Some(wave) = track.wave {
-            self.throw_on_tones(wave, k, swing, track, time);
-            return;
+            return self.throw_on_tones(wave, k, swing, track, time);
         }
-        let Some(map) = self.map(k) else {
-            return;
-        };
-        let Some(lift_off) = map.lift_off() else {
-            return;
-        };
+        let map = self.map(k)?;
+        let lift_off = map.lift_off()?;
         // The sample is late by up to one; the launch itself is at arcsin k.
         let delay = wrap_angle(swing.phase.radians() - lift_off);
         let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
-        let Some(Release { launch, impact }) = Release::build(&map, lift_off, 0.0) else {
-            return;
-        };
+        let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
         self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_sine(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
+        Some(())
     }
 
     /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
@@ -328,33 +301,33 @@ impl Part {
     }
 
     /// As [`Part::throw`], on a track with several tones.
-    fn throw_on_tones(&mut self, wave: &Wave, k: f64, swing: Swing, track: &Track<'_>, time: u64) {
+    fn throw_on_tones(
+        &mut self,
+        wave: &Wave,
+        k: f64,
+        swing: Swing,
+        track: &Track<'_>,
+        time: u64,
+    ) -> Option<()> {
         /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
         const MAX_THROW_DELAY: f64 = 0.2;
-        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
-            return;
-        };
-        let Some((wait, phase)) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))
-        else {
-            return;
-        };
+        let map = WaveMap::on(*wave, k, 1.0).ok()?;
+        let (wait, phase) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))?;
         // It may also be early by this, if the amplitude changed since the search.
         if wait > 2.0 * MAX_THROW_DELAY {
-            return;
+            return None;
         }
         let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
-        let Some(Release { launch, impact }) = map.release(phase) else {
-            return;
-        };
+        let Release { launch, impact } = map.release(phase)?;
         let amplitude = f64::from(swing.amplitude);
         let start = time.saturating_add_signed(ticks);
         self.end_rest(track, k, launch.phase, amplitude, start);
         self.rested = true;
         let flight = Flight::on_tones(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
+        Some(())
     }
 
-    /// Next motion after an impact on a track with several tones.
     fn bounce_on_tones(
         &mut self,
         wave: &Wave,
@@ -482,7 +455,6 @@ struct Flight {
 }
 
 impl Flight {
-    /// The flight of a part on a sine.
     fn on_sine(map: &Map, phase: f64, impact: Impact<PartState>) -> Self {
         let (k, half) = (map.k(), 0.5 * impact.flight);
         let arrival = if map.restitution() > 1e-6 {
@@ -558,10 +530,10 @@ mod tests {
                 part.event(swing(next), &track);
             }
             if sample == 200 * SAMPLES {
-                begun = part.displacement();
+                begun = part.displacement;
             }
         }
-        (part.displacement() - begun) / amplitude / 600.0
+        (part.displacement - begun) / amplitude / 600.0
     }
 
     #[test]

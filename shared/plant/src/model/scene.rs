@@ -256,12 +256,10 @@ impl Scene {
         core::iter::once(self.target).chain(later)
     }
 
-    /// Whether any part has a mass.
     pub(crate) fn has_mass(&self) -> bool {
         self.masses.iter().any(|mass| *mass > 0.0)
     }
 
-    /// Duration of an impact in the drive's phase.
     pub(crate) fn contact_time(&self) -> Result<ContactTime, OutOfRange> {
         ContactTime::from_milliseconds(self.contact.into(), self.settings.frequency.into())
     }
@@ -275,7 +273,6 @@ impl Scene {
         sensor
     }
 
-    /// Law of the parts' motion along `track`.
     pub(crate) fn law(&self, track: &Track) -> Law {
         match self.friction {
             Some([sliding, sticking]) => {

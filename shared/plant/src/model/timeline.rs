@@ -3,10 +3,10 @@
 use super::scene::{Change, Disturbances, Scene};
 use kband_control::{Inputs, SAMPLE_RATE, Target};
 
-/// Disturbances of a scene; each is returned once when it is due.
 #[derive(Clone, Debug)]
 pub struct Timeline {
-    inputs: Inputs,
+    /// Present inputs of the board.
+    pub inputs: Inputs,
     target: Option<Target>,
     sagged: bool,
     disturbances: Disturbances,
@@ -67,11 +67,6 @@ impl Timeline {
             change => return Some(change),
         }
         None
-    }
-
-    /// Present inputs of the board.
-    pub fn inputs(&self) -> Inputs {
-        self.inputs
     }
 
     /// New target of the scene, returned once.

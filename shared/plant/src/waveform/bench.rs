@@ -6,9 +6,7 @@ use heapless::Vec;
 
 use super::massive::{Ground, MassivePart, Stroke};
 use crate::model::Moment;
-use crate::model::crowd::{
-    MAX_STRIKES, all_at_rest, change_restitution, mean_displacement, restitutions,
-};
+use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean, restitutions};
 use crate::model::drive::{Resonator, Ringing, Swing, ToneSeparator, UpperMode};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
@@ -35,7 +33,6 @@ const CURRENT_SENSITIVITY: f32 = 0.3;
 #[derive(Clone, Debug)]
 pub struct Bench {
     timeline: Timeline,
-    /// Number of samples so far.
     samples: u64,
     drive: Resonator,
     /// Static displacement at full output in m.
@@ -48,7 +45,6 @@ pub struct Bench {
     gain: f32,
     ringing: Ringing,
     sensor: SensorModel,
-    /// Duration of an impact.
     contact: ContactTime,
     /// Acceleration in m/s^2 that the sensor's axis measures at rest.
     rest: f32,
@@ -175,7 +171,7 @@ impl Bench {
 
     /// Adds a part to the spring's load and returns the added deflection in m.
     fn load_spring(&mut self, index: usize) -> f64 {
-        let share = self.massive.get(index).map_or(0.0, MassivePart::share);
+        let share = self.massive.get(index).map_or(0.0, |part| part.share);
         let sag = self.drive.sag(share * self.normal_gravity);
         self.sagged += sag;
         sag
@@ -310,7 +306,7 @@ impl Bench {
         let parts = self.massive.iter().enumerate();
         let resting_mass: f64 = parts
             .filter(|(index, part)| part.is_on_track() && onto(&self.hopper, *index))
-            .map(|(_, part)| part.share())
+            .map(|(_, part)| part.share)
             .sum();
         let acceleration_without_parts = stroke.acceleration(ground.sample);
         // Equation of motion with the lying mass: M a = F - m (g + a).
@@ -413,7 +409,7 @@ impl Bench {
     fn place_parts(&mut self, count: u8) {
         for index in usize::from(count)..self.massive.len() {
             if self.hopper.arrives(index) <= self.time {
-                let share = self.massive.get(index).map_or(0.0, MassivePart::share);
+                let share = self.massive.get(index).map_or(0.0, |part| part.share);
                 self.sagged -= self.drive.sag(share * self.normal_gravity);
             }
         }
@@ -431,7 +427,7 @@ impl Bench {
     pub fn load(&self) -> f64 {
         let parts = self.massive.iter().enumerate();
         let load_mass = parts.filter(|(index, _)| self.hopper.arrives(*index) <= self.time);
-        load_mass.map(|(_, part)| part.share()).sum()
+        load_mass.map(|(_, part)| part.share).sum()
     }
 
     /// Displacement of the track in m and its velocity in m/s.
@@ -461,7 +457,7 @@ impl Bench {
 
     /// Present inputs of the board.
     pub fn inputs(&self) -> Inputs {
-        self.timeline.inputs()
+        self.timeline.inputs
     }
 
     /// New target of the scene, returned once.
@@ -504,10 +500,9 @@ impl Bench {
     /// Mean displacement of the parts along the track in m, positive upwards; 0 without parts.
     pub fn displacement(&self) -> f64 {
         if self.massive.is_empty() {
-            return mean_displacement(&self.parts);
+            return mean(self.parts.iter().map(|part| part.displacement));
         }
-        let sum: f64 = self.massive.iter().map(MassivePart::displacement).sum();
-        sum / self.massive.len() as f64
+        mean(self.massive.iter().map(|part| part.displacement))
     }
 
     /// Applies a change beside those of the scene.
@@ -518,8 +513,8 @@ impl Bench {
         match change {
             Change::Gain(gain) => self.gain = gain,
             Change::Restitution(_) | Change::Scatter(_) => {
-                let parts = self.parts.iter_mut().map(Part::restitution_mut);
-                let massive = self.massive.iter_mut().map(MassivePart::restitution_mut);
+                let parts = self.parts.iter_mut().map(|part| &mut part.restitution);
+                let massive = self.massive.iter_mut().map(|part| &mut part.restitution);
                 let all = parts.chain(massive);
                 all.for_each(|restitution| change_restitution(restitution, change));
             }

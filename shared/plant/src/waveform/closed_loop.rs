@@ -81,15 +81,10 @@ impl ClosedLoop {
         }
         let report = self.controller.cycle(self.signal.cycle(), &inputs);
         self.signal.command(report.command);
-        for _ in 0..PLAN_SLICES {
-            if !self.controller.plan_step() {
-                break;
-            }
-        }
+        (0..PLAN_SLICES).all(|_| self.controller.plan_step());
         self.bench.moment(report)
     }
 
-    /// Simulates the samples of one cycle.
     #[inline]
     fn samples(&mut self, observe: &mut impl FnMut(Sample)) {
         // The longest cycle has 4000 samples; the bound prevents an endless loop after a wrong
@@ -101,7 +96,6 @@ impl ClosedLoop {
         }
     }
 
-    /// Restarts the board after a brown-out.
     fn restart(&mut self) {
         let settings = *self.controller.settings();
         // Settings accepted once are accepted again.
@@ -172,18 +166,15 @@ impl ClosedLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Change, EnvelopeLoop};
-    use kband_control::{State, Target};
+    use crate::EnvelopeLoop;
+    use kband_control::State;
 
     /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
     /// at 800 Hz, and 1.5 % at 2.4 kHz.
     #[test]
     fn ringing_of_many_parts_adds_no_amplitude() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {
-            let mut scene = Scene {
-                target: Target::Locked { order: 1 },
-                ..Scene::default()
-            };
+            let mut scene = Scene::default();
             scene.sensor.ringing_frequency = frequency;
             let restitution = |n| 0.18 + 0.04 * (n as f32 % 24.0) / 23.0;
             scene.parts = (0..count).map(restitution).collect();

@@ -32,7 +32,6 @@ pub struct Ground {
     pub along: [f64; 2],
     /// Mean displacement of the swinging track in m.
     pub level: f64,
-    /// Law of the parts' motion along the track.
     pub law: Law,
 }
 
@@ -50,9 +49,7 @@ impl Ground {
 /// Displacement (m) and velocity (m/s) of the track at both ends of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
-    /// At the start.
     pub from: [f64; 2],
-    /// At the end.
     pub to: [f64; 2],
 }
 
@@ -85,7 +82,6 @@ pub struct Blow {
     pub track: [f64; 2],
     /// Start of the flight, in steps of 2^-32 turns of the drive.
     pub began: u64,
-    /// Whether the flight began from rest.
     pub rested: bool,
 }
 
@@ -128,16 +124,16 @@ impl Fall {
     }
 }
 
-/// A part with mass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MassivePart {
-    restitution: Scatter,
+    pub restitution: Scatter,
     /// Mass over that of the track (symbol m/M).
-    share: f64,
+    pub share: f64,
     motion: Motion,
     began: u64,
     rested: bool,
-    displacement: f64,
+    /// Displacement along the track so far in m, positive upwards; a flight counts at its end.
+    pub displacement: f64,
 }
 
 impl MassivePart {
@@ -153,24 +149,8 @@ impl MassivePart {
         }
     }
 
-    /// Mass over that of the track (symbol m/M).
-    pub fn share(&self) -> f64 {
-        self.share
-    }
-
-    /// Whether it lies on the track.
     pub fn is_on_track(&self) -> bool {
         matches!(self.motion, Motion::Lying(_))
-    }
-
-    /// Displacement along the track so far in m, positive upwards; a flight counts at its end.
-    pub fn displacement(&self) -> f64 {
-        self.displacement
-    }
-
-    /// Its restitution, from the next impact on.
-    pub fn restitution_mut(&mut self) -> &mut Scatter {
-        &mut self.restitution
     }
 
     /// Drops it from a height in m, without initial speed.

@@ -3,7 +3,7 @@
 use kband_control::{Event, Limits, State};
 use kband_plant::{Change, EnvelopeLoop, Scene};
 
-use super::fidelity::changes;
+use super::fidelity::{changes, unwatched};
 
 #[test]
 fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {
@@ -15,7 +15,7 @@ fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {
         };
         scene.settings.restitution_low = restitution - 0.02;
         scene.settings.restitution_high = restitution + 0.02;
-        let mut closed = EnvelopeLoop::build(&scene).unwrap();
+        let mut closed = unwatched(&scene);
         let mut kicks = 0;
         for _ in 0..180_000 {
             closed.advance();

@@ -7,7 +7,6 @@ use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
 
 use super::lots::{between, random_lot};
 
-/// Parts in relation to the configured lot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Parts {
     Fitting,
@@ -51,6 +50,8 @@ fn scene(number: u64, parts: Parts) -> Scene {
 /// whether it captured the parts, and the kicks; `None` if a limit holds the drive back.
 fn end(scene: &Scene) -> Option<(bool, u8)> {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
+    closed.watch_displacement(false);
+    closed.watch_ready(false);
     // The last two cycles in which each part was thrown from rest.
     let mut thrown = vec![[0_u32; 2]; scene.parts.len()];
     let mut failed = None;
@@ -60,24 +61,21 @@ fn end(scene: &Scene) -> Option<(bool, u8)> {
             let [last, _] = thrown[usize::from(strike.part)];
             thrown[usize::from(strike.part)] = [cycle, last];
         }
-        let rest = thrown
-            .iter()
-            .all(|[_, before]| *before > 0 && before + 24 > cycle);
-        if let Some(verdict) = report.regime.filter(|verdict| verdict.confidence > 0.8)
-            && rest
-            && report.state == State::Holding
-        {
-            let in_step = matches!(
-                verdict.regime,
-                Regime::Locked { .. } | Regime::Doubled { .. }
-            );
-            assert!(!in_step, "{verdict:?} of parts that rest: {scene:?}");
-        }
-        if failed.is_some_and(|(at, _)| cycle > at + 250) {
-            break;
+        let rests = |[_, before]: &[u32; 2]| *before > 0 && before + 24 > cycle;
+        if report.state == State::Holding && thrown.iter().all(rests) {
+            let sure = report.regime.filter(|verdict| verdict.confidence > 0.8);
+            let in_step = sure.is_some_and(|verdict| {
+                matches!(
+                    verdict.regime,
+                    Regime::Locked { .. } | Regime::Doubled { .. }
+                )
+            });
+            assert!(!in_step, "{sure:?} of parts that rest: {scene:?}");
         }
         if report.state == State::Locked {
             failed = None;
+        }
+        if report.state == State::Locked || failed.is_some_and(|(at, _)| cycle > at + 250) {
             break;
         }
         let mut events = report.events.iter();

@@ -125,27 +125,27 @@ fn run_both(scene: &Scene, seconds: f64) -> [(Option<Fault>, f64); 2] {
     [(fault, f64::from(largest) / limit), (envelope, worst)]
 }
 
+/// The sensor's fault within a time in s, at an amplitude over the hard limit below `limit`.
+fn finds_the_loss(scene: &Scene, seconds: f64, limit: f64) {
+    for (fault, largest) in run_both(scene, seconds) {
+        assert_eq!(fault, Some(Fault::SensorImplausible), "{scene:?}");
+        assert!(largest < limit, "{largest} of {limit}: {scene:?}");
+    }
+}
+
 #[test]
 fn the_current_shows_a_lost_sensitivity_at_any_gain() {
     for gain in [1.0, 1.4, 2.0] {
         let mut scene = with_current_sensor();
         scene.sensor.sensitivity = 0.55;
         scene.drive.gain = gain;
-        for (fault, largest) in run_both(&scene, 1.0) {
-            assert_eq!(fault, Some(Fault::SensorImplausible), "{gain}");
-            let limit = 0.05 * 1.3 * f64::from(gain) * 1.02;
-            assert!(largest < limit, "{gain}: {largest}");
-        }
+        finds_the_loss(&scene, 1.0, 0.05 * 1.3 * f64::from(gain) * 1.02);
         // During the run, gain and sensitivity change simultaneously.
         let mut scene = with_current_sensor();
         scene.disturbances =
             changes([Change::Gain(gain), Change::Sensitivity(0.55)].map(|change| (2.0, change)));
-        for (fault, largest) in run_both(&scene, 4.0) {
-            assert_eq!(fault, Some(Fault::SensorImplausible), "{gain}");
-            // The output is held meanwhile.
-            let limit = 0.5 * f64::from(gain) * 1.02;
-            assert!(largest < limit, "{gain}: {largest}");
-        }
+        // The output is held meanwhile.
+        finds_the_loss(&scene, 4.0, 0.5 * f64::from(gain) * 1.02);
     }
 }
 
@@ -157,11 +157,8 @@ fn the_current_bounds_the_amplitude_at_the_hard_limit() {
     (scene.drive.gain, scene.drive.current_gain) = (5.0, 2.5);
     scene.disturbances =
         changes([Change::Gain(2.0), Change::Sensitivity(0.55)].map(|change| (2.0, change)));
-    for (fault, largest) in run_both(&scene, 4.0) {
-        assert_eq!(fault, Some(Fault::SensorImplausible));
-        // 1.15 times the tolerance of 1.3, plus the growth in two cycles of dead time.
-        assert!(largest < 1.7, "{largest}");
-    }
+    // 1.15 times the tolerance of 1.3, plus the growth in two cycles of dead time.
+    finds_the_loss(&scene, 4.0, 1.7);
 }
 
 #[test]
@@ -189,10 +186,7 @@ fn a_current_sensor_that_fails_is_a_fault() {
     for factor in [0.5, 2.0] {
         let mut scene = with_current_sensor();
         scene.drive.current_gain *= factor;
-        for (fault, largest) in run_both(&scene, 1.0) {
-            assert_eq!(fault, Some(Fault::SensorImplausible), "{factor}");
-            assert!(largest < 0.07, "{factor}: {largest}");
-        }
+        finds_the_loss(&scene, 1.0, 0.07);
     }
 }
 

@@ -12,7 +12,6 @@ use super::fidelity::{Loop, ShareResult, lot, measure_share};
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;
 
-/// The default scene with three parts.
 fn three_part_scene() -> Scene {
     Scene {
         parts: [0.19, 0.2, 0.21].into_iter().collect(),

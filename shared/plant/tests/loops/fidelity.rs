@@ -1,15 +1,15 @@
 //! Both plants under the controller, and the true and estimated time in gear of their parts.
 
 use core::f64::consts::TAU;
+use std::sync::Mutex;
 
 use kband::regime::classify::Regime;
 use kband::regime::gear::GearWatch;
-use kband_control::{Controller, Target};
+use kband_control::{Controller, GearPlanned, Settings, Target};
 use kband_plant::{
-    Change, ClosedLoop, Disturbance, Disturbances, EnvelopeLoop, Moment, Scene, Strike,
+    Change, ClosedLoop, Disturbance, Disturbances, DriveModel, EnvelopeLoop, Moment, Scene, Strike,
 };
 
-/// Either fidelity.
 pub enum Loop {
     Envelope(Box<EnvelopeLoop>),
     Waveform(Box<ClosedLoop>),
@@ -31,8 +31,14 @@ impl Loop {
     /// A drive cycle: the moment, its impacts and READY.
     pub fn cycle(&mut self) -> (Moment, Vec<Strike>, bool) {
         let (moment, strikes) = match self {
-            Self::Envelope(closed) => (closed.cycle(), closed.strikes().to_vec()),
-            Self::Waveform(closed) => (closed.cycle(), closed.plant().strikes().to_vec()),
+            Self::Envelope(closed) => {
+                closed.advance_supplied(supply_plan);
+                (closed.moment(), closed.strikes().to_vec())
+            }
+            Self::Waveform(closed) => {
+                supply_plan(closed.controller_mut());
+                (closed.cycle(), closed.plant().strikes().to_vec())
+            }
         };
         (moment, strikes, self.controller().is_ready())
     }
@@ -45,12 +51,53 @@ impl Loop {
     }
 }
 
+/// Plans for gear of earlier runs. A plan takes as long as a run of many seconds.
+static PLANS: Mutex<Vec<GearPlanned>> = Mutex::new(Vec::new());
+
+/// Supplies an earlier plan: it depends on its settings alone, so no bit of the run changes.
+fn supply_plan(controller: &mut Controller) {
+    if let Some(requested) = controller.gear_search() {
+        let plans = PLANS.lock().unwrap();
+        if let Some(made) = plans.iter().find(|plan| plan.settings == *requested) {
+            controller.supply_gear(made.clone());
+        }
+    }
+}
+
+impl Drop for Loop {
+    fn drop(&mut self) {
+        let made = self.controller().gear_planned().cloned();
+        PLANS.lock().unwrap().extend(made);
+    }
+}
+
+/// The envelope of a scene without displacement, READY and a regime that no decision needs: a run
+/// for other quantities takes half as long.
+pub fn unwatched(scene: &Scene) -> EnvelopeLoop {
+    let mut closed = EnvelopeLoop::build(scene).unwrap();
+    closed.watch(false);
+    closed.watch_ready(false);
+    closed
+}
+
 /// Changes at their times in s.
 pub fn changes<const N: usize>(changes: [(f64, Change); N]) -> Disturbances {
-    let changes = changes.into_iter();
-    changes
-        .map(|(at, change)| Disturbance { at, change })
-        .collect()
+    let changes = changes.map(|(at, change)| Disturbance { at, change });
+    changes.into_iter().collect()
+}
+
+/// The drive that a controller with these settings assumes.
+pub fn drive_of(settings: &Settings) -> DriveModel {
+    DriveModel {
+        resonance: settings.resonance,
+        quality: settings.quality,
+        gain: settings.gain,
+        second_gain: settings.second_gain,
+        second_lag: settings.second_lag,
+        third_gain: settings.third_gain,
+        third_lag: settings.third_lag,
+        ..DriveModel::default()
+    }
 }
 
 /// Records the strikes of a cycle, with one watch for each part.
@@ -102,6 +149,9 @@ pub struct ShareResult {
 /// Runs a scene whose gear is of order 1 for a minute.
 pub fn measure_share(scene: &Scene, waveform: bool) -> ShareResult {
     let mut closed = Loop::build(scene, waveform);
+    if let Loop::Envelope(closed) = &mut closed {
+        closed.watch_displacement(false);
+    }
     let parts = scene.parts.len();
     let mut watches = vec![GearWatch::build(1).unwrap(); parts];
     let mut all = ShareResult::default();

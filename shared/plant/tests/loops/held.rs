@@ -5,19 +5,17 @@
 //! of the same loop.
 
 use kband_control::{State, Target};
-use kband_plant::{EnvelopeLoop, Scene};
+use kband_plant::Scene;
 
-/// Result of a start.
+use super::fidelity::unwatched;
+
 #[derive(Clone, Copy, Debug)]
 struct Start {
-    /// Largest amplitude over the setpoint.
     peak: f32,
     /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
     /// the setpoint, less eight cycles of dead time and noise.
     settles: f32,
-    /// Final swing of the amplitude over the setpoint.
     swing: f32,
-    /// Final state.
     state: State,
 }
 
@@ -61,14 +59,11 @@ fn machine(
 fn start(scene: &Scene, requested: f32) -> Start {
     let settings = &scene.settings;
     let cycles = settings.quality / std::f32::consts::PI * settings.frequency / settings.resonance;
-    let mut looped = EnvelopeLoop::build(scene).unwrap();
-    let mut arrived = None;
+    let mut looped = unwatched(scene);
+    let (mut arrived, mut last) = (None, 0);
     let (mut peak, mut outside) = (0.0_f32, 0);
-    let mut last = 0;
-    let mut n = 0;
-    loop {
+    for n in 1.. {
         let report = looped.cycle().report;
-        n += 1;
         if arrived.is_none() && report.reference >= 0.999 * requested {
             arrived = Some(n);
             last = n + (12.0 * cycles) as i32 + 60;
@@ -106,15 +101,11 @@ const DETUNINGS: [f32; 17] = [
 /// True gain over the configured one.
 const GAIN_ERRORS: [f32; 3] = [1.0, 0.5, 2.0];
 
-/// All combinations of quality, detuning and gain error.
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
-    QUALITIES.into_iter().flat_map(|quality| {
-        DETUNINGS.into_iter().flat_map(move |detuning| {
-            GAIN_ERRORS
-                .into_iter()
-                .map(move |gain_error| (quality, detuning, gain_error))
-        })
-    })
+    let pairs = QUALITIES
+        .into_iter()
+        .flat_map(|quality| DETUNINGS.map(|off| (quality, off)));
+    pairs.flat_map(|(quality, off)| GAIN_ERRORS.map(|error| (quality, off, error)))
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use kband::impact::{Kernel, LIFT_OFF_DELAY, Map, Release};
-use kband_control::{Identification, Settings, Target, Unidentified};
+use kband_control::{Identification, Identified, Settings, Target, Unidentified};
 use kband_plant::{Scene, SensorModel};
 
 use super::fidelity::Loop;
@@ -13,9 +13,8 @@ const LONGEST: usize = 4100;
 
 /// Whether a part that the track throws from rest comes to rest before the next lift-off.
 fn comes_to_rest(k: f64, restitution: f32) -> bool {
-    let lift_off = k.asin();
     let map = Map::build(k, f64::from(restitution)).unwrap();
-    let Some(Release { mut impact, .. }) = Release::build(&map, lift_off, LIFT_OFF_DELAY) else {
+    let Some(Release { mut impact, .. }) = Release::build(&map, k.asin(), LIFT_OFF_DELAY) else {
         return false;
     };
     let mut time = 0.0;
@@ -32,19 +31,14 @@ fn comes_to_rest(k: f64, restitution: f32) -> bool {
 #[test]
 fn final_k_is_just_above_the_end_of_rest() {
     for restitution in [0.3, 0.5, 0.8] {
-        let Identification::Found(found) =
-            identification(&[restitution], 1, SensorModel::default())
-        else {
-            panic!("R {restitution} was not found");
-        };
+        let found = found(identified(
+            &scene(&[restitution], 1, SensorModel::default()),
+            true,
+        ));
         let k = f64::from(found.k);
         assert!(comes_to_rest(0.965 * k, restitution), "{found:?}");
         assert!(!comes_to_rest(0.91 * k, restitution), "{found:?}");
     }
-}
-
-fn identification(parts: &[f32], seed: u64, sensor: SensorModel) -> Identification {
-    identified(&scene(parts, seed, sensor), true)
 }
 
 fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
@@ -71,15 +65,20 @@ fn identified(scene: &Scene, waveform: bool) -> Identification {
     ends.next().expect("an identification ends")
 }
 
+fn found(identification: Identification) -> Identified {
+    match identification {
+        Identification::Found(found) => found,
+        other => panic!("{other:?}"),
+    }
+}
+
 /// Impacts of 1 % of the cycle: without the setting `R` 0.5 is found as 0.518.
 #[test]
 fn impacts_that_take_time_are_identified() {
     for (restitution, seed) in [(0.15, 1), (0.3, 2), (0.5, 3)] {
         let mut scene = scene(&[restitution], seed, SensorModel::default());
         (scene.contact, scene.settings.contact) = (0.2, 0.2);
-        let Identification::Found(found) = identified(&scene, true) else {
-            panic!("R {restitution} was not found");
-        };
+        let found = found(identified(&scene, true));
         assert!((found.restitution - restitution).abs() < 0.01, "{found:?}");
     }
 }
@@ -93,9 +92,7 @@ fn restitution_is_found_within_0_005_in_noise() {
             ringing_decay: decay,
             ..SensorModel::default()
         };
-        let Identification::Found(found) = identification(&[restitution], seed, sensor) else {
-            panic!("R {restitution} was not found");
-        };
+        let found = found(identified(&scene(&[restitution], seed, sensor), true));
         let error = (found.restitution - restitution).abs();
         assert!(error < 0.005, "{restitution}: {found:?}");
         assert!(found.hops >= 50 && found.deviation < 0.005);
@@ -115,12 +112,9 @@ fn other_signals_give_no_restitution() {
         (&[0.2], damped, Unidentified::Quiet),
         (&[0.2], noisy, Unidentified::Unsteady),
     ] {
-        let identification = identification(parts, 1, sensor);
-        assert_eq!(
-            identification,
-            Identification::NotFound(reason),
-            "{parts:?} {sensor:?}"
-        );
+        let identification = identified(&scene(parts, 1, sensor), true);
+        let expected = Identification::NotFound(reason);
+        assert_eq!(identification, expected, "{parts:?} {sensor:?}");
     }
 }
 

@@ -66,9 +66,8 @@ pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let equal = noise.bits().is_multiple_of(4);
     scene.sensor.sensitivity = if equal { 1.0 } else { gain };
     let parts = 1 + noise.bits() as usize % 12;
-    scene.parts = (0..parts)
-        .map(|_| between(noise, middle - half, middle + half) as f32)
-        .collect();
+    let part = |_| between(noise, middle - half, middle + half) as f32;
+    scene.parts = (0..parts).map(part).collect();
     scene.scatter = core::iter::repeat_n(settings.scatter, parts).collect();
     (scene, order)
 }
@@ -83,12 +82,11 @@ struct Window {
     estimate: Option<[f64; 2]>,
 }
 
-/// Number of random lots, from the environment.
 fn lots() -> u64 {
     number("KBAND_LOTS", 40)
 }
 
-fn number(name: &str, otherwise: u64) -> u64 {
+pub(super) fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
@@ -108,8 +106,8 @@ fn windows(lots: u64, wrong: f32) -> Vec<Window> {
         settings.restitution_low += wrong;
         settings.restitution_high += wrong;
         for (fidelity, mut closed) in Loop::both(&scene).into_iter().enumerate() {
-            let mut watches =
-                std::vec![GearWatch::build(u32::from(order)).unwrap(); scene.parts.len()];
+            let watch = GearWatch::build(order.into()).unwrap();
+            let mut watches = vec![watch; scene.parts.len()];
             for number in 0..WINDOWS {
                 let [begin, end] = [number, number + 1].map(|n| f64::from(n * WINDOW) * TAU);
                 watches.iter_mut().for_each(|watch| watch.begin(begin));
@@ -185,17 +183,14 @@ fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
     });
     let difference = reported.iter().map(|(_, difference, _)| *difference);
     let mean = difference.clone().sum::<f64>() / count;
-    let rms = (difference
-        .map(|difference| difference * difference)
-        .sum::<f64>()
-        / count)
-        .sqrt();
+    let squares = difference.map(|difference| difference * difference);
+    let rms = (squares.sum::<f64>() / count).sqrt();
     let mut lots: Vec<u64> = reported.iter().map(|(lot, ..)| *lot).collect();
     lots.dedup();
-    let lots = lots.len();
+    let lots = lots.len() as f64;
     println!("{count} estimates of {lots} lots: within 1, 2, 3 errors {covered:.3?}");
     println!("bias {mean:.3}, rms {rms:.3}");
-    (covered, lots as f64)
+    (covered, lots)
 }
 
 #[test]
@@ -241,12 +236,11 @@ const CHANGED_AT: f64 = 8.0;
 
 /// Parts of that lot at a frequency in Hz; `changes` happen at [`CHANGED_AT`].
 fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scene {
+    let part = |part: usize| 0.18 + 0.04 * (part as f32 + 0.5) / parts as f32;
     let mut scene = Scene {
         target: Target::Gear { order: 1 },
         seed,
-        parts: (0..parts)
-            .map(|part| 0.18 + 0.04 * (part as f32 + 0.5) / parts as f32)
-            .collect(),
+        parts: (0..parts).map(part).collect(),
         ..Scene::default()
     };
     let settings = &mut scene.settings;
@@ -258,11 +252,9 @@ fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scen
     settings.amplitude_limit *= unit;
     settings.safe_amplitude *= unit;
     (scene.drive.resonance, scene.drive.gain) = (frequency, settings.gain);
-    let at = |change: &Change| Disturbance {
-        at: CHANGED_AT,
-        change: *change,
-    };
-    scene.disturbances = changes.iter().map(at).collect();
+    let at = CHANGED_AT;
+    let changes = changes.iter().map(|&change| Disturbance { at, change });
+    scene.disturbances = changes.collect();
     scene
 }
 
@@ -345,11 +337,8 @@ fn parts_are_estimated_again_once_they_come_back() {
         let part = |part: usize| lot[0] + width * (part as f32 + 0.5);
         scene.parts = (0..parts).map(part).collect();
         scene.scatter = core::iter::repeat_n(0.03, parts).collect();
-        let restored = Disturbance {
-            at: CHANGED_AT + AWAY_SECONDS,
-            change: Change::Parts(parts as u8),
-        };
-        scene.disturbances.extend([restored]);
+        let (at, change) = (CHANGED_AT + AWAY_SECONDS, Change::Parts(parts as u8));
+        scene.disturbances.extend([Disturbance { at, change }]);
         for mut closed in Loop::both(&scene) {
             let (mut before, mut last, mut ready_again) = (false, 0.0, f64::INFINITY);
             loop {
@@ -357,11 +346,8 @@ fn parts_are_estimated_again_once_they_come_back() {
                 let Moment { report, .. } = moment;
                 let since = moment.time - CHANGED_AT;
                 let estimated = report.in_gear_error.is_finite();
-                let reported = estimated
-                    || ready
-                    || report.in_gear > 0.0
-                    || report.margin.is_some()
-                    || report.load.is_some();
+                let parts_reported = report.margin.is_some() || report.load.is_some();
+                let reported = estimated || ready || report.in_gear > 0.0 || parts_reported;
                 if since < 0.0 {
                     before = estimated;
                 } else if since < AWAY_SECONDS {

@@ -14,9 +14,9 @@ const MAX_DETECTION_SECONDS: f64 = 10.0;
 const MAX_SLOW_DETECTION_SECONDS: f64 = 13.0;
 
 /// Parts of a mean restitution and a scatter on a feeder at 50 Hz, for a configured lot.
-fn scene(target: Target, lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
+fn scene(lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
     let mut scene = Scene {
-        target,
+        target: Target::Gear { order: 1 },
         parts: core::iter::repeat_n(actual[0], parts).collect(),
         scatter: core::iter::repeat_n(actual[1], parts).collect(),
         ..Scene::default()
@@ -61,25 +61,29 @@ fn detected(closed: &mut Loop, seconds: f64) -> Option<(f64, [f64; 2])> {
 #[test]
 fn tumbling_bodies_are_detected_and_conveyed_faster() {
     let tumbling = [[-0.36, 0.4], [0.0, 0.27], [-0.1, 0.5], [0.33, 0.5]];
-    let gear = Target::Gear { order: 1 };
     for (lot, scatter, second_tone, parts) in [
         ([0.18, 0.22], 0.05, 0.0, 1),
         ([0.3, 0.3], 0.1, 0.15, 3),
         ([0.4, 0.5], 0.05, 0.2, 12),
     ] {
         for actual in tumbling {
-            let mut scene = scene(gear, lot, scatter, parts, actual);
+            let mut scene = scene(lot, scatter, parts, actual);
             scene.settings.second_tone = second_tone;
             scene.drive.second_gain = scene.settings.second_gain;
             for mut closed in Loop::both(&scene) {
                 let found = detected(&mut closed, MAX_DETECTION_SECONDS + 4.0);
-                let is_correct = found.is_some_and(|(seconds, [before, after])| {
-                    seconds < MAX_DETECTION_SECONDS && after > before
-                });
-                assert!(is_correct, "{lot:?} {parts} {actual:?}: {found:?}");
+                let case = format!("{lot:?} {parts} {actual:?}: {found:?}");
+                let (seconds, [before, after]) = found.expect(&case);
+                assert!(seconds < MAX_DETECTION_SECONDS && after > before, "{case}");
             }
         }
     }
+}
+
+/// Draws the sensitivity within the configured error of the amplitude.
+fn configure_sensor(scene: &mut Scene, noise: &mut Noise) {
+    let error = f64::from(scene.settings.amplitude_error);
+    scene.sensor.sensitivity = between(noise, 1.0 - error, 1.0 + error) as f32;
 }
 
 /// Random feeders of 20 to 180 Hz whose impacts the sensor detects. In gear of order 1 the feeders
@@ -96,9 +100,8 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
             [(-0.36, 0.33), (0.27, 0.5)].map(|(a, b)| between(&mut noise, a, b));
         scene.parts.fill(median as f32);
         scene.scatter.fill(scatter as f32);
-        let error = f64::from(scene.settings.amplitude_error);
-        scene.sensor.sensitivity = between(&mut noise, 1.0 - error, 1.0 + error) as f32;
-        let [mut closed, _] = Loop::both(&scene);
+        configure_sensor(&mut scene, &mut noise);
+        let mut closed = Loop::build(&scene, false);
         let after = detected(&mut closed, MAX_SLOW_DETECTION_SECONDS);
         let (moment, ..) = closed.cycle();
         if after.is_some() {
@@ -114,13 +117,12 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
 /// the predicted ones.
 #[test]
 fn parts_that_scatter_less_than_configured_fit() {
-    let gear = Target::Gear { order: 1 };
     let (mut ready_count, mut misfits) = (0, Vec::new());
     for scatter in [0.03, 0.05, 0.1] {
         for (lot, second_tone) in [([0.18, 0.22], 0.0), ([0.3, 0.4], 0.0), ([0.3, 0.4], 0.2)] {
             for count in [1, 2, 3, 6, 12, 24] {
                 for actual in [0.0, 0.2 * scatter, 0.5 * scatter] {
-                    let mut scene = scene(gear, lot, scatter, count, [lot[0], actual]);
+                    let mut scene = scene(lot, scatter, count, [lot[0], actual]);
                     for (n, part) in scene.parts.iter_mut().enumerate() {
                         *part += (lot[1] - lot[0]) * (n as f32 + 0.5) / count as f32;
                     }
@@ -139,13 +141,8 @@ fn parts_that_scatter_less_than_configured_fit() {
         }
     }
     // Only where the configured scatter is 0.1 and the actual one 0.
-    let is_far = |(scatter, .., actual): &(f32, [f32; 2], f32, usize, f32)| {
-        *scatter == 0.1 && *actual == 0.0
-    };
-    assert!(
-        misfits.len() <= 2 && misfits.iter().all(is_far),
-        "{misfits:?}"
-    );
+    let far = (misfits.iter()).all(|(scatter, .., actual)| *scatter == 0.1 && *actual == 0.0);
+    assert!(misfits.len() <= 2 && far, "{misfits:?}");
     // On one tone the lot of 0.3 to 0.4 is configured with a share in gear below that of READY.
     assert!(ready_count > 115, "{ready_count}");
 }
@@ -155,9 +152,7 @@ fn parts_of_the_lot_always_fit() {
     let mut fitting = 0;
     for number in 0..40 {
         let (mut scene, _) = random_lot(7, number);
-        let mut noise = Noise::new(number);
-        let error = f64::from(scene.settings.amplitude_error);
-        scene.sensor.sensitivity = between(&mut noise, 1.0 - error, 1.0 + error) as f32;
+        configure_sensor(&mut scene, &mut Noise::new(number));
         // The simulation sample by sample takes ten times as long.
         let fidelities = if number < 6 { 2 } else { 1 };
         for mut closed in Loop::both(&scene).into_iter().take(fidelities) {
@@ -172,9 +167,8 @@ fn parts_of_the_lot_always_fit() {
 #[test]
 fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
     // 1/k = sqrt(1 + pi^2): 0.3271 mm at 50 Hz and 3 degrees.
-    let gear = Target::Gear { order: 1 };
     for (limit, expected) in [(1.0, 0.3271e-3), (0.25, 0.25e-3)] {
-        let mut scene = scene(gear, [0.3, 0.3], 0.05, 3, [0.0, 0.4]);
+        let mut scene = scene([0.3, 0.3], 0.05, 3, [0.0, 0.4]);
         scene.settings.amplitude_limit = limit;
         for mut closed in Loop::both(&scene) {
             assert!(detected(&mut closed, MAX_DETECTION_SECONDS).is_some());
@@ -191,8 +185,7 @@ fn amplitude_for_misfit_parts_is_the_throw_of_a_period_within_the_limits() {
 
 #[test]
 fn verdict_ends_with_an_empty_track() {
-    let gear = Target::Gear { order: 1 };
-    let mut scene = scene(gear, [0.2, 0.2], 0.03, 3, [0.0, 0.4]);
+    let mut scene = scene([0.2, 0.2], 0.03, 3, [0.0, 0.4]);
     scene.disturbances = changes([
         (14.0, Change::Parts(0)),
         (14.0, Change::Restitution(0.2)),

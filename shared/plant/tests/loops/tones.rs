@@ -3,7 +3,7 @@
 use kband_control::{Event, Limits, Report, Settings, Shape, State, Target, UpperTone};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
 
-use super::fidelity::changes;
+use super::fidelity::{changes, drive_of};
 
 const TWO_TONES: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
 
@@ -24,13 +24,7 @@ fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
     scene.settings.second_tone = 0.25;
     scene.settings.third_tone = shape.third.ratio;
     change(&mut scene.settings);
-    scene.drive.resonance = scene.settings.resonance;
-    scene.drive.quality = scene.settings.quality;
-    scene.drive.gain = scene.settings.gain;
-    scene.drive.second_gain = scene.settings.second_gain;
-    scene.drive.second_lag = scene.settings.second_lag;
-    scene.drive.third_gain = scene.settings.third_gain;
-    scene.drive.third_lag = scene.settings.third_lag;
+    scene.drive = drive_of(&scene.settings);
     scene.drive.second_quality = scene.settings.quality;
     scene
 }
@@ -41,12 +35,9 @@ fn shape_distance(a: Shape, b: Shape) -> f32 {
         let (sine, cosine) = libm::sincosf(tone.phase);
         (tone.ratio * cosine, tone.ratio * sine)
     };
-    let distance = |(a, b)| {
-        let ((x, y), (u, v)) = (part(a), part(b));
-        libm::hypotf(x - u, y - v)
-    };
-    let pairs = a.tones().into_iter().zip(b.tones());
-    pairs.map(distance).fold(0.0, f32::max)
+    let pairs = a.tones().map(part).into_iter().zip(b.tones().map(part));
+    let distances = pairs.map(|((x, y), (u, v))| libm::hypotf(x - u, y - v));
+    distances.fold(0.0, f32::max)
 }
 
 /// Name of a drive, and the changes of its settings against the scene's.
@@ -78,10 +69,8 @@ const DRIVES: [Drive; 6] = [
 
 #[test]
 fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
-    let shapes = [TWO_TONES, THREE_TONES].into_iter();
-    for (configured, (name, change)) in
-        shapes.flat_map(|configured| DRIVES.map(|drive| (configured, drive)))
-    {
+    let drives = |shape| DRIVES.map(|(name, change)| (shape, name, change));
+    for (configured, name, change) in [TWO_TONES, THREE_TONES].into_iter().flat_map(drives) {
         let scene = scene_of(configured, change);
         let mut closed = ClosedLoop::build(&scene).unwrap();
         let mut envelope = EnvelopeLoop::build(&scene).unwrap();
@@ -98,10 +87,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
             // reading's noise.
             for shape in [slow.shape, fast.shape] {
-                assert!(
-                    shape_distance(shape, configured) < 3e-3,
-                    "{name} {n}: {shape:?}"
-                );
+                let distance = shape_distance(shape, configured);
+                assert!(distance < 3e-3, "{name} {n}: {shape:?}");
             }
             // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
             // drives).
@@ -113,18 +100,14 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
                 off.second.phase += 0.75 * stiff * sample;
                 off.third.phase += 4.0 / 3.0 * stiff * sample;
             }
-            assert!(
-                shape_distance(produced, off) < 3e-3,
-                "{name} {n}: {produced:?} {off:?}"
-            );
+            let distance = shape_distance(produced, off);
+            assert!(distance < 3e-3, "{name} {n}: {produced:?} {off:?}");
             assert!((amplitude / slow.amplitude - 1.0).abs() < 0.06, "{name}");
             assert_eq!(slow.state, State::Holding);
             assert_eq!(slow.limits, Limits::default());
         }
-        assert!(
-            max_ratio < 1.06 * TWO_TONES.second.ratio,
-            "{name}: {max_ratio}"
-        );
+        let relative = max_ratio / TWO_TONES.second.ratio;
+        assert!(relative < 1.06, "{name}: {relative}");
     }
 }
 
@@ -136,16 +119,10 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
 fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
     let configured = if third { THREE_TONES } else { TWO_TONES };
     let mut scene = scene_of(configured, |_| ());
-    let drive = &mut scene.drive;
-    let (gain, lag) = if third {
-        (&mut drive.third_gain, &mut drive.third_lag)
-    } else {
-        (&mut drive.second_gain, &mut drive.second_lag)
-    };
-    *gain *= factor;
-    *lag += degrees;
-    let event = [Event::SecondToneUnlike, Event::ThirdToneUnlike][usize::from(third)];
-    let tone = usize::from(third);
+    let (drive, tone) = (&mut scene.drive, usize::from(third));
+    *[&mut drive.second_gain, &mut drive.third_gain][tone] *= factor;
+    *[&mut drive.second_lag, &mut drive.third_lag][tone] += degrees;
+    let event = [Event::SecondToneUnlike, Event::ThirdToneUnlike][tone];
     let mut closed = ClosedLoop::build(&scene).unwrap();
     let (mut cycle, mut max_ratio) = (None, 0.0_f32);
     for n in 0..400 {
@@ -163,9 +140,9 @@ fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, 
 
 #[test]
 fn large_drive_errors_are_reported_small_ones_corrected() {
-    for third in [false, true] {
-        misconfigured_tone_is_noticed(third);
-    }
+    [false, true]
+        .into_iter()
+        .for_each(misconfigured_tone_is_noticed);
 }
 
 fn misconfigured_tone_is_noticed(third: bool) {
@@ -240,8 +217,6 @@ fn second_tone_is_reduced_first_at_a_limit() {
     let (report, _, _) = last(&hot, 210);
     assert_eq!(report.state, State::Fault);
     let command = report.command;
-    assert_eq!(
-        (command.amplitude, command.overtones),
-        (0.0, Default::default())
-    );
+    assert_eq!(command.amplitude, 0.0);
+    assert_eq!(command.overtones, <[[f32; 2]; 2]>::default());
 }

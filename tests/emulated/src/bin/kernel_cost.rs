@@ -41,7 +41,6 @@ mod cost {
 
     type Start = (Single, SingleState);
 
-    /// Instructions per impact.
     pub struct Cost {
         /// The most expensive orbit that stays locked or chaotic.
         pub worst: u64,
@@ -62,11 +61,8 @@ mod cost {
     ) -> Cost {
         let costs = orbits.map(|values| {
             let cost = orbit(counter, begin(values));
-            emit!(
-                "instructions {name} orbit-{}-{} {cost}",
-                values[0],
-                values[1]
-            );
+            let (k, restitution) = (values[0], values[1]);
+            emit!("instructions {name} orbit-{k}-{restitution} {cost}");
             cost
         });
         let orbits = costs.iter().sum::<u64>() / N as u64;
