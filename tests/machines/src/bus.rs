@@ -26,10 +26,8 @@ pub fn read(address: u16, count: u16) -> [u8; 5] {
 
 /// Request to write registers.
 pub fn write(address: u16, registers: &[u16]) -> Vec<u8> {
-    let mut pdu = vec![16];
-    pdu.extend(address.to_be_bytes());
-    pdu.extend((registers.len() as u16).to_be_bytes());
-    pdu.push(2 * registers.len() as u8);
+    let ([a, b], count) = (address.to_be_bytes(), registers.len() as u8);
+    let mut pdu = vec![16, a, b, 0, count, 2 * count];
     pdu.extend(registers.iter().flat_map(|word| word.to_be_bytes()));
     pdu
 }

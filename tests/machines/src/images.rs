@@ -72,15 +72,12 @@ pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
     let header = FileHeader32::<object::Endianness>::parse(&*bytes).expect("an ELF file");
     let endian = header.endian().expect("an order of bytes");
     let headers = header.program_headers(endian, &*bytes).expect("segments");
-    let mut segments: Vec<_> = headers
-        .iter()
-        .filter(|segment| segment.p_type(endian) == PT_LOAD)
-        .map(|segment| {
-            let data = segment.data(endian, &*bytes).expect("a segment's bytes");
-            (segment.p_paddr(endian), data.to_vec())
-        })
-        .filter(|(_, data)| !data.is_empty())
-        .collect();
+    let loaded = (headers.iter()).filter(|segment| segment.p_type(endian) == PT_LOAD);
+    let segments = loaded.map(|segment| {
+        let data = segment.data(endian, &*bytes).expect("a segment's bytes");
+        (segment.p_paddr(endian), data.to_vec())
+    });
+    let mut segments: Vec<_> = segments.filter(|(_, data)| !data.is_empty()).collect();
     segments.sort_by_key(|(at, _)| *at);
     segments
 }

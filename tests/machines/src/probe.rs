@@ -63,7 +63,7 @@ impl Probe {
 
     /// The chip.
     pub fn chip(&self) -> MutexGuard<'_, Chip> {
-        self.chip.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.chip)
     }
 }
 
@@ -77,6 +77,10 @@ impl Drop for Probe {
     }
 }
 
+fn lock(chip: &Mutex<Chip>) -> MutexGuard<'_, Chip> {
+    chip.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::io::Result<()> {
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
@@ -86,9 +90,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
     let mut last = Instant::now();
     while !over.load(Ordering::Relaxed) {
         let passed = std::mem::replace(&mut last, Instant::now()).elapsed();
-        chip.lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .run_for(passed.min(STOP_POLL_INTERVAL));
+        lock(chip).run_for(passed.min(STOP_POLL_INTERVAL));
         let count = match stream.read(&mut bytes) {
             Ok(0) => return Ok(()),
             Ok(count) => count,
@@ -106,8 +108,7 @@ fn serve(mut stream: TcpStream, chip: &Mutex<Chip>, over: &AtomicBool) -> std::i
                     if text.is_empty() || text == "+" {
                         continue;
                     }
-                    let mut chip = chip.lock().unwrap_or_else(PoisonError::into_inner);
-                    let answer = answer(&text, &mut wire, &mut port, &mut chip);
+                    let answer = answer(&text, &mut wire, &mut port, &mut lock(chip));
                     let answer = answer.map_or("E1".into(), |answer| format!("K{answer}"));
                     stream.write_all(format!("&{answer}#").as_bytes())?;
                 }
@@ -174,10 +175,9 @@ fn answer(text: &str, wire: &mut Wire, port: &mut Port, chip: &mut Chip) -> Opti
             digits.skip(12)?;
             let size = 1 << digits.take(2)?.min(2);
             let (address, length) = (digits.take(8)?, digits.take(8)?);
-            let bytes: Option<Vec<u8>> = (0..length.min(LONGEST_MESSAGE as u32))
-                .map(|_| digits.take(2).map(|byte| byte as u8))
-                .collect();
-            chip.write(address, size, &bytes?)?;
+            let count = length.min(LONGEST_MESSAGE as u32);
+            let bytes = (0..count).map(|_| digits.take(2).map(|byte| byte as u8));
+            chip.write(address, size, &bytes.collect::<Option<Vec<u8>>>()?)?;
             Some("0".into())
         }
         _ => None,

@@ -275,15 +275,11 @@ fn no_bootloader_drives_an_output_of_the_machine(kind: Kind) {
     rig.run(0.5);
     let ports = rig.chip.board.ports.iter().enumerate();
     let pins = ports.flat_map(|(number, port)| (0..16).map(move |pin| (number, pin, port)));
-    let outputs = pins.filter_map(|(number, pin, port)| {
-        let timer = Mode::Function(kind.facts().timer_function);
-        let drives = port.mode(pin) == Mode::Output || port.mode(pin) == timer;
-        drives.then_some((number, pin))
-    });
-    let outputs: Vec<_> = outputs.collect();
-    for output in [(0, 7), (0, 8), (1, 11), (2, 2), (2, 3)] {
-        assert!(outputs.contains(&output), "{output:?}");
-    }
+    let timer = Mode::Function(kind.facts().timer_function);
+    let drives = pins.filter(|(_, pin, port)| [Mode::Output, timer].contains(&port.mode(*pin)));
+    let outputs: Vec<_> = drives.map(|(number, pin, _)| (number, pin)).collect();
+    let needed = [(0, 7), (0, 8), (1, 11), (2, 2), (2, 3)];
+    assert!(needed.iter().all(|output| outputs.contains(output)));
     for output in outputs {
         let driven = f405.contains(&output) || g474.contains(&output);
         assert!(!driven || output == link, "{output:?}");
@@ -293,10 +289,9 @@ fn no_bootloader_drives_an_output_of_the_machine(kind: Kind) {
 /// The timer's period must be exactly 50 us, and no edge may fall within a sample.
 fn samples_avoid_edges_and_keep_their_rate(kind: Kind) {
     // Beyond the reach of the drive, so its output is at its limit.
-    let mut hazard = Hazard::new("a drive too weak", 50.0, Target::Amplitude(0.9));
+    let mut hazard = Hazard::new("a drive too weak", 50.0, Target::Amplitude(0.9)).end(2.5);
     hazard.scene.settings.gain = 1.0;
     hazard.scene.drive.gain = 0.7;
-    hazard.until = 2.5;
     let mut rig = play(kind, &hazard).rig;
     let clock = rig.chip.board.clock();
     assert_eq!(clock, kind.facts().fastest[0]);
@@ -314,8 +309,7 @@ fn samples_avoid_edges_and_keep_their_rate(kind: Kind) {
         assert!(handler.longest < deadline, "{name}: {handler:?}");
     }
     let before = rig.chip.handler(SAMPLE).count;
-    rig.run(3.5);
-    let samples = rig.chip.handler(SAMPLE).count - before;
+    let samples = rig.run(3.5).chip.handler(SAMPLE).count - before;
     assert!((19_999..=20_001).contains(&samples), "{samples}");
 }
 
@@ -523,8 +517,7 @@ fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
         assert!(rig.time() < limit, "nothing is programmed");
     }
     let start = rig.chip.operations();
-    rig.act(&Act::Volts(2.6)).run_for(0.2);
-    let ended = rig.chip.operations();
+    let ended = rig.act(&Act::Volts(2.6)).run_for(0.2).chip.operations();
     assert!(ended <= start + 1, "{start} words, then {ended}");
 }
 
@@ -779,15 +772,11 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
             at_once.push((address - place.start, rig));
         }
     }
-    let reported = at_once.into_iter().filter_map(|(word, mut rig)| {
-        // Without a reset the program itself detected the NaN.
-        rig.run(4.1);
+    // Without a reset the program itself detected the NaN.
+    at_once.retain_mut(|(_, rig)| rig.run(4.1).resets().len() == resets);
+    assert!(!at_once.is_empty());
+    for (word, rig) in at_once {
         let fault = rig.faults_after(4.0);
-        (rig.resets().len() == resets).then_some((word, fault))
-    });
-    let reported: Vec<_> = reported.collect();
-    assert!(!reported.is_empty());
-    for (word, fault) in reported {
         assert!(fault.is_some_and(|time| time < 4.08), "{word}: {fault:?}");
     }
 }
@@ -796,8 +785,7 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
 fn the_stack_of_the_image_is_what_the_manual_says(kind: Kind) {
     let mut hazard = Hazard::new("stack", 50.0, Target::Locked { order: 1 });
     hazard.scene.parts = Scene::default().parts;
-    hazard.acts = vec![(6.0, Act::ThermalSwitch(false))];
-    hazard.until = 6.3;
+    (hazard.acts, hazard.until) = (vec![(6.0, Act::ThermalSwitch(false))], 6.3);
     let rig = play(kind, &hazard).rig;
     let image = feeder_on(kind);
     let bounds = ["_stack_end", "_stack_start"].map(|name| images::symbol(&image, name));

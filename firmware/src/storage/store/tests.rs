@@ -673,8 +673,8 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
         let settings = changed(0.9 + 0.01 * f32::from(n));
         block_on(store.save(&settings, Target::Chaotic, pin)).unwrap();
-        let before = (n > 1).then(|| some_recipes(n - 1)).unwrap_or_default();
-        assert_eq!(block_on(store.recipes()), before);
+        let before = (n > 1).then(|| some_recipes(n - 1));
+        assert_eq!(block_on(store.recipes()), before.unwrap_or_default());
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
         assert_eq!(block_on(store.key()), (n > 1).then(|| key(n - 1)));
         block_on(store.save_key(&key(n))).unwrap();

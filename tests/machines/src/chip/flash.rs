@@ -250,10 +250,7 @@ impl Flash {
             return 0;
         }
         // A line of 16 bytes takes two reads of 8 bytes with the flash in two banks.
-        let reads = match self.kind {
-            Kind::Stm32f405 => 1,
-            Kind::Stm32g474 => 2,
-        };
+        let reads = 1 + u32::from(self.kind == Kind::Stm32g474);
         let latency = reads * self.latency();
         // The prefetch loads the next line while the core executes this one, in 4 to 8 cycles.
         if prefetch && line == last.wrapping_add(1) {
