@@ -26,7 +26,7 @@ impl Proof {
 
     /// Distance in rad from the launch to the phase at which the track's downward acceleration
     /// crosses k.
-    pub fn from_edge(&self) -> f64 {
+    pub fn distance_to_edge(&self) -> f64 {
         let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
     }
