@@ -119,7 +119,7 @@ fn tried<K: Tried>(kernel: &K, launch: &Launch) -> Option<(Launch, Impact<PartSt
 /// Judges the impact of an arithmetic against the proof of its launch.
 fn one<K: Tried>(proof: &mut Proof, impact: Impact<PartState>) -> Result<Verdict, String> {
     // So near to lift-off the phase resolution decides whether the track throws the part.
-    if proof.launch.velocity < 1e-16 && proof.from_edge() < 6.0 * K::STEPS[0] {
+    if proof.launch.velocity < 1e-16 && proof.distance_to_edge() < 6.0 * K::STEPS[0] {
         return Ok(Verdict::Flagged);
     }
     judge::<K>(proof, &impact).map_err(|cause| {

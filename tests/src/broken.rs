@@ -149,15 +149,15 @@ fn supply_plans(controller: &mut Controller) {
         return;
     }
     let plans = PLANS.lock().unwrap();
-    if let Some(requested) = controller.kicks_search() {
-        if let Some(made) = plans.0.iter().find(|plan| plan.settings == *requested) {
-            controller.supply_kicks(made.clone());
-        }
+    if let Some(requested) = controller.kicks_search()
+        && let Some(made) = plans.0.iter().find(|plan| plan.settings == *requested)
+    {
+        controller.supply_kicks(made.clone());
     }
-    if let Some(requested) = controller.gear_search() {
-        if let Some(made) = plans.1.iter().find(|plan| plan.settings == *requested) {
-            controller.supply_gear(made.clone());
-        }
+    if let Some(requested) = controller.gear_search()
+        && let Some(made) = plans.1.iter().find(|plan| plan.settings == *requested)
+    {
+        controller.supply_gear(made.clone());
     }
 }
 

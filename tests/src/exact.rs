@@ -19,9 +19,8 @@ pub struct Refined {
 /// here.
 const MAX_SERIES_FLIGHT: f64 = 0.25;
 
-/// The refined impact of a launch that neither rests nor grazes.
-///
-/// `None` if the Newton step is longer than the rounding of a simple root.
+/// The refined impact of a launch that neither rests nor grazes. `None` if the Newton step is
+/// longer than the rounding of a simple root.
 pub fn refine(map: &Map, state: PartState) -> Option<Refined> {
     let d = map.impact(state).flight;
     let (time, k) = (Twofold::from(d), Twofold::from(map.k()));

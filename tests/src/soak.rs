@@ -42,9 +42,8 @@ impl Tally {
     }
 }
 
-/// The launch rounded to the resolution of all arithmetics: 2^-32 turns, and 2^-26 or f32.
-///
-/// One proof then applies to all of them. A launch that would round to rest is unchanged.
+/// The launch rounded to the resolution of all arithmetics: 2^-32 turns, and 2^-26 or f32. One
+/// proof then applies to all of them. A launch that would round to rest is unchanged.
 fn held_by_all(launch: &Launch) -> Launch {
     let velocity = (launch.velocity * 67_108_864.0).round() / 67_108_864.0;
     if velocity == 0.0 {
@@ -126,9 +125,8 @@ fn block(launches: &[Launch], report: &impl Fn(&str)) -> Tally {
 }
 
 /// Tries `count` launches of every kind, from tracks of one tone or of several, on every core.
-/// Reports wrong impacts at once.
-///
-/// The seed alone determines the launches. It panics if the program is asked to stop.
+/// Reports wrong impacts at once. The seed alone determines the launches. It panics if the program
+/// is asked to stop.
 pub fn soak(
     count: u64,
     on_tones: bool,

@@ -26,7 +26,7 @@ impl Proof {
 
     /// Distance in rad from the launch to the phase at which the track's downward acceleration
     /// crosses k.
-    pub fn from_edge(&self) -> f64 {
+    pub fn distance_to_edge(&self) -> f64 {
         let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
     }
@@ -49,9 +49,8 @@ pub enum Verdict {
     /// The part rests, correctly.
     Rests,
     /// Undecided within the oracle's rounding. The root is later than the oracle's, whose touch is
-    /// within rounding, or it is an earlier touch within rounding.
-    ///
-    /// Or another root, because the rounding of `A - k` decides between a hop and a throw.
+    /// within rounding, or it is an earlier touch within rounding. Or another root, because the
+    /// rounding of `A - k` decides between a hop and a throw.
     Undecided,
 }
 
@@ -98,9 +97,7 @@ impl Tried for Single {
 }
 
 /// Whether the rounding of `A - k`, or some steps of the phase, decide at launch between a tiny hop
-/// and a throw.
-///
-/// Near launch the gap is `psi d - (k - A) d^2/2 + A' d^3/6`, with two roots or none.
+/// and a throw. Near launch the gap is `psi d - (k - A) d^2/2 + A' d^3/6`, with two roots or none.
 pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
     let [excess, surge] = launch.excess();
     if surge <= 0.0 {

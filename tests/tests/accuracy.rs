@@ -34,10 +34,9 @@ fn launch(random: &mut Random) -> Case {
     (k, phase, velocity)
 }
 
-/// Checks a set of states against `limits`; no wrong root may occur.
-///
-/// Limits: median, 99th percentile and largest error of the phase in rad (and so of the flight
-/// time), largest error of the velocity.
+/// Checks a set of states against `limits`; no wrong root may occur. Limits: median, 99th
+/// percentile and largest error of the phase in rad (and so of the flight time), largest error of
+/// the velocity.
 fn check_limits<K: Kernel>(case: fn(&mut Random) -> Case, limits: [f64; 4]) {
     let mut random = Random::new(1);
     let (mut flights, mut velocities, mut wrong) = (Vec::new(), Vec::new(), 0);
@@ -112,9 +111,8 @@ fn touch(random: &mut Random) -> Option<(Case, f64)> {
     flies.then_some(((k, phase, velocity), time))
 }
 
-/// Checks the decision for flights that pass a hump by at least a limit, above or below.
-///
-/// The limit depends on the flight time if the kernel rounds the cosine at launch.
+/// Checks the decision for flights that pass a hump by at least a limit, above or below. The limit
+/// depends on the flight time if the kernel rounds the cosine at launch.
 fn decides<K: Kernel>(limit: fn(f64) -> f64) {
     let mut random = Random::new(9);
     let (mut narrow, mut flagged) = (0, 0);
@@ -193,9 +191,8 @@ fn a_year_at_50_hz_keeps_the_phase_of_f32() {
     assert_eq!(steps, impacts << 32);
 }
 
-/// An elastic orbit that gains velocity until it leaves the range.
-///
-/// There the kernel reports it and continues at its largest velocity.
+/// An elastic orbit that gains velocity until it leaves the range. There the kernel reports it and
+/// continues at its largest velocity.
 fn reports_the_end_of_its_range<K: Kernel>(top: f64) {
     let kernel = K::build(0.5, 1.0).unwrap();
     let highest = |phase| K::state(phase, top).unwrap();

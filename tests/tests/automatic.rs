@@ -6,9 +6,8 @@ use std::time::{Duration, Instant};
 
 use kband_tests::root;
 
-/// Runs a copy of `.ci/run` over test steps; returns exit status and output.
-///
-/// Its standard input never ends, and its output is read only after it has ended.
+/// Runs a copy of `.ci/run` over test steps; returns exit status and output. Its standard input
+/// never ends, and its output is read only after it has ended.
 fn automatic_check(steps: &str, limit: &str) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for name in [".ci", "tests"] {

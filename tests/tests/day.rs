@@ -150,10 +150,8 @@ impl Script {
         Some(name)
     }
 
-    /// The changes that are due now.
-    ///
-    /// The drive's gain follows the temperature through the day by +-20 %, with a ripple of
-    /// minutes.
+    /// The changes that are due now. The drive's gain follows the temperature through the day by
+    /// +-20 %, with a ripple of minutes.
     fn changes(&mut self, now: f64) -> Vec<Change> {
         let turn = std::f64::consts::TAU * now;
         let gain =

@@ -10,10 +10,8 @@ use kband_tests::emulator::{self, Clock, Machine, Output};
 use kband_tests::images;
 use object::{Object, ObjectSection, SectionFlags, elf};
 
-/// Sizes in bytes of an image, from its ELF file.
-///
-/// Flash: code, constants and initial values of variables. RAM: variables and the stack. Last, the
-/// stack.
+/// Sizes in bytes of an image, from its ELF file. Flash: code, constants and initial values of
+/// variables. RAM: variables and the stack. Last, the stack.
 fn footprint(image: &Path) -> [u32; 3] {
     let bytes = std::fs::read(image).unwrap();
     let file = object::File::parse(&*bytes).unwrap();
@@ -109,11 +107,9 @@ fn samples_control_and_plans_take_their_share_of_the_core() {
 
 #[test]
 fn traces_of_scenes_are_the_desks_bit_for_bit() {
-    std::thread::scope(|scope| {
-        for name in ["default", "two-tones", "eventful", "scattering"] {
-            scope.spawn(move || trace_is_the_desks(name));
-        }
-    });
+    for name in ["default", "two-tones", "eventful", "scattering"] {
+        trace_is_the_desks(name);
+    }
 }
 
 #[test]

@@ -45,10 +45,9 @@ fn every_impact_on_several_tones_is_the_first() {
 }
 
 /// Launches that failed in a soak test, each in one arithmetic, or on several tones in an earlier
-/// version of the judge. `KBAND_LAUNCH` selects another launch.
-///
-/// The iteration ended far from any root or at a later one, or a number overflowed. On several
-/// tones the gap is level or within rounding at the end, or the last step is long.
+/// version of the judge. `KBAND_LAUNCH` selects another launch. The iteration ended far from any
+/// root or at a later one, or a number overflowed. On several tones the gap is level or within
+/// rounding at the end, or the last step is long.
 #[test]
 fn launches_that_went_astray_once_do_not_again() {
     // k, restitution, phase, velocity; amplitude and angle of both tones.

@@ -47,11 +47,10 @@ fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
     watch.share(now).share()
 }
 
-/// R rises from 0.25 to 0.4 in ten minutes, and the best k from 0.42 to 0.51.
-///
-/// At the end the initial k gives no gear, and the best k a share of 0.65. The share over one
-/// minute has a standard error of 0.03 (some 70 losses). The smallest of ten such shares has the
-/// same error. The mean of six runs is 0.596 with an error of 0.012.
+/// R rises from 0.25 to 0.4 in ten minutes, and the best k from 0.42 to 0.51. At the end the
+/// initial k gives no gear, and the best k a share of 0.65. The share over one minute has a
+/// standard error of 0.03 (some 70 losses). The smallest of ten such shares has the same error. The
+/// mean of six runs is 0.596 with an error of 0.012.
 #[test]
 fn a_lot_that_drifts_is_followed_and_stays_in_gear() {
     const MINUTES: u32 = 10;
@@ -99,7 +98,6 @@ fn without_its_configured_second_tone_the_plan_uses_one_tone() {
 }
 
 /// Eight minutes with losses at the best k. At the plan's setpoint parts return to gear from rest.
-///
 /// A window of one minute has some hundred losses; its share has a standard error of 0.03.
 #[test]
 fn lost_gear_returns_without_a_kick_or_another_setpoint() {
@@ -142,10 +140,8 @@ fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
     }
 }
 
-/// READY is on while the parts are in gear.
-///
-/// It turns on within 10 s of gear, off within 10 s of its loss, and on again. The estimator has a
-/// memory of 5 s.
+/// READY is on while the parts are in gear. It turns on within 10 s of gear, off within 10 s of its
+/// loss, and on again. The estimator has a memory of 5 s.
 #[test]
 fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
     for parts in [1, 6] {

@@ -42,9 +42,8 @@ fn branch(at: u32, first: u16, second: u16) -> Option<u32> {
     Some(at.wrapping_add(4).wrapping_add_signed(offset))
 }
 
-/// Functions of an image by address: name without the compiler's hash, and called functions.
-///
-/// Calls through a pointer are missing.
+/// Functions of an image by address: name without the compiler's hash, and called functions. Calls
+/// through a pointer are missing.
 fn calls(image: &Path) -> BTreeMap<u32, (String, Vec<u32>)> {
     let bytes = std::fs::read(image).unwrap();
     let file = object::File::parse(&*bytes).unwrap();

@@ -198,10 +198,8 @@ impl PhaseSums {
         }
     }
 
-    /// Number of parts in lock.
-    ///
-    /// With random restitution a part may leave its lock for one or two hops in a window, and its
-    /// phase varies.
+    /// Number of parts in lock. With random restitution a part may leave its lock for one or two
+    /// hops in a window, and its phase varies.
     fn locked(&self, order: u8) -> usize {
         let expected_count = f64::from(WINDOW) / f64::from(order);
         let is_in_lock = |(count, cosines, sines): &&(f64, f64, f64)| {

@@ -52,10 +52,9 @@ enum Loss {
 const LOSS_TIME: f64 = 3.0;
 const OBSERVATION_TIME: f64 = 100.0;
 
-/// A strong drive at its hard limit, with a gain relative to the commissioned one.
-///
-/// Further parameters: tolerances of the test swing and of the run, voltage at rest, whether the
-/// current is measured.
+/// A strong drive at its hard limit, with a gain relative to the commissioned one. Further
+/// parameters: tolerances of the test swing and of the run, voltage at rest, whether the current is
+/// measured.
 fn at_its_limit(gain: f32, [swing, run]: [f32; 2], rest: f32, current: bool) -> Scene {
     let mut scene = Scene {
         target: Target::Amplitude(1.0),
@@ -84,7 +83,6 @@ fn add_current_sensor(scene: &mut Scene) {
 }
 
 /// Largest true amplitude over the hard limit after the loss, and the time in s to the fault.
-///
 /// `None` if the drive was already off.
 fn lose(mut scene: Scene, loss: Loss, share: f32) -> Option<(f64, Option<f64>)> {
     let lost = 1.0 - share;

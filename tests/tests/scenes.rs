@@ -44,9 +44,7 @@ fn kicks_as_one(outcome: &Outcome) -> (Vec<Event>, f64) {
 }
 
 /// Both fidelities have the same events, and the same b within 1 % of its largest value at every
-/// time.
-///
-/// A part that a kick missed bounces chaotically, and the last bit decides which later kick
+/// time. A part that a kick missed bounces chaotically, and the last bit decides which later kick
 /// captures it. If the kicks differ, the comparison ends after the first kick, and only the final
 /// states must agree.
 fn agree(envelope: &Outcome, waveform: &Outcome) {

@@ -58,9 +58,8 @@ fn described(package: &str) -> PathBuf {
     folder.join("doc").join(package.replace('-', "_") + ".json")
 }
 
-/// One line for each public name and for each trait implemented by hand, sorted by path.
-///
-/// Derived traits follow the name of their type.
+/// One line for each public name and for each trait implemented by hand, sorted by path. Derived
+/// traits follow the name of their type.
 fn surface(description: &Path) -> Vec<String> {
     let read = |derived: bool| {
         let api = public_api::Builder::from_rustdoc_json(description)

@@ -18,9 +18,8 @@ fn track(random: &mut Random) -> (Track, Wave) {
     (Track::on(k, tones), wave)
 }
 
-/// `det J = R^2 psi/psi'` of the tangent map itself.
-///
-/// So the sum of an orbit's exponents is `2 ln R` plus the difference of its ends.
+/// `det J = R^2 psi/psi'` of the tangent map itself. So the sum of an orbit's exponents is `2 ln R`
+/// plus the difference of its ends.
 #[test]
 fn the_tangent_on_tones_has_its_determinant() {
     let mut random = Random::new(44);

@@ -257,8 +257,8 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
 }
 
 /// A heavy part that does not fit the lot leaves gear while the reference rises. With a ramp of 17
-/// cycles the drive stops, as the amplitude oscillates. With four time constants of the envelope the
-/// amplitude reaches the limit.
+/// cycles the drive stops, as the amplitude oscillates. With four time constants of the envelope
+/// the amplitude reaches the limit.
 #[test]
 fn a_rise_waits_for_heavy_parts_on_two_tones() {
     let mut draw = Draw(Noise::new(427_200));

@@ -112,10 +112,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
 }
 
 /// A drive whose response at two or three times its frequency differs from the settings by a factor
-/// and an angle in degrees.
-///
-/// Returns the cycle of the event for it, the largest ratio of that tone over the requested one,
-/// and the last report.
+/// and an angle in degrees. Returns the cycle of the event for it, the largest ratio of that tone
+/// over the requested one, and the last report.
 fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
     let configured = if third { THREE_TONES } else { TWO_TONES };
     let mut scene = scene_of(configured, |_| ());
