@@ -207,7 +207,7 @@ impl Destination {
     /// A symbolic link is followed. A pipe or a device is written directly. Neither is replaced.
     pub fn write_by<T>(
         &self,
-        work: impl FnOnce(&mut dyn Write) -> Result<T, Refusal>,
+        work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
         let refuse = |error: std::io::Error| self.write_refusal(&error);
         if self.standard {
