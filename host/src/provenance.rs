@@ -36,21 +36,6 @@ fn parameter(value: Json, unit: &str) -> Json {
     fields
 }
 
-/// Options for destination and appearance of a result, which do not change its numbers.
-const IGNORED_OPTIONS: [&str; 11] = [
-    "threads",
-    "out",
-    "trace",
-    "scope",
-    "format",
-    "theme",
-    "width",
-    "font_size",
-    "print_scene",
-    "schema",
-    "record",
-];
-
 /// Units of values, by their names in the help.
 const UNITS: [(&str, &str); 11] = [
     ("HZ", "Hz"),
@@ -138,7 +123,13 @@ fn parameters(verb: &clap::Command, matches: &ArgMatches) -> Map<String, Json> {
     let mut entries = Map::new();
     for argument in verb.get_arguments() {
         let id = argument.get_id().as_str();
-        if IGNORED_OPTIONS.contains(&id) || matches.value_source(id).is_none() {
+        // Destination and appearance of a result do not change its numbers.
+        let is_ignored = match id {
+            "threads" | "out" | "trace" | "scope" | "format" | "theme" | "width" | "font_size"
+            | "print_scene" | "schema" | "record" => true,
+            _ => matches.value_source(id).is_none(),
+        };
+        if is_ignored {
             continue;
         }
         let Ok(Some(raw)) = matches.try_get_raw(id) else {

@@ -6,7 +6,7 @@
 //! | [`fields`] | numbers and flags of a scene besides the controller's settings |
 //! | `section`, `timeline`, `parts`, `expect`, `scene` | sections of a scene file, and the whole file |
 //! | `engine` | the closed loop of a scene, cycle by cycle |
-//! | `record`, `outcome`, `unmet` | record of a run, its result, unmet expectations |
+//! | `record`, `outcome` | record of a run, its result and unmet expectations |
 //! | [`ending`] | final regime of an orbit on the exact map |
 //! | [`design`] | feeders with the drive of a scene, on a Pareto front |
 //!
@@ -24,7 +24,6 @@ pub mod refusal;
 mod scene;
 mod section;
 mod timeline;
-mod unmet;
 
 pub use engine::{Engine, Fidelity, Glance, Lot};
 pub use expect::Expectation;

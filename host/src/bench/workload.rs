@@ -49,8 +49,8 @@ fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
     };
     // A chatter with a closed form has no hops.
     let hops = |launch: &Launch| {
-        Map::build(launch.k, launch.restitution)
-            .is_ok_and(|map| map.time_to_rest(launch.state).is_none())
+        let map = Map::build(launch.k, launch.restitution);
+        map.is_ok_and(|map| map.time_to_rest(launch.state).is_none())
     };
     let launches = std::iter::from_fn(launch).filter(hops);
     launches.take(count).collect()

@@ -1,7 +1,5 @@
 //! Chips of the boards, images for them, and access through a debug probe.
 
-#[cfg(feature = "flash")]
-mod apart;
 mod image;
 mod model;
 #[cfg(feature = "flash")]

@@ -41,8 +41,9 @@ impl ConnectedChip {
                 WIRES,
             )
         };
-        let attached = probe.select_protocol(WireProtocol::Swd);
-        let attached = attached.and_then(|()| probe.attach_to_unspecified());
+        let selected = probe.select_protocol(WireProtocol::Swd);
+        selected.map_err(|error| unreached(&error))?;
+        let attached = probe.attach_to_unspecified();
         attached.map_err(|error| unreached(&error))?;
         let interface = probe.try_into_arm_debug_interface(DefaultArmSequence::create());
         let mut interface = interface.map_err(|(_, error)| unreached(&error))?;
@@ -192,7 +193,7 @@ fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
             probes
         }
     };
-    let (cause, next) = match &probes[..] {
+    let (cause, next): (String, String) = match &probes[..] {
         [info] => return Ok(info.clone()),
         [] => (
             "no debug probe is there".into(),
@@ -205,5 +206,5 @@ fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
             format!("name one, such as --probe {}", name(info)),
         ),
     };
-    Err(Refusal::new::<String, String>(cause, next))
+    Err(Refusal::new(cause, next))
 }

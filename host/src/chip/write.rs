@@ -1,17 +1,21 @@
 //! Writes an image into the flash: drive off first, and an incomplete image never starts.
 
-use std::time::Duration;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
 
 use probe_rs::flashing::{DownloadOptions, FlashProgress, ProgressEvent, ProgressOperation};
 use probe_rs::{Core, MemoryInterface, Session};
 
-use super::apart;
 use super::image::{Image, Piece};
 use super::model::{Chip, Controller, OptionBytes};
 use super::reach::{ConnectedChip, causes};
 use crate::desk::Desk;
 use crate::refusal::Refusal;
 
+/// Longest wait for a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
+const THREAD_NAME: &str = "probe";
 const HALT_TIMEOUT: Duration = Duration::from_millis(500);
 /// Bytes of the initial stack pointer and entry of the image; while they are erased, the core does
 /// not start.
@@ -38,7 +42,7 @@ pub fn write(
     mut written: impl FnMut(u64),
 ) -> Result<(), Refusal> {
     let probe = probe.map(str::to_owned);
-    let reports = apart::start(move |sender| {
+    let reports = start(move |sender| {
         // A closed channel has no reader.
         let mut report = |bytes| _ = sender.send(WriteReport::Written(bytes));
         let end = write_image(&image, probe.as_deref(), options, &mut report);
@@ -46,8 +50,9 @@ pub fn write(
     })?;
     let mut started = false;
     loop {
-        let next = apart::next(&reports, desk);
-        match next.map_err(|cut| if started { cut.then(RETRY_STEP) } else { cut })? {
+        match next(&reports, desk)
+            .map_err(|cut| if started { cut.then(RETRY_STEP) } else { cut })?
+        {
             WriteReport::Written(bytes) => {
                 started = true;
                 written(bytes);
@@ -60,6 +65,56 @@ pub fn write(
 enum WriteReport {
     Written(u64),
     Ended(Result<(), Refusal>),
+}
+
+/// Starts work with a probe in a separate thread, because a probe may not answer, and its driver may
+/// panic. Its messages arrive in the channel, which closes at its end.
+fn start(
+    work: impl FnOnce(Sender<WriteReport>) + Send + 'static,
+) -> Result<Receiver<WriteReport>, Refusal> {
+    let others = std::panic::take_hook();
+    // The run reports a panic of the thread in its own message.
+    std::panic::set_hook(Box::new(move |panic| {
+        if std::thread::current().name() != Some(THREAD_NAME) {
+            others(panic);
+        }
+    }));
+    let (sender, received) = channel();
+    std::thread::Builder::new()
+        .name(THREAD_NAME.into())
+        .spawn(move || work(sender))
+        .map_err(|error| {
+            let cause = format!("a thread could not be started: {error}");
+            Refusal::new(cause, "close other programs and try again")
+        })?;
+    Ok(received)
+}
+
+/// The next message of the work. Refuses after a long silence, a panic, or an interruption by the
+/// user.
+fn next(received: &Receiver<WriteReport>, desk: &Desk) -> Result<WriteReport, Refusal> {
+    let start = Instant::now();
+    loop {
+        if desk.check_stop().is_err() {
+            let cause = "interrupted while the probe was at work";
+            return Err(Refusal::cut(cause, "start it again"));
+        }
+        match received.recv_timeout(STOP_POLL_INTERVAL) {
+            Ok(received) => return Ok(received),
+            // The work ended without a result.
+            Err(RecvTimeoutError::Disconnected) => {
+                let cause = "the connection to the probe was lost";
+                return Err(Refusal::new(cause, "plug the probe in and try again"));
+            }
+            Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
+                let waited = SILENCE_TIMEOUT.as_secs();
+                let cause = format!("the probe has not answered for {waited} s");
+                let next = "unplug the probe, plug it in and try again";
+                return Err(Refusal::new(cause, next));
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
 }
 
 fn write_image(

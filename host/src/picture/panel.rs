@@ -73,43 +73,33 @@ impl Panel {
 
     /// A line in the series' colour and dash; NaN breaks it. An empty name omits it from the
     /// legend.
-    pub fn line(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
-        self.key(Key::Line(series), name);
-        self.items.push(Item::Line { series, points });
-        self
+    pub fn line(self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
+        self.item(Key::Line(series), name, Item::Line { series, points })
     }
 
     /// A marker at each point, or a density of more than 2500 points.
-    pub fn markers(mut self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
+    pub fn markers(self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
         if points.len() > MAX_MARKERS {
             return self.density(name, points);
         }
-        self.key(Key::Marker(series), name);
-        self.items.push(Item::Markers { series, points });
-        self
+        self.item(Key::Marker(series), name, Item::Markers { series, points })
     }
 
     /// The area between two lines, as (x, low, high).
-    pub fn between(mut self, name: &str, series: usize, points: Vec<(f64, f64, f64)>) -> Self {
-        self.key(Key::Area(series), name);
-        self.items.push(Item::Between { series, points });
-        self
+    pub fn between(self, name: &str, series: usize, points: Vec<(f64, f64, f64)>) -> Self {
+        self.item(Key::Area(series), name, Item::Between { series, points })
     }
 
     /// A density of any number of points, darker for more points.
-    pub fn density(mut self, name: &str, points: Vec<(f64, f64)>) -> Self {
-        self.key(Key::Ink, name);
-        self.items.push(Item::Density(points));
-        self
+    pub fn density(self, name: &str, points: Vec<(f64, f64)>) -> Self {
+        self.item(Key::Ink, name, Item::Density(points))
     }
 
     /// A density of points in evenly spaced columns, the first and last at the ends of the axis.
     ///
     /// All columns have the same width, so no stripes appear. Each column lists heights.
-    pub fn columns(mut self, name: &str, columns: Vec<Vec<f32>>) -> Self {
-        self.key(Key::Ink, name);
-        self.items.push(Item::Columns(columns));
-        self
+    pub fn columns(self, name: &str, columns: Vec<Vec<f32>>) -> Self {
+        self.item(Key::Ink, name, Item::Columns(columns))
     }
 
     /// A map of values over the whole panel, with a colour bar; NaN stays empty.
@@ -162,19 +152,15 @@ impl Panel {
     }
 
     /// A shaded strip of the horizontal axis, for a band of k.
-    pub fn strip(mut self, name: &str, low: f64, high: f64) -> Self {
-        self.key(Key::Strip, name);
+    pub fn strip(self, name: &str, low: f64, high: f64) -> Self {
         let of_y = false;
-        self.items.push(Item::Strip { low, high, of_y });
-        self
+        self.item(Key::Strip, name, Item::Strip { low, high, of_y })
     }
 
     /// A shaded strip of the vertical axis, for a band of k on that axis.
-    pub fn shelf(mut self, name: &str, low: f64, high: f64) -> Self {
-        self.key(Key::Strip, name);
+    pub fn shelf(self, name: &str, low: f64, high: f64) -> Self {
         let of_y = true;
-        self.items.push(Item::Strip { low, high, of_y });
-        self
+        self.item(Key::Strip, name, Item::Strip { low, high, of_y })
     }
 
     /// A dashed vertical line at `x`, with text above it.
@@ -193,6 +179,12 @@ impl Panel {
     /// line.
     pub fn level(mut self, y: f64, text: impl Into<String>) -> Self {
         self.levels.push((y, text.into()));
+        self
+    }
+
+    fn item(mut self, key: Key, name: &str, item: Item) -> Self {
+        self.key(key, name);
+        self.items.push(item);
         self
     }
 

@@ -180,13 +180,8 @@ impl Theme {
             &[4.0, 2.0],
             &[1.5, 1.5],
         ];
-        const MARKERS: [Marker; 5] = [
-            Marker::Circle,
-            Marker::Square,
-            Marker::Triangle,
-            Marker::Diamond,
-            Marker::Cross,
-        ];
+        use Marker::{Circle, Cross, Diamond, Square, Triangle};
+        const MARKERS: [Marker; 5] = [Circle, Square, Triangle, Diamond, Cross];
         let colour = self.pick(LIGHT[n % 7], DARK[n % 7]);
         (colour, DASHES[n % 7], MARKERS[n % 5])
     }

@@ -1,11 +1,9 @@
 //! Scenes at the desk: run with progress, drawn, and varied.
 //!
-//! Each of these modules uses only earlier ones: run; read, picture, trace, runs, axes, sweep,
-//! schema.
+//! Each of these modules uses only earlier ones: schema; run, picture, trace, runs, axes, sweep.
 
 pub(crate) mod axes;
 mod picture;
-mod read;
 mod run;
 pub(crate) mod runs;
 pub(crate) mod schema;
@@ -20,7 +18,6 @@ pub(crate) use kband_scene::{
     Lot, STATISTICS_START, describe, part_group, regime_text, within_reach,
 };
 pub(crate) use picture::{STATE_FILLS, draw, state_fill};
-pub(crate) use read::SceneText;
-pub(crate) use run::run;
+pub(crate) use run::{SceneText, run};
 pub use run::{run_on, run_watched};
 pub use runs::Runs;

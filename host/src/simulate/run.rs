@@ -1,11 +1,42 @@
 //! Runs of a scene with progress and Ctrl-C. The controller runs in this process or on a board
 //! (processor in the loop); the plant always runs here.
 
-use kband_scene::{Fidelity, Outcome, SceneFile, Watch, cycles};
+use std::path::Path;
 
+use kband_scene::{DEFAULT, Fidelity, Outcome, SceneFile, Watch, at_line, cycles, table};
+use toml::Table;
+
+use super::schema;
 use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::Refusal;
+use crate::{file, provenance};
+
+/// The scene named by the user.
+pub(crate) struct SceneText {
+    pub name: String,
+    text: String,
+    pub table: Table,
+}
+
+impl SceneText {
+    /// Reads a file; without a path, the default scene.
+    pub fn read(path: Option<&Path>) -> Result<Self, Refusal> {
+        let (name, text) = match path {
+            Some(path) => (path.display().to_string(), file::read_text(path)?),
+            None => ("the default scene".into(), DEFAULT.into()),
+        };
+        let table = table(&text).map_err(|refusal| refusal.at(&name))?;
+        Ok(Self { name, text, table })
+    }
+
+    /// The scene of the table with changes. The provenance of its results contains its values.
+    pub fn scene(&self, table: &Table) -> Result<SceneFile, Refusal> {
+        provenance::scene(table, schema::unit);
+        SceneFile::from_table(table.clone())
+            .map_err(|refusal| at_line(refusal, &self.text).at(&self.name))
+    }
+}
 
 /// Runs a scene to its end at its own fidelity (default: envelope), with a progress bar.
 pub fn run(file: &SceneFile, desk: &Desk) -> Result<Outcome, Refusal> {
