@@ -402,7 +402,9 @@ mod tests {
             (!desk.0.borrow().off, exchange.late())
         };
         assert_eq!(cycle(Some(0.2)), (true, false));
-        (0..5).for_each(|_| _ = cycle(None));
+        for _ in 0..5 {
+            cycle(None);
+        }
         assert_eq!(cycle(None), (false, true));
         assert!((0..3).all(|_| cycle(Some(0.2)) == (false, true)));
         assert_eq!(cycle(Some(0.0)), (false, false));

@@ -401,8 +401,11 @@ impl Station {
 
     /// Records whether the requested save succeeded.
     pub fn end_save(&self, saved: bool) {
-        let ended = [SaveProgress::Failed, SaveProgress::Done];
-        self.bus.save.set(ended[usize::from(saved)]);
+        self.bus.save.set(if saved {
+            SaveProgress::Done
+        } else {
+            SaveProgress::Failed
+        });
     }
 
     /// Sets a new target.

@@ -559,7 +559,11 @@ impl Commissioned {
         let response = write_response(&mut buffer, sequence, &response);
         let mut answers = response.unwrap().to_vec();
         if let Request::Telemetry(1) = request {
-            let state = [State::Off, State::Holding][usize::from(self.running)];
+            let state = if self.running {
+                State::Holding
+            } else {
+                State::Off
+            };
             let telemetry = Telemetry {
                 state: state.number(),
                 ..Telemetry::default()

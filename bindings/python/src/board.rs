@@ -67,7 +67,11 @@ impl Board {
                 Refusal::interrupted()
             })
         });
-        let emulated = [Emulated::AtRest, Emulated::Running][usize::from(running)];
+        let emulated = if running {
+            Emulated::Running
+        } else {
+            Emulated::AtRest
+        };
         let link = py.detach(|| {
             let link = if on == "qemu" {
                 Link::emulate([image.as_deref(), None], emulated, check_stop)

@@ -225,7 +225,11 @@ fn violations(scene: &Scene) -> Option<Vec<std::string::String>> {
     let near = is_near(scene).then(|| run_fidelities(scene, cycles));
     let exceeds_bounds = |result: &RunResult| {
         let saturated = result.fault == Fault::SensorSaturated.number();
-        let max_excess = [MAX_EXCESS, MAX_EXCESS_SATURATED][usize::from(saturated)];
+        let max_excess = if saturated {
+            MAX_EXCESS_SATURATED
+        } else {
+            MAX_EXCESS
+        };
         let steady = MAX_VARIATION[usize::from(scene.has_mass())];
         result.broken
             || result.max_excess > max_excess

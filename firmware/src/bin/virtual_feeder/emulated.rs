@@ -226,7 +226,11 @@ async fn supervise() {
 fn finish(passed: bool) -> ! {
     let (used, size) = stack_use();
     heprintln!("stack {} of {} bytes", used, size);
-    debug::exit([debug::EXIT_FAILURE, debug::EXIT_SUCCESS][usize::from(passed)]);
+    debug::exit(if passed {
+        debug::EXIT_SUCCESS
+    } else {
+        debug::EXIT_FAILURE
+    });
     loop {
         cortex_m::asm::wfi();
     }

@@ -250,7 +250,11 @@ impl Converter {
                 self.registers[0x3c / 4 + rank] = value.wrapping_sub(zero) & 0xffff;
             }
         }
-        self.registers[0] |= [INJECTED_END, INJECTED_END_G474][usize::from(g474)];
+        self.registers[0] |= if g474 {
+            INJECTED_END_G474
+        } else {
+            INJECTED_END
+        };
     }
 
     /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
