@@ -115,10 +115,11 @@ impl OnsetDetector {
     pub fn detect(&mut self, residual: f32) -> Option<f32> {
         let height = if residual < 0.0 { -residual } else { residual };
         let step = self.median * Self::MEDIAN_STEP as f32;
-        // Half of all samples are above the median. A branch would be mispredicted as often.
-        let rises = height > self.median;
-        let falls = !rises & (self.median > self.floor);
-        self.median += f32::from(i8::from(rises) - i8::from(falls)) * step;
+        if height > self.median {
+            self.median += step;
+        } else if self.median > self.floor {
+            self.median -= step;
+        }
         let above = height > Self::MEDIAN_THRESHOLD * self.median;
         let is_onset =
             above && height > Self::MIN_OVER_ENVELOPE as f32 * self.ringing && self.rising == 0;
