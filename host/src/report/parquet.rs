@@ -11,7 +11,6 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-use super::value::shortest;
 use super::{Column, Rows, Value, finite};
 use crate::provenance;
 use crate::refusal::Refusal;
@@ -124,7 +123,6 @@ impl Rows for ParquetRows<'_> {
                 Waiting::Numbers(values, levels) => {
                     let number = match value {
                         Value::Number(number) | Value::Short(number) => finite(*number),
-                        Value::Single(number) => finite(*number).map(shortest),
                         Value::Count(count) => Some(*count as f64),
                         Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
                         Value::Text(_) | Value::Missing => None,

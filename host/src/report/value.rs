@@ -5,10 +5,8 @@ use serde_json::Value as Json;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     Number(f64),
-    /// A number that is written with its shortest digits.
+    /// A number of single precision, as the double with the same shortest digits.
     Short(f64),
-    /// A number of single precision, with the shortest digits of the f32.
-    Single(f32),
     Count(u64),
     Text(Box<str>),
     Flag(bool),
@@ -21,9 +19,10 @@ impl From<f64> for Value {
     }
 }
 
+/// Keeps the shortest digits of the f32, not those of its nearest f64.
 impl From<f32> for Value {
     fn from(value: f32) -> Self {
-        Self::Single(value)
+        Self::Short(shortest(value))
     }
 }
 
@@ -73,7 +72,6 @@ impl Value {
     pub(super) fn read(&self, digits: usize) -> String {
         match self {
             Self::Number(value) | Self::Short(value) => number(*value, digits),
-            Self::Single(value) => number(shortest(*value), digits),
             Self::Count(value) => value.to_string(),
             Self::Text(text) => text.to_string(),
             Self::Flag(yes) => if *yes { "yes" } else { "no" }.into(),
@@ -85,9 +83,7 @@ impl Value {
         match self {
             Self::Number(value) | Self::Short(value) if !value.is_finite() => String::new(),
             Self::Number(value) => number(*value, 17),
-            Self::Single(value) if !value.is_finite() => String::new(),
             Self::Short(value) => value.to_string(),
-            Self::Single(value) => value.to_string(),
             Self::Text(text) if text.contains([',', '"', '\n']) => {
                 format!("\"{}\"", text.replace('"', "\"\""))
             }
@@ -100,7 +96,6 @@ impl Value {
     pub(crate) fn json(&self) -> Json {
         match self {
             Self::Number(value) | Self::Short(value) => (*value).into(),
-            Self::Single(value) => shortest(*value).into(),
             Self::Count(value) => (*value).into(),
             Self::Text(text) => text.as_ref().into(),
             Self::Flag(yes) => (*yes).into(),
@@ -141,17 +136,19 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
     let scientific = format!("{value:.*e}", digits - 1);
     let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
-    let trim = |text: &str| text.trim_end_matches('0').trim_end_matches('.').to_string();
+    let trim = |text: &str| {
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_string()
+        } else {
+            text.to_string()
+        }
+    };
     if exponent < -5 || exponent >= digits as i32 {
-        return format!("{}e{exponent}", trim(mantissa));
+        format!("{}e{exponent}", trim(mantissa))
+    } else {
+        let decimals = (digits as i32 - 1 - exponent) as usize;
+        trim(&format!("{value:.decimals$}"))
     }
-    // The same digits with the point moved; a second conversion would double the time.
-    let (sign, mantissa) = mantissa.split_at(usize::from(value < 0.0));
-    let digits = mantissa.replace('.', "");
-    let zeros = "0".repeat((-exponent).max(0) as usize);
-    let digits = zeros + &digits;
-    let (whole, fraction) = digits.split_at(exponent.max(0) as usize + 1);
-    format!("{sign}{}", trim(&format!("{whole}.{fraction}")))
 }
 
 /// Each of these values as [`number`].
