@@ -35,7 +35,7 @@ pub type ProgressCheck<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
 pub struct Outcome {
     file: SceneFile,
     record: Record,
-    /// Of the simulation, s.
+    /// Time that the simulation took, s.
     wall_time: f64,
     /// Controller with the final target; it gives the predicted setpoint.
     controller: Controller,
