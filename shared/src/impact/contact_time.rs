@@ -102,8 +102,8 @@ impl ContactTime {
         }
     }
 
-    /// Launch speed in `b w` at the end of the contact; 0 if the part rests. `speed` is R s in `b
-    /// w`, `pull` is `k - A` at the end of the contact in `b w^2`.
+    /// Launch speed in `b w` at the end of the contact; 0 if the part rests.
+    /// `speed` is R s in `b w`, `pull` is `k - A` at the end of the contact in `b w^2`.
     #[inline]
     fn launch_speed(self, restitution: f64, speed: f64, pull: f64) -> f64 {
         (speed - self.gain(restitution) * pull).max(0.0)
