@@ -753,7 +753,7 @@ impl Board {
             self.wait_for_flash(address);
             return number(&self.flash.bytes, (address & 0x000f_ffff) as usize, 2);
         }
-        self.load_elsewhere(address, 2)
+        self.load(address, 2)
     }
 }
 
@@ -796,9 +796,11 @@ impl Bus for Board {
 
     #[inline]
     fn fetch(&mut self, address: u32) -> Option<u16> {
-        let at = address.wrapping_sub(MEMORY) as usize;
-        let half = number(&self.ram, at, 2).or_else(|| self.fetch_elsewhere(address));
-        half.map(|half| half as u16)
+        let at = address.wrapping_sub(flash::START) as usize;
+        let idle = self.now >= self.flash.busy;
+        (idle.then(|| number(&self.flash.bytes, at, 2)).flatten())
+            .or_else(|| self.fetch_elsewhere(address))
+            .map(|half| half as u16)
     }
 
     #[inline]

@@ -77,25 +77,38 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 #[derive(Clone, Debug, Default)]
 struct Lines {
     count: usize,
-    lines: VecDeque<u32>,
+    newest_first: VecDeque<usize>,
+    /// Whether each line of the flash is cached: faster than a search, which took a fifth of a run.
+    cached: Vec<bool>,
 }
 
 impl Lines {
-    fn new(count: usize) -> Self {
+    fn new(count: usize, bytes: usize) -> Self {
         Self {
             count,
-            lines: VecDeque::new(),
+            newest_first: VecDeque::new(),
+            cached: vec![false; bytes.div_ceil(16)],
         }
     }
 
-    /// Whether a line is cached; it is cached from now on.
-    fn has(&mut self, line: u32) -> bool {
-        let is_cached = self.lines.contains(&line);
-        if !is_cached {
-            self.lines.truncate(self.count - 1);
-            self.lines.push_front(line);
+    fn clear(&mut self) {
+        self.newest_first.clear();
+        self.cached.fill(false);
+    }
+
+    /// Whether the line of an address is cached; it is cached from now on.
+    fn has(&mut self, address: u32) -> bool {
+        let line = (address - START) as usize >> 4;
+        if self.cached[line] {
+            return true;
         }
-        is_cached
+        if self.newest_first.len() == self.count {
+            let oldest = self.newest_first.pop_back();
+            oldest.into_iter().for_each(|line| self.cached[line] = false);
+        }
+        self.newest_first.push_front(line);
+        self.cached[line] = true;
+        false
     }
 }
 
@@ -158,8 +171,8 @@ impl Flash {
                 Kind::Stm32f405 => OPTIONS & OPTION_BYTES,
                 Kind::Stm32g474 => pages::OPTIONS,
             },
-            instructions: Lines::new(LINES[0]),
-            data: Lines::new(LINES[1]),
+            instructions: Lines::new(LINES[0], RANGE.len()),
+            data: Lines::new(LINES[1], RANGE.len()),
             ..Self::default()
         };
         flash.reset();
@@ -175,8 +188,8 @@ impl Flash {
         if self.kind == Kind::Stm32g474 {
             self.access = INSTRUCTION_CACHE | DATA_CACHE;
         }
-        self.instructions.lines.clear();
-        self.data.lines.clear();
+        self.instructions.clear();
+        self.data.clear();
         self.current = [u32::MAX; 2];
     }
 
@@ -246,7 +259,7 @@ impl Flash {
             return 0;
         }
         let [prefetch, cached, _] = self.accelerator();
-        if cached && self.instructions.has(line) {
+        if cached && self.instructions.has(address) {
             return 0;
         }
         // A line of 16 bytes takes two reads of 8 bytes with the flash in two banks.
@@ -267,7 +280,7 @@ impl Flash {
         let old = (self.stale.as_ref()).is_some_and(|sector| sector.contains(&at));
         let last = std::mem::replace(&mut self.current[1], line);
         let [_, _, cached] = self.accelerator();
-        if line == last || cached && self.data.has(line) {
+        if line == last || cached && self.data.has(address) {
             return (0, old);
         }
         (self.latency(), old)
@@ -296,10 +309,10 @@ impl Flash {
             0x00 => {
                 self.access = value & 0x707;
                 if value & RESET_INSTRUCTIONS != 0 {
-                    self.instructions.lines.clear();
+                    self.instructions.clear();
                 }
                 if value & RESET_DATA != 0 {
-                    self.data.lines.clear();
+                    self.data.clear();
                     self.stale = None;
                 }
             }
