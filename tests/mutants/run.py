@@ -449,7 +449,9 @@ def compiling(found):
                 if said.get("message", {}).get("level") != "error":
                     continue
                 errors.append(said["message"]["rendered"])
-                for span in said["message"]["spans"]:
+                # The place of an endless constant is in a help of the error.
+                message = said["message"]
+                for span in sum((part["spans"] for part in message["children"]), message["spans"]):
                     for first, last, numbers in lines.get(span["file_name"], ()):
                         if first <= span["line_end"] and span["line_start"] <= last:
                             refused.update(numbers)
