@@ -4,9 +4,10 @@
     tests/programs.py                           those of `cargo test --locked --test '*'`
     tests/programs.py -p PACKAGE --test NAME    selected ones
 
-The longest programs of the last run start first. Programs that wait for an emulated board run
-beside those that compute, and come first at a core: their clocks run in real time. Prints the
-output of each program when it ends, and all failures again at the end. Exit status 1 if one failed.
+The longest programs of the last run start first, in a first run those of LONG. Programs that wait
+for an emulated board run beside those that compute, and come first at a core: their clocks run in
+real time. Prints the output of each program when it ends, and all failures again at the end. Exit
+status 1 if one failed.
 """
 
 import concurrent.futures
@@ -25,6 +26,8 @@ TIMES = TARGET / "run/programs.json"
 LANES = 2
 # Programs that mostly wait, and the number of their tests at once.
 WAITING = {"board": 4, "fieldbus": 2, "serve": 2}
+# Programs of a minute and more.
+LONG = ("hazards", "update", "bus", "kernels", "sensor", "loops", "line", "command_line")
 # Niceness of the programs that compute.
 NICENESS = 10
 # Number of characters of a program's failures that are printed again.
@@ -75,7 +78,8 @@ def main():
             return None
         return f"{name} (exit status {ran.returncode})", text.partition("\nfailures:\n")[2]
 
-    slowest = sorted(found, key=lambda program: -times.get(program[0], 0.0))
+    usual = {name: 60.0 * (len(LONG) - place) for place, name in enumerate(LONG)}
+    slowest = sorted(found, key=lambda program: -(usual | times).get(program[0], 0.0))
     waits, computes = (concurrent.futures.ThreadPoolExecutor(lanes) for lanes in (1, LANES))
     ran = [
         (waits if program[0] in WAITING else computes).submit(run, program) for program in slowest
