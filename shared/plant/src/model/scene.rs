@@ -426,4 +426,42 @@ mod tests {
         assert_eq!(with(0.1, 10.0), Err("part contact"));
         assert_eq!(with(0.0, 10.0), Ok(()));
     }
+
+    #[test]
+    fn each_disturbance_accepts_its_range_and_nothing_else() {
+        let cases: [(&str, [f32; 2], fn(f32) -> Change); 8] = [
+            ("disturbance gain", [0.0, 10.0], Change::Gain),
+            ("disturbance restitution", [-0.5, 1.0], Change::Restitution),
+            ("disturbance scatter", [0.0, 0.5], Change::Scatter),
+            ("disturbance noise", [0.0, 100.0], Change::Noise),
+            ("disturbance sensitivity", [0.0, 10.0], Change::Sensitivity),
+            ("disturbance ripple", [0.0, 0.5], Change::Ripple),
+            ("disturbance dump", [0.0, 1e4], Change::Dump),
+            ("disturbance hum", [0.0, 100.0], Change::Hum),
+        ];
+        let check = |at: f64, change| {
+            let disturbances = core::iter::once(Disturbance { at, change }).collect();
+            let scene = Scene {
+                disturbances,
+                ..Scene::default()
+            };
+            scene.check().map_err(|refused| refused.parameter)
+        };
+        for (parameter, [low, high], change) in cases {
+            for value in [low, high] {
+                assert_eq!(check(1.0, change(value)), Ok(()), "{parameter} {value}");
+            }
+            for value in [low.next_down(), high.next_up(), f32::NAN, f32::INFINITY] {
+                assert_eq!(check(1.0, change(value)), Err(parameter), "{value}");
+            }
+        }
+        let count = Scene::default().parts.len() as u8;
+        assert_eq!(check(1.0, Change::Parts(count)), Ok(()));
+        let more = check(1.0, Change::Parts(count + 1));
+        assert_eq!(more, Err("disturbance parts"));
+        for at in [-1.0, f64::NAN, 1e9] {
+            let early = check(at, Change::Enable(true));
+            assert_eq!(early, Err("disturbance at"), "{at}");
+        }
+    }
 }

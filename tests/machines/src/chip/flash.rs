@@ -104,7 +104,9 @@ impl Lines {
         }
         if self.newest_first.len() == self.count {
             let oldest = self.newest_first.pop_back();
-            oldest.into_iter().for_each(|line| self.cached[line] = false);
+            oldest
+                .into_iter()
+                .for_each(|line| self.cached[line] = false);
         }
         self.newest_first.push_front(line);
         self.cached[line] = true;
