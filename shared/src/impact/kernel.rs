@@ -50,6 +50,17 @@ impl<S> Landing<S> {
         self.steps as f64 * Phase::RADIANS_PER_STEP
     }
 
+    /// The landing of a resting part, which stays.
+    #[inline(always)]
+    pub(super) fn at_rest(next: S) -> Self {
+        let (steps, grazes) = (0, false);
+        Self {
+            steps,
+            next,
+            grazes,
+        }
+    }
+
     /// The landing with its flight in rad.
     #[inline(always)]
     pub(super) fn impact(self) -> Impact<S> {

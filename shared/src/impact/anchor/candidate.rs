@@ -55,15 +55,9 @@ pub(super) enum Candidate {
 /// See [`SineTrack::ends`].
 #[inline(always)]
 pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate> {
-    let Launch {
-        velocity,
-        sine,
-        cosine,
-        pull,
-        ..
-    } = *launch;
+    let (velocity, sine, cosine) = (launch.velocity, launch.sine, launch.cosine);
     // u/d = psi - a1 d + a2 d^2 - sin d^3 / 24 - cos d^4 / 120 + sin d^5 / 720 + ...
-    let a1 = 0.5 * pull;
+    let a1 = 0.5 * launch.pull;
     let a2 = cosine * (1.0 / 6.0);
     let discriminant = a1 * a1 - 4.0 * a2 * velocity;
     let mut near = MAX_START_FROM_LAUNCH;

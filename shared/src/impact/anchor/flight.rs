@@ -41,17 +41,7 @@ pub(super) struct Local {
     pub snap: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub(in crate::impact) struct Motion {
-    /// Displacement S.
-    pub height: f32,
-    /// S'.
-    pub speed: f32,
-    /// `-S''`, `-S'''` and `S''''`.
-    pub push: f32,
-    pub jerk: f32,
-    pub snap: f32,
-}
+pub(in crate::impact) type Motion = crate::impact::wave::Motion<f32>;
 
 #[derive(Clone, Copy)]
 pub(super) struct Gravity {

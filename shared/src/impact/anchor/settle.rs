@@ -39,16 +39,10 @@ pub(super) struct Settled {
 /// Height and slope at `d` from a node relative to the node's, and half the curvature there.
 #[inline(always)]
 pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
-    let Local {
-        height,
-        slope,
-        push,
-        jerk,
-        snap,
-    } = *local;
-    let curvature = push - k;
-    let third = jerk * d;
-    let fourth = snap * d * d;
+    let Local { height, slope, .. } = *local;
+    let curvature = local.push - k;
+    let third = local.jerk * d;
+    let fourth = local.snap * d * d;
     let b2 = 0.5 * curvature + 0.5 * third;
     (
         height + d * (slope + d * (0.5 * curvature + third * (1.0 / 6.0) - fourth * (1.0 / 24.0))),

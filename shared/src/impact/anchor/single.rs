@@ -8,9 +8,7 @@ use super::settle::{Settled, settle, settle_carefully};
 use super::sine_track::SineTrack;
 use super::solve::Found;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::feeder::OutOfRange;
 use crate::impact::kernel::{Landing, MAX_VELOCITY};
-use crate::impact::set_up::SetUp;
 
 /// A state of [`Single`](super::Single): 8 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,14 +19,7 @@ pub struct SingleState {
     pub velocity: f32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct SineSingle(SineTrack);
-
-impl SineSingle {
-    pub(super) fn build(k: f64) -> Result<Self, OutOfRange> {
-        Ok(Self(SineTrack::new(&SetUp::build(k, 0.0)?)))
-    }
-
+impl SineTrack {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[inline(always)]
     pub(super) fn land(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
@@ -39,51 +30,37 @@ impl SineSingle {
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
-            track: &self.0,
+            track: self,
             phase,
             height: sine,
             rise: state.velocity + cosine,
         };
-        let mut launch = Launch {
+        if let Some(approach) = fall(self, phase, flight.height, flight.rise) {
+            let steps = steps_after(phase, &approach);
+            return landing(phase, steps, approach.arrival(), restitution, false);
+        }
+        let throws = self.throws(phase);
+        if state.velocity == 0.0 && !throws {
+            return Landing::at_rest(state);
+        }
+        let mut pull = self.k - sine;
+        // The difference loses its digits near an end of a hump.
+        if pull < 1e-3 && pull > -1e-3 {
+            pull = self.pull_near_ends(phase);
+        }
+        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
+        let launch = Launch {
             phase,
             velocity: state.velocity,
             sine,
             cosine,
-            pull: 0.0,
-        };
-        if let Some(approach) = fall(&self.0, phase, flight.height, flight.rise) {
-            let steps = steps_after(phase, &approach);
-            return landing(phase, steps, approach.arrival(), restitution, false);
-        }
-        let throws = self.0.throws(phase);
-        if state.velocity == 0.0 && !throws {
-            return Landing {
-                steps: 0,
-                next: state,
-                grazes: false,
-            };
-        }
-        let mut pull = self.0.k - sine;
-        // The difference loses its digits near an end of a hump.
-        if pull < 1e-3 && pull > -1e-3 {
-            pull = self.0.pull_near_ends(phase);
-        }
-        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
-        launch.pull = if throws {
-            smaller(pull, -1e-20)
-        } else {
-            larger(pull, 1e-20)
+            pull: if throws {
+                smaller(pull, -1e-20)
+            } else {
+                larger(pull, 1e-20)
+            },
         };
         self.land_low(&{ flight }, &{ launch }, restitution)
-    }
-
-    pub(super) fn throws(&self, phase: Phase) -> bool {
-        self.0.throws(phase.bits())
-    }
-
-    /// Phase at which the track throws a resting part; `None` if it never does.
-    pub(super) fn lift_off(&self) -> Option<Phase> {
-        (self.0.hump > 0).then(|| Phase::from_bits(self.0.lift_off))
     }
 
     #[inline(never)]
@@ -93,14 +70,14 @@ impl SineSingle {
         launch: &Launch,
         restitution: f32,
     ) -> Landing<SingleState> {
-        match candidate(&self.0, launch) {
+        match candidate(self, launch) {
             Some(Candidate::Hop { flight, arrival }) => {
                 return land_short(launch.phase, flight, arrival, restitution, false);
             }
             Some(Candidate::Near(approach)) => {
                 let steps = steps_after(flight.phase, &approach);
-                if self.0.ends(flight.phase, steps)
-                    || self.0.clears(flight.phase, flight.rise, launch.pull, steps)
+                if self.ends(flight.phase, steps)
+                    || self.clears(flight.phase, flight.rise, launch.pull, steps)
                 {
                     return landing(flight.phase, steps, approach.arrival(), restitution, false);
                 }

@@ -56,25 +56,18 @@ const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
 /// digits. The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
-    let Launch {
-        phase,
-        velocity,
-        height,
-        rise,
-        ..
-    } = *launch;
-    let limit = track.limit(phase, rise)?;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let mut limits = Limits {
+        limit: track.limit(phase, rise)?,
         first: (Track::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
-        limit,
     };
     let a1 = 0.5 * launch.pull;
     let a2 = launch.jerk * (1.0 / 6.0);
     let square = a1 * a1;
-    let discriminant = square - 4.0 * a2 * velocity;
+    let discriminant = square - 4.0 * a2 * launch.velocity;
     let mut near = MAX_START_FROM_LAUNCH;
     if a1 > 0.0 && discriminant > -MAX_NEGATIVE_DISCRIMINANT * square {
-        near = 2.0 * velocity / (a1 + root(discriminant));
+        near = 2.0 * launch.velocity / (a1 + root(discriminant));
     } else if a1 <= 0.0 && a2 < 0.0 {
         near = (a1 - root(discriminant)) / (a2 + a2);
     }
@@ -138,16 +131,8 @@ impl Limits {
     /// clears the humps.
     #[inline(never)]
     fn contain_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
-        let Launch {
-            phase,
-            height,
-            rise,
-            ..
-        } = *launch;
-        track
-            .limit_from_above(phase, height, rise, self.limit)
-            .is_some_and(|last| steps <= last)
-            || clears(track, launch, steps)
+        let limit = track.limit_from_above(launch.phase, launch.height, launch.rise, self.limit);
+        limit.is_some_and(|last| steps <= last) || clears(track, launch, steps)
     }
 }
 
@@ -157,12 +142,7 @@ const MAX_PASSED_HUMPS: usize = 6;
 /// Whether a flight clears every hump but the last before `steps`, by more than the rounding of
 /// f32. Over a hump the gap is convex, above its tangents at both ends.
 fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
-    let Launch {
-        phase,
-        height,
-        rise,
-        ..
-    } = *launch;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let humps = track.humps();
     let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
     let Some((mut index, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
@@ -171,9 +151,7 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     let mut remaining = humps.len();
     let (mut turns, mut turn) = (0.0, 0_i64);
     for _ in 0..MAX_PASSED_HUMPS {
-        let Some(hump) = humps.get(index) else {
-            return false;
-        };
+        let Some(hump) = humps.get(index) else { break };
         let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
         let end = begin + hump.width;
         let over = |x: f32, edge: &Edge| {
@@ -193,20 +171,17 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
                 return false;
             }
         }
-        index = if index + 1 < humps.len() {
-            index + 1
-        } else {
-            0
-        };
+        index += 1;
+        if index == humps.len() {
+            index = 0;
+        }
         remaining -= 1;
         if remaining == 0 {
             remaining = humps.len();
             turns += TAU;
             turn += 1 << 32;
         }
-        let Some(hump) = humps.get(index) else {
-            return false;
-        };
+        let Some(hump) = humps.get(index) else { break };
         if steps <= turn + i64::from(wait(hump)) + i64::from(hump.length) {
             return true;
         }
@@ -283,13 +258,7 @@ pub(super) fn bisect(
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
 fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
-    let Launch {
-        phase,
-        height,
-        rise,
-        ..
-    } = *launch;
-    let fallen = || track.fall_time(height, rise) + 1e-3;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let humps = track.humps();
     let (mut next, mut shortest_wait, mut low) = (0, u32::MAX, 0.0);
     for (n, hump) in humps.iter().enumerate() {
@@ -315,12 +284,10 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
     let mut turn = 0_u32;
     while !humps.is_empty() && turn < 1 << 20 {
         for n in 0..humps.len() {
-            let index = next + n;
-            let index = if index < humps.len() {
-                index
-            } else {
-                index - humps.len()
-            };
+            let mut index = next + n;
+            if index >= humps.len() {
+                index -= humps.len();
+            }
             let Some(hump) = humps.get(index) else {
                 break;
             };
@@ -346,12 +313,8 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
                 grazes |= over_end.slope > 0.0
                     && over_end.height > -edges.rounding(end)
                     && edges.is_level(begin, end, over_begin, over_end);
-                let bracket = Bracket {
-                    low: begin,
-                    high: end,
-                    start: smaller(from_edge(begin, over_begin, &hump.begin), end),
-                };
-                return (bracket, grazes);
+                let start = smaller(from_edge(begin, over_begin, &hump.begin), end);
+                return (Bracket::new([begin, end], start), grazes);
             }
             if over_begin.slope < 0.0 && over_end.slope > 0.0 {
                 // Height at which the tangents at both ends meet, times the difference of their
@@ -385,16 +348,9 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
         }
     }
     // Concave throughout: one root, before the ball has fallen below the track.
-    let high = fallen();
+    let high = track.fall_time(height, rise) + 1e-3;
     let start = near_launch(launch).unwrap_or(high);
-    (
-        Bracket {
-            low,
-            high,
-            start: smaller(start, high),
-        },
-        grazes,
-    )
+    (Bracket::new([low, high], smaller(start, high)), grazes)
 }
 
 /// A root of the quadratic near launch, where that is accurate.
@@ -413,17 +369,9 @@ fn near_launch(launch: &Launch) -> Option<f32> {
 /// The concave interval before `hump`; the gap is below 0 at the hump's begin.
 #[inline(always)]
 fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
-    let near = if low == 0.0 {
-        near_launch(launch)
-    } else {
-        None
-    };
+    let near = (low == 0.0).then(|| near_launch(launch)).flatten();
     let start = near.unwrap_or_else(|| from_edge(begin, gap, &hump.begin));
-    Bracket {
-        low,
-        high: begin,
-        start: smaller(larger(start, low), begin),
-    }
+    Bracket::new([low, begin], smaller(larger(start, low), begin))
 }
 
 /// A step of Householder's method of order 3 from an edge, where u'' is 0.
@@ -503,17 +451,13 @@ impl Edges<'_> {
             0.0
         };
         let lowest = height - 0.5 * slope * to_minimum;
-        let bracket = (lowest <= 0.0).then(|| Bracket {
-            low: begin,
-            high: x,
-            start: larger(
-                x - if half > 0.0 {
-                    root(-lowest / half)
-                } else {
-                    0.0
-                },
-                begin,
-            ),
+        let bracket = (lowest <= 0.0).then(|| {
+            let to_root = if half > 0.0 {
+                root(-lowest / half)
+            } else {
+                0.0
+            };
+            Bracket::new([begin, x], larger(x - to_root, begin))
         });
         (bracket, abs(lowest) < self.rounding(x))
     }

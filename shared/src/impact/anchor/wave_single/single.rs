@@ -9,11 +9,13 @@ use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::candidate::Candidate;
 use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
-use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
+use crate::impact::anchor::sine_track::SineTrack;
+use crate::impact::anchor::single::{self, SingleState, land_found, steps_after};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
     Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
 };
+use crate::impact::set_up::SetUp;
 use crate::impact::wave::Tone;
 
 /// The impact map in f32, on a track of one to three tones (`f32`).
@@ -59,7 +61,7 @@ pub struct Single {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum TrackKind {
-    Sine(SineSingle),
+    Sine(SineTrack),
     Tones(Track),
 }
 
@@ -82,14 +84,14 @@ impl Single {
     #[inline(always)]
     pub(crate) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         match &self.track {
-            TrackKind::Sine(single) => single.land(state, restitution),
+            TrackKind::Sine(track) => track.land(state, restitution),
             TrackKind::Tones(track) => land(track, state, restitution),
         }
     }
 
     pub(crate) fn throws(&self, phase: Phase) -> bool {
         match &self.track {
-            TrackKind::Sine(single) => single.throws(phase),
+            TrackKind::Sine(track) => track.throws(phase.bits()),
             TrackKind::Tones(track) => track.throws(phase.bits()),
         }
     }
@@ -97,7 +99,7 @@ impl Single {
     /// Next lift-off phase of a part that rests at `phase`; `None` if it rests for ever.
     pub(crate) fn lift_off(&self, phase: Phase) -> Option<Phase> {
         match &self.track {
-            TrackKind::Sine(single) => single.lift_off(),
+            TrackKind::Sine(track) => (track.hump > 0).then(|| Phase::from_bits(track.lift_off)),
             TrackKind::Tones(track) => track.lift_off(phase.bits()).map(Phase::from_bits),
         }
     }
@@ -132,14 +134,8 @@ fn land_low(
     let Ballistic { track, phase, .. } = *flight;
     let throws = track.throws(phase);
     if velocity == 0.0 && !throws {
-        return Landing {
-            steps: 0,
-            next: SingleState {
-                phase: Phase::from_bits(phase),
-                velocity,
-            },
-            grazes: false,
-        };
+        let phase = Phase::from_bits(phase);
+        return Landing::at_rest(SingleState { phase, velocity });
     }
     let launch = Launch::new(track, phase, velocity, parts, throws);
     if !launch.is_undecided()
@@ -190,7 +186,8 @@ impl Kernel for Single {
 
     /// The map of the sine alone; [`WaveKernel::on_tones`] takes tones.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        Self::on(TrackKind::Sine(SineSingle::build(k)?), restitution)
+        let track = SineTrack::new(&SetUp::build(k)?);
+        Self::on(TrackKind::Sine(track), restitution)
     }
 
     fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
@@ -223,9 +220,7 @@ impl WaveKernel for Single {
             Harmonics::build(second, third)?;
             return Self::build(k, restitution);
         }
-        Self::on(
-            TrackKind::Tones(Track::build(second, third, k)?),
-            restitution,
-        )
+        let track = Track::build(second, third, k)?;
+        Self::on(TrackKind::Tones(track), restitution)
     }
 }
