@@ -388,8 +388,7 @@ mod tests {
         for event in orbit(&map, start).take(3000 + events).skip(3000) {
             match event {
                 OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
-                OrbitEvent::Rest { chatter, .. } => classifier.wait(chatter),
-                OrbitEvent::LiftOff { wait, .. } => classifier.wait(wait),
+                rest => classifier.wait(rest.duration()),
             }
         }
         classifier.verdict()
@@ -475,20 +474,14 @@ mod tests {
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
         for event in orbit(&map, start) {
-            match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    // Impacts within the resolution merge into one.
-                    if time - last > settings.resolution {
-                        last = time;
-                        let noise = settings.noise * f64::from(random.gauss());
-                        let stamp = ((time + noise) / TAU).max(0.0);
-                        let cycle = libm::floor(stamp);
-                        classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
-                    }
-                }
-                OrbitEvent::Rest { chatter, .. } => time += chatter,
-                OrbitEvent::LiftOff { wait, .. } => time += wait,
+            time += event.duration();
+            // Impacts within the resolution merge into one.
+            if matches!(event, OrbitEvent::Impact(_)) && time - last > settings.resolution {
+                last = time;
+                let noise = settings.noise * f64::from(random.gauss());
+                let stamp = ((time + noise) / TAU).max(0.0);
+                let cycle = libm::floor(stamp);
+                classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
             }
             if time > 120.0 * TAU {
                 break;

@@ -43,7 +43,7 @@ pub(super) struct Local {
 
 pub(in crate::impact) type Motion = crate::impact::wave::Motion<f32>;
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gravity {
     pub k: f32,
     pub half: f32,

@@ -5,8 +5,8 @@ use core::f32::consts::TAU;
 use core::f64::consts::PI;
 
 use super::flight::{
-    Ballistic, GAP_ROUNDING, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger,
-    node_of, root, smaller,
+    Ballistic, GAP_ROUNDING, Gravity, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs,
+    larger, node_of, root, smaller,
 };
 use super::settle::expand;
 use super::short::{ShortFlight, hop, short_flight};
@@ -42,7 +42,12 @@ fn find_bracket(
     guess: f32,
 ) -> (Bracket, bool) {
     let track = flight.track;
-    let (k, half_k, inverse) = (track.k, track.half_k, track.inverse);
+    let Gravity {
+        k,
+        half: half_k,
+        inverse,
+        ..
+    } = track.gravity;
     let (lift_off_cosine, hump_length) = (track.lift_off_cosine, track.hump_length);
     let Launch { sine, pull, .. } = *launch;
     let v = launch.velocity + launch.cosine;
@@ -151,9 +156,10 @@ fn find_bracket(
 /// at `v` from a track with sine `sine`.
 #[inline(never)]
 fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
-    let leaving = v * v - 2.0 * track.k * (1.0 - sine);
+    let Gravity { k, inverse, .. } = track.gravity;
+    let leaving = v * v - 2.0 * k * (1.0 - sine);
     let speed = root(leaving);
-    let (rises, sinks) = ((v - speed) * track.inverse, (v + speed) * track.inverse);
+    let (rises, sinks) = ((v - speed) * inverse, (v + speed) * inverse);
     let last = begin + track.hump_length;
     if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
         ((sinks - last) * (1.0 / TAU)) as i32
@@ -173,7 +179,7 @@ fn find_minimum(
 ) -> (Option<Bracket>, bool) {
     let track = flight.track;
     let half = 0.5 * track.hump_length;
-    let k = track.k;
+    let k = track.gravity.k;
     let (mut low, mut high) = (-half, half);
     let mut d = smaller(larger(-slope / (1.0 - k), low), high);
     for round in 0..40 {
@@ -191,7 +197,7 @@ fn find_minimum(
         // minimum. A third tangent costs more, over the orbits tried, than the rounds that it
         // saves.
         if round < 2 {
-            let gap = over_top + d * (slope - track.half_k * d) + (1.0 - c);
+            let gap = over_top + d * (slope - track.gravity.half * d) + (1.0 - c);
             if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
                 return (None, false);
             }

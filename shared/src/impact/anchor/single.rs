@@ -36,14 +36,13 @@ impl SineTrack {
             rise: state.velocity + cosine,
         };
         if let Some(approach) = fall(self, phase, flight.height, flight.rise) {
-            let steps = steps_after(phase, &approach);
-            return landing(phase, steps, approach.arrival(), restitution, false);
+            return land_near(phase, &approach, restitution);
         }
         let throws = self.throws(phase);
         if state.velocity == 0.0 && !throws {
             return Landing::at_rest(state);
         }
-        let mut pull = self.k - sine;
+        let mut pull = self.gravity.k - sine;
         // The difference loses its digits near an end of a hump.
         if pull < 1e-3 && pull > -1e-3 {
             pull = self.pull_near_ends(phase);
@@ -75,11 +74,12 @@ impl SineTrack {
                 return land_short(launch.phase, flight, arrival, restitution, false);
             }
             Some(Candidate::Near(approach)) => {
-                let steps = steps_after(flight.phase, &approach);
-                if self.ends(flight.phase, steps)
-                    || self.clears(flight.phase, flight.rise, launch.pull, steps)
+                let phase = flight.phase;
+                let landing = land_near(phase, &approach, restitution);
+                if self.ends(phase, landing.steps)
+                    || self.clears(phase, flight.rise, launch.pull, landing.steps)
                 {
-                    return landing(flight.phase, steps, approach.arrival(), restitution, false);
+                    return landing;
                 }
             }
             None => {}
@@ -119,8 +119,7 @@ pub(super) fn land_found<T: Track>(
         } => {
             let impact_at = |local: &Local, settled: Settled, grazes: bool| {
                 let speed = settled.speed_gain - local.slope;
-                let steps =
-                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
+                let steps = steps_near(phase, node, settled.offset);
                 landing(phase, steps, speed, restitution, grazes)
             };
             let local = flight.local(node);
@@ -131,9 +130,8 @@ pub(super) fn land_found<T: Track>(
             let grazes = grazes || doubtful;
             // At a graze the arrival speed may round below 0.
             if settled.speed_gain <= local.slope {
-                let steps =
-                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
-                return landing(phase, steps.max(0), 0.0, restitution, true);
+                let steps = steps_near(phase, node, settled.offset).max(0);
+                return landing(phase, steps, 0.0, restitution, true);
             }
             impact_at(&local, settled, grazes)
         }
@@ -171,6 +169,13 @@ pub(super) fn landing(
 }
 
 #[inline(always)]
-pub(super) fn steps_after(phase: u32, approach: &Approach) -> i64 {
-    steps_to(phase, approach.node) + i64::from((approach.step * STEPS_PER_RADIAN) as i32)
+pub(super) fn land_near(phase: u32, approach: &Approach, restitution: f32) -> Landing<SingleState> {
+    let steps = steps_near(phase, approach.node, approach.step);
+    landing(phase, steps, approach.arrival(), restitution, false)
+}
+
+/// Time after launch at `offset` rad from a node, in steps.
+#[inline(always)]
+fn steps_near(phase: u32, node: i32, offset: f32) -> i64 {
+    steps_to(phase, node) + i64::from((offset * STEPS_PER_RADIAN) as i32)
 }

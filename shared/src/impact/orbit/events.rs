@@ -34,6 +34,17 @@ pub enum OrbitEvent {
     },
 }
 
+impl OrbitEvent {
+    /// Time that it takes, in rad.
+    pub(crate) fn duration(&self) -> f64 {
+        match self {
+            Self::Impact(impact) => impact.flight,
+            Self::Rest { chatter, .. } => *chatter,
+            Self::LiftOff { wait, .. } => *wait,
+        }
+    }
+}
+
 /// Why a watched orbit stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StopReason {

@@ -171,7 +171,7 @@ mod tests {
     use super::*;
     use crate::impact::anchor::Single;
     use crate::impact::integer::Integer;
-    use crate::impact::orbit::{Orbit, OrbitEvent};
+    use crate::impact::orbit::Orbit;
 
     #[test]
     fn every_restitution_keeps_hopping() {
@@ -184,11 +184,7 @@ mod tests {
                 let map = WaveMap::on(wave, k, restitution).unwrap();
                 let mut idle = 0;
                 for event in Orbit::from_rest(&map).take(300) {
-                    let passed = match event {
-                        OrbitEvent::Impact(impact) => impact.flight,
-                        OrbitEvent::Rest { chatter, .. } => chatter,
-                        OrbitEvent::LiftOff { wait, .. } => wait,
-                    };
+                    let passed = event.duration();
                     assert!(passed >= 0.0 && passed.is_finite());
                     // A rest and a lift-off may take no time, but a flight always follows.
                     idle = if passed > 0.0 { 0 } else { idle + 1 };

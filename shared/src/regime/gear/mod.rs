@@ -284,16 +284,11 @@ pub(crate) fn watch_from_rest<R: Clone>(
             let before = orbit.state();
             let Some(event) = orbit.next() else { break };
             watch(&mut record, time, before, &event);
+            time += event.duration();
             match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    gear.add_landing(time, impact.flight);
-                }
-                OrbitEvent::Rest { chatter, .. } => {
-                    time += chatter;
-                    gear.add_rest(time);
-                }
-                OrbitEvent::LiftOff { wait, .. } => time += wait,
+                OrbitEvent::Impact(impact) => gear.add_landing(time, impact.flight),
+                OrbitEvent::Rest { .. } => gear.add_rest(time),
+                OrbitEvent::LiftOff { .. } => {}
             }
         }
         each(n, gear.share(end), time, record);

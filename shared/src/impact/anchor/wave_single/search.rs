@@ -89,7 +89,7 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
             return Some((Candidate::Near(approach), limits));
         }
     }
-    let square = rise * rise + 2.0 * track.k * height;
+    let square = rise * rise + 2.0 * track.gravity.k * height;
     if square <= MIN_FALL_SPEED_SQUARED {
         return None;
     }
@@ -98,12 +98,13 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
     if origin <= 0.0 {
         return None;
     }
-    let (near, start, speed, base) = if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.k {
-        (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
-    } else {
-        let fall = origin * track.inverse;
-        (fall, fall, speed, 0.0)
-    };
+    let (near, start, speed, base) =
+        if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.gravity.k {
+            (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
+        } else {
+            let fall = origin * track.gravity.inverse;
+            (fall, fall, speed, 0.0)
+        };
     let (node, offset) = node_from_near(phase, near);
     let dt = (near - start) - offset;
     let approach = approach(track, node, dt, speed, base)?;
@@ -155,7 +156,7 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
         let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
         let end = begin + hump.width;
         let over = |x: f32, edge: &Edge| {
-            let fall = track.k * x;
+            let fall = track.gravity.k * x;
             let height = x * (rise - 0.5 * fall) + (height - edge.height);
             (height, rise - fall - edge.speed)
         };
@@ -191,13 +192,9 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
 
 /// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(super) fn search(
-    track: &Track,
-    launch: &Launch,
-    flight: &Ballistic<'_, Track>,
-) -> (Found, bool, Bracket) {
-    let (mut bracket, grazes) = find_bracket(track, launch, flight);
-    let short = max_short_flight(track);
+pub(super) fn search(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Found, bool, Bracket) {
+    let (mut bracket, grazes) = find_bracket(launch, flight);
+    let short = max_short_flight(flight.track);
     if bracket.low < short {
         let high = smaller(bracket.high, short);
         if launch.deflated_gap(high).value <= 0.0 {
@@ -227,17 +224,11 @@ pub(super) fn may_leave(bracket: &Bracket, steps: i64, speed: f32) -> bool {
 /// The root in a bracket by bisection alone: time in rad and arrival speed, in f32.
 #[inline(never)]
 pub(super) fn bisect(
-    track: &Track,
     launch: &Launch,
     flight: &Ballistic<'_, Track>,
     bracket: &Bracket,
 ) -> (f32, f32) {
-    let edges = Edges {
-        track,
-        launch,
-        flight,
-        short: max_short_flight(track),
-    };
+    let edges = Edges::new(launch, flight);
     let (mut low, mut high) = (bracket.low, bracket.high);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
@@ -257,7 +248,8 @@ pub(super) fn bisect(
 /// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
-fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
+fn find_bracket(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
+    let track = flight.track;
     let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let humps = track.humps();
     let (mut next, mut shortest_wait, mut low) = (0, u32::MAX, 0.0);
@@ -272,12 +264,7 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
             low = (hump.length - elapsed) as f32 * RADIANS_PER_STEP;
         }
     }
-    let edges = Edges {
-        track,
-        launch,
-        flight,
-        short: max_short_flight(track),
-    };
+    let edges = Edges::new(launch, flight);
     // While the ball is above the track's reach no hump meets it.
     let (from, to) = track.time_above_reach(height, rise);
     let mut grazes = false;
@@ -392,17 +379,25 @@ struct Gap {
 }
 
 struct Edges<'a> {
-    track: &'a Track,
     launch: &'a Launch,
     flight: &'a Ballistic<'a, Track>,
     short: f32,
 }
 
-impl Edges<'_> {
+impl<'a> Edges<'a> {
+    #[inline(always)]
+    fn new(launch: &'a Launch, flight: &'a Ballistic<'a, Track>) -> Self {
+        Self {
+            launch,
+            flight,
+            short: max_short_flight(flight.track),
+        }
+    }
+
     /// The gap at an edge `x` rad after launch.
     #[inline(always)]
     fn gap(&self, x: f32, edge: &Edge) -> Gap {
-        let (track, launch) = (self.track, self.launch);
+        let (track, launch) = (self.flight.track, self.launch);
         if x < self.short {
             let DeflatedGap { value, slope, .. } = launch.deflated_gap(x);
             return Gap {
@@ -410,7 +405,7 @@ impl Edges<'_> {
                 slope: value + x * slope,
             };
         }
-        let fall = track.k * x;
+        let fall = track.gravity.k * x;
         Gap {
             height: x * (launch.rise - 0.5 * fall) + (launch.height - edge.height),
             slope: launch.rise - fall - edge.speed,
@@ -484,7 +479,10 @@ impl Edges<'_> {
         let pull = if self.launch.has_fixed_point_pull() {
             Track::PULL_ROUNDING
         } else {
-            larger(Track::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
+            larger(
+                Track::PULL_ROUNDING,
+                6e-8 * self.flight.track.tones.bound(2),
+            )
         };
         x * (4e-7 * self.launch.velocity + pull * x)
     }
@@ -496,33 +494,33 @@ impl Edges<'_> {
             let (_, slope, half) = self.at(x);
             return (slope, half);
         }
-        let (track, launch) = (self.track, self.launch);
+        let (track, launch) = (self.flight.track, self.launch);
         let (node, offset) = node_of(launch.phase, x);
         let at = track.at(node);
         let local = Local {
             height: 0.0,
-            slope: launch.rise - track.k * (x - offset) - at.speed,
+            slope: launch.rise - track.gravity.k * (x - offset) - at.speed,
             push: at.push,
             jerk: at.jerk,
             snap: at.snap,
         };
-        let (_, gain, half) = expand(track.k, &local, offset);
+        let (_, gain, half) = expand(track.gravity.k, &local, offset);
         (local.slope + gain, half)
     }
 
     /// The gap, its slope and half its curvature after `x`.
     fn at(&self, x: f32) -> (f32, f32, f32) {
         if x < self.short {
-            let DeflatedGap {
-                value,
-                slope,
-                half_curvature,
-            } = self.launch.deflated_gap(x);
-            return (x * value, value + x * slope, slope + x * half_curvature);
+            let q = self.launch.deflated_gap(x);
+            return (
+                x * q.value,
+                q.value + x * q.slope,
+                q.slope + x * q.half_curvature,
+            );
         }
         let (node, offset) = node_of(self.launch.phase, x);
         let local = self.flight.local(node);
-        let (height, gain, half) = expand(self.track.k, &local, offset);
+        let (height, gain, half) = expand(self.flight.track.gravity.k, &local, offset);
         (height, local.slope + gain, half)
     }
 }
@@ -532,19 +530,15 @@ impl Edges<'_> {
 #[inline(always)]
 fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
     for _ in 0..4 {
-        let DeflatedGap {
-            value,
-            slope,
-            half_curvature,
-        } = launch.deflated_gap(x);
-        let e = quotient_step(value, slope, half_curvature)?;
+        let q = launch.deflated_gap(x);
+        let e = quotient_step(q.value, q.slope, q.half_curvature)?;
         let last = abs(e) <= MAX_LAST_STEP_RATIO * x;
         x += e;
         if !(x > 0.0 && x < short) {
             return None;
         }
         if last {
-            let arrival = -x * (slope + 2.0 * half_curvature * e);
+            let arrival = -x * (q.slope + 2.0 * q.half_curvature * e);
             return (arrival > 0.0).then_some((x, arrival));
         }
     }
@@ -561,18 +555,15 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
     };
     let mut round = 0;
     loop {
-        let DeflatedGap {
-            value,
-            slope,
-            half_curvature,
-        } = launch.deflated_gap(x);
-        if value > 0.0 {
+        let q = launch.deflated_gap(x);
+        let (slope, half) = (q.slope, q.half_curvature);
+        if q.value > 0.0 {
             low = x;
         } else {
             high = x;
         }
-        let mut e = quotient_step(value, slope, half_curvature)
-            .unwrap_or_else(|| down_crossing(value, slope, half_curvature).0);
+        let mut e = quotient_step(q.value, slope, half)
+            .unwrap_or_else(|| down_crossing(q.value, slope, half).0);
         round += 1;
         // Rounding may move the root to an end.
         let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
@@ -581,10 +572,7 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         }
         if inside && abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 60 {
             let flight = x + e;
-            return (
-                flight,
-                larger(-flight * (slope + 2.0 * half_curvature * e), 0.0),
-            );
+            return (flight, larger(-flight * (slope + 2.0 * half * e), 0.0));
         }
         x += e;
     }

@@ -10,7 +10,7 @@ use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::candidate::Candidate;
 use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
 use crate::impact::anchor::sine_track::SineTrack;
-use crate::impact::anchor::single::{self, SingleState, land_found, steps_after};
+use crate::impact::anchor::single::{self, SingleState, land_found, land_near};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
     Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
@@ -118,8 +118,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         rise,
     };
     if let Some(approach) = fall(track, phase, height, rise) {
-        let steps = steps_after(phase, &approach);
-        return single::landing(phase, steps, approach.arrival(), restitution, false);
+        return land_near(phase, &approach, restitution);
     }
     land_low(&flight, velocity, &parts, restitution)
 }
@@ -141,19 +140,14 @@ fn land_low(
     if !launch.is_undecided()
         && let Some((candidate, limits)) = candidate(track, &launch)
     {
-        match candidate {
+        let landing = match candidate {
             Candidate::Hop { flight, arrival } => {
-                let landing = single::land_short(phase, flight, arrival, restitution, false);
-                if limits.contain(track, &launch, landing.steps) {
-                    return landing;
-                }
+                single::land_short(phase, flight, arrival, restitution, false)
             }
-            Candidate::Near(approach) => {
-                let steps = steps_after(phase, &approach);
-                if limits.contain(track, &launch, steps) {
-                    return single::landing(phase, steps, approach.arrival(), restitution, false);
-                }
-            }
+            Candidate::Near(approach) => land_near(phase, &approach, restitution),
+        };
+        if limits.contain(track, &launch, landing.steps) {
+            return landing;
         }
     }
     land_by_search(flight, &launch, restitution)
@@ -165,16 +159,15 @@ fn land_by_search(
     launch: &Launch,
     restitution: f32,
 ) -> Landing<SingleState> {
-    let Ballistic { track, phase, .. } = *flight;
-    let (root, grazes, bracket) = search(track, launch, flight);
+    let (root, grazes, bracket) = search(launch, flight);
     let grazes = grazes || launch.is_undecided();
     let landing = land_found(flight, restitution, root, grazes);
     if matches!(root, Found::Near { .. })
         && may_leave(&bracket, landing.steps, landing.next.velocity)
     {
-        let (time, speed) = bisect(track, launch, flight, &bracket);
+        let (time, speed) = bisect(launch, flight, &bracket);
         let steps = (time * STEPS_PER_RADIAN) as i64;
-        return single::landing(phase, steps, speed, restitution, true);
+        return single::landing(flight.phase, steps, speed, restitution, true);
     }
     landing
 }
