@@ -73,21 +73,6 @@ impl<S> Landing<S> {
 }
 
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact per call.
-///
-/// ```
-/// use kband::impact::{Integer, Kernel, Map, Single};
-///
-/// /// The flight from one state, in rad.
-/// fn flight<K: Kernel>() -> Result<f64, kband::feeder::OutOfRange> {
-///     let kernel = K::build(0.43, 0.2)?;
-///     Ok(kernel.impact(K::state(0.5, 0.45)?).flight)
-/// }
-/// let exact = flight::<Map>()?;
-/// assert!((flight::<Integer>()? - exact).abs() < 1e-7);
-/// assert!((flight::<Single>()? - exact).abs() < 1e-5);
-/// assert_eq!(Map::build(0.43, 1.2).unwrap_err().parameter, "restitution");
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub trait Kernel: Sized {
     /// The state in this arithmetic.
     type State: Copy + PartialEq + core::fmt::Debug;

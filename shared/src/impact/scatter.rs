@@ -11,14 +11,6 @@ const MAX_DEVIATION: f64 = 0.5;
 ///
 /// Uses only sums, products, quotients and square roots of f64, so a seed gives the same bits on
 /// every machine. The Gaussian is exact except for the 53 bits of its uniform numbers.
-///
-/// ```
-/// use kband::impact::Scatter;
-/// let mut scatter = Scatter::build(0.3, 0.05, 7)?;
-/// let mean = (0..10_000).map(|_| scatter.draw()).sum::<f64>() / 1e4;
-/// assert!((mean - 0.3).abs() < 0.002);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scatter {
     mean: f64,

@@ -74,14 +74,6 @@ pub(super) type Parts = [[f64; 2]; 3];
 
 /// The shape of the track's motion in units of the fundamental's amplitude b. It is `S(t) = sin t +
 /// e sin(2 t + th) + e3 sin(3 t + th3)`. Two tones: reference 19 of Hongler & Figour 1989.
-///
-/// ```
-/// use kband::impact::{Tone, Wave};
-/// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
-/// // Cost of the second tone: the largest acceleration grows by this factor.
-/// assert!((wave.peak_acceleration() - 1.546).abs() < 0.001);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     second: Tone,

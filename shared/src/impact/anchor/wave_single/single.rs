@@ -42,17 +42,6 @@ use crate::impact::wave::Tone;
 /// where the track's third derivative is large relative to the arrival speed, a few 1e-5 rad. The
 /// set-up uses f32 and integers, for the planner on a board. It takes about 6 000 instructions of a
 /// Cortex-M4F, where an impact takes some 400, and 200 bytes.
-///
-/// ```
-/// use kband::impact::{Kernel, Single, Tone, WaveKernel, WaveMap};
-/// let tones = [Tone { amplitude: 0.15, angle: 2.356 }, Tone::default()];
-/// let track = Single::on_tones(tones, 0.35, 0.2)?;
-/// let map = WaveMap::on_tones(tones, 0.35, 0.2)?;
-/// let start = Single::state(0.7, 0.36)?;
-/// let expected = map.impact(Single::observe(start)).flight;
-/// assert!((track.land(start).flight() - expected).abs() < 1e-5);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     track: TrackKind,
