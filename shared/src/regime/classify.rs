@@ -98,17 +98,6 @@ const STEPS_PER_CYCLE: u64 = 1 << 32;
 
 /// Classifier with the last N impact times of one part; N of 64 resolves periods up to 21 impacts,
 /// 512 up to 170.
-///
-/// ```
-/// use core::f64::consts::TAU;
-/// use kband::regime::classify::{Classifier, TimingAccuracy, Regime};
-/// let mut classifier = Classifier::<64>::build(TimingAccuracy::COMPUTED)?;
-/// for _ in 0..64 {
-///     classifier.flight(2.0 * TAU);
-/// }
-/// assert_eq!(classifier.verdict().regime, Regime::Locked { order: 2 });
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Classifier<const N: usize> {
     /// Largest difference of two times that counts as equal, in 2^-32 cycles.

@@ -120,22 +120,17 @@ impl Track {
             }
         }
         let begin = shortest_wait as f32 * RADIANS_PER_STEP;
+        let (mut hump, mut clear) = (next, i64::from(shortest_wait));
         if rise - self.gravity.k * begin - next.begin.speed > 1e-5 {
-            let (hump, begin) = if humps.len() == 1 {
-                (next, i64::from(shortest_wait) + Phase::STEPS)
+            if humps.len() == 1 {
+                clear += Phase::STEPS;
             } else {
-                let after = humps.get(index + 1).unwrap_or(first);
-                (after, i64::from(wait(after)))
-            };
-            return Some(Limit {
-                clear: begin,
-                last: begin + i64::from(hump.length),
-            });
+                hump = humps.get(index + 1).unwrap_or(first);
+                clear = i64::from(wait(hump));
+            }
         }
-        Some(Limit {
-            clear: i64::from(shortest_wait),
-            last: i64::from(shortest_wait) + i64::from(next.length),
-        })
+        let last = clear + i64::from(hump.length);
+        Some(Limit { clear, last })
     }
 
     /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
