@@ -16,8 +16,7 @@ use crate::impact::set_up::SetUp;
 /// Steps after which the current place counts as the impact; measured: at most 22.
 const MAX_STEPS: u32 = 100;
 
-/// Flight time of the series near launch: 1/1024 turn, which leaves out 2e-14 of the height's
-/// quotient.
+/// Flight time of the series near launch: 1/1024 turn, with an error of 2e-14 of the quotient.
 const MAX_SERIES_TIME: Turns = Fixed(1 << 38);
 
 /// Flight time of a step below which it is the last: a sixteenth of a step of the phase.
@@ -82,8 +81,7 @@ impl Integer {
         let [rise, fall] = flight.above_track();
         let mut time = Fixed(0);
         if throws && flight.cosine > Fixed(0) {
-            // The height is at least `cos t h^3/6 - h^4/24` here, whatever the rounding of the
-            // pull.
+            // The height is at least `cos t h^3/6 - h^4/24` here, for any rounding of the pull.
             time = flight.cosine.times(TURNS_PER_RADIAN);
         }
         let (mut grazes, mut skims, mut round) = (false, false, 0);

@@ -83,8 +83,7 @@ pub trait Kernel: Sized {
     /// The map for `k` and a restitution; an error names the parameter and its range here.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 
-    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; an error if
-    /// there is none.
+    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`, or an error.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
     /// Whether a launch from `state` is within the range of this arithmetic.

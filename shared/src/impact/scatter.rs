@@ -1,5 +1,4 @@
-//! Restitution that varies at random from impact to impact, as that of any real part (Gaussian,
-//! clipped).
+//! Restitution that varies at random from impact to impact, as that of any real part.
 
 use crate::arithmetic::{gauss, splitmix};
 use crate::feeder::{OutOfRange, accept_in};
@@ -54,8 +53,7 @@ impl Scatter {
         self.deviation
     }
 
-    /// The restitution of the next impact, at least 0 and below 1; without scatter the mean, at
-    /// least 0.
+    /// The restitution of the next impact, 0..1 without 1; without scatter the mean, at least 0.
     #[inline]
     pub fn draw(&mut self) -> f64 {
         if self.deviation == 0.0 {

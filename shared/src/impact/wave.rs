@@ -207,14 +207,12 @@ impl Wave {
         pushes.fold(0.0, f64::max)
     }
 
-    /// Acceleration of a free part relative to the track without gravity, `-S''` in `b w^2`, at a
-    /// phase in rad.
+    /// Acceleration of a weightless part over the track, `-S''` in `b w^2`, at a phase in rad.
     pub fn push(&self, phase: f64) -> f64 {
         self.motion(phase)[2]
     }
 
-    /// Displacement S, velocity S', upward push A = -S'' and A' at a phase in rad, each
-    /// within 4e-15.
+    /// Displacement S, velocity S', push A = -S'' and A' at a phase in rad, each within 4e-15.
     pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {
         let m = self.at(in_turn(phase));
         [m.height, m.speed, m.push, m.jerk]

@@ -96,8 +96,7 @@ const COMPARED_RESTS: usize = 4;
 /// Drive cycle in units of the classifier's time.
 const STEPS_PER_CYCLE: u64 = 1 << 32;
 
-/// Classifier with the last N impact times of one part; N of 64 resolves periods up to 21 impacts,
-/// 512 up to 170.
+/// Classifier with the last N impact times of one part; it resolves periods up to N/3 impacts.
 #[derive(Clone, Copy, Debug)]
 pub struct Classifier<const N: usize> {
     /// Largest difference of two times that counts as equal, in 2^-32 cycles.
@@ -157,8 +156,7 @@ impl<const N: usize> Classifier<N> {
         self.now = self.now.max(u64::from(cycle) << 32);
     }
 
-    /// Adds an impact in drive cycle `cycle` at `phase`. A time before the last impact's is
-    /// ignored.
+    /// Adds an impact in drive cycle `cycle` at `phase`; one before the last impact is ignored.
     pub fn impact(&mut self, cycle: u32, phase: Phase) {
         self.impact_at(u64::from(cycle) << 32 | u64::from(phase.bits()));
     }
@@ -195,8 +193,7 @@ impl<const N: usize> Classifier<N> {
             }
             let is_shrinking = self.count > 1 && interval < self.interval;
             self.shrinking = if is_shrinking { self.shrinking + 1 } else { 0 };
-            // Chatter intervals shrink geometrically; test whether the next one is below the
-            // resolution.
+            // Chatter intervals shrink geometrically; is the next one below the resolution?
             if self.shrinking >= 2
                 && interval < STEPS_PER_CYCLE / 4
                 && u128::from(interval) * u128::from(interval)
@@ -331,8 +328,7 @@ impl<const N: usize> Classifier<N> {
         })
     }
 
-    /// Detects a doubling smaller than the noise of one impact, from the alternating mean of all
-    /// intervals.
+    /// Detects a doubling smaller than one impact's noise, from the alternating mean of intervals.
     fn alternates(&self, order: u32, filled: usize) -> bool {
         let (mut sum, mut terms) = (0_i64, 0_u32);
         let mut later = self.time(0);
@@ -345,8 +341,7 @@ impl<const N: usize> Classifier<N> {
                 terms += 1;
             }
         }
-        // Threshold of four standard deviations; the alternating sum of differences has 2 sigma
-        // sqrt(n).
+        // Threshold of four standard deviations; the alternating sum has 2 sigma sqrt(n).
         self.noise > 0.0
             && terms > 15
             && libm::fabs(sum as f64) > 8.0 * self.noise * libm::sqrt(f64::from(terms))

@@ -214,16 +214,14 @@ impl Lock {
         map.is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
     }
 
-    /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
-    /// (`b w`).
+    /// Distance of `state` to the orbit: the larger difference, in phase (rad) or velocity (`b w`).
     pub fn distance(&self, state: PartState) -> f64 {
         let difference = wrap_phase(state.phase - self.state.phase);
         libm::fabs(difference).max(libm::fabs(state.velocity - self.state.velocity))
     }
 }
 
-/// Whether both multipliers of a tangent map of this trace and determinant are inside the unit
-/// circle.
+/// Whether both multipliers of a tangent map are inside the unit circle.
 pub(super) fn is_stable([trace, determinant]: [f64; 2]) -> bool {
     libm::fabs(trace) < 1.0 + determinant
 }

@@ -29,8 +29,7 @@ pub(super) struct Launch {
     pub pull: f32,
 }
 
-/// Height and slope of the flight above the track at a node, with the track's push and its
-/// derivatives.
+/// Height and slope of the flight over the track at a node; the track's push and derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Local {
     pub height: f32,
@@ -53,8 +52,7 @@ pub(super) struct Gravity {
 }
 
 pub(in crate::impact) trait Track {
-    /// Flight time in rad below which the form divided by the flight time keeps more digits than a
-    /// node.
+    /// Flight time in rad below which the height over the flight time keeps more digits.
     const MAX_SHORT_FLIGHT: f32;
     /// Longest last step of an approach, in rad: the remaining error is its cube.
     const MAX_LAST_STEP: f32;

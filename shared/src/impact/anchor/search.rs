@@ -103,8 +103,7 @@ fn find_bracket(
     // A hump that ends below height 1 holds the root. So at most the humps at either end of the
     // window above height 1 are visited, which bounds the rounds.
     for _ in 0..16 {
-        // Newton's step from the start of a hump does not overshoot, on the convex and on the
-        // concave side.
+        // Newton's step from the start of a hump does not overshoot on either side.
         let from_begin = || {
             let slope = over_flank(begin);
             let step = if slope < 0.0 {

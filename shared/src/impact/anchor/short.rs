@@ -1,8 +1,6 @@
-//! Short hops in f32: the root of the height divided by the flight time (deflation of the root at
-//! launch).
+//! Short hops in f32: the root of the height over the flight time (deflation of that at launch).
 //!
-//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964). The form keeps every
-//! digit.
+//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964).
 
 use super::flight::{Launch, Track, abs, larger, root, smaller};
 use super::settle::down_crossing;

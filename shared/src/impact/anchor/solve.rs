@@ -1,7 +1,6 @@
 //! The root in a bracket with one down-crossing.
 //!
-//! Householder's method of order 3 for simple roots, safeguarded Cauchy steps with bisection for
-//! the rest.
+//! Householder's method of order 3 for simple roots, else Cauchy steps with bisection.
 
 use super::approach::householder;
 use super::flight::{
@@ -46,8 +45,7 @@ const MIN_BRACKET_WIDTH: f32 = 1e-4;
 pub(super) enum Found {
     /// A short hop: flight in rad and arrival speed, both final.
     Short { flight: f32, arrival: f32 },
-    /// At `offset` rad from a node; unless `simple`, the careful way settles a possible double
-    /// root.
+    /// At `offset` rad from a node; unless `simple`, it may be a double root.
     Near {
         node: i32,
         offset: f32,

@@ -46,8 +46,7 @@ impl Map {
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off()?;
         let elapsed = in_turn(phase - lift_off);
-        // Within rounding of a hump's end a resting part stays: the track has already thrown all
-        // others.
+        // Within rounding of a hump's end a resting part stays: all others are already thrown.
         let thrown = elapsed == 0.0 || elapsed < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
         Some(if thrown { 0.0 } else { TAU - elapsed })
     }
@@ -140,8 +139,7 @@ mod tests {
                         hop = impact.next;
                     }
                     summed += map.time_to_rest(hop).expect("a shorter chatter closes");
-                    // The remainder, and the rounding of phases of 2 pi to which tiny hops are
-                    // added.
+                    // The remainder, and the rounding of phases to which tiny hops are added.
                     let bound = MAX_CHATTER_REMAINDER + 1e-9 * closed;
                     assert!((summed - closed).abs() < bound, "{map:?} {phase}");
                     assert!(libm::sin(phase + closed) < k);

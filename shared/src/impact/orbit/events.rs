@@ -106,8 +106,7 @@ impl Orbit<'_> {
 }
 
 impl Orbit<'_, WaveMap> {
-    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
-    /// uses its mean.
+    /// This orbit with a restitution drawn at each impact; a chatter's closed form uses its mean.
     pub fn scattering(self, scatter: Scatter) -> Self {
         self.drawing(scatter)
     }

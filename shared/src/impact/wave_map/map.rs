@@ -109,8 +109,7 @@ impl WaveMap {
         Hop::Impact(build_impact(1.0, state, landing))
     }
 
-    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` if the track
-    /// throws at once.
+    /// Time in rad from rest at `phase` to lift-off, 0 if the track throws at once, and its phase.
     ///
     /// `None` if the part rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {

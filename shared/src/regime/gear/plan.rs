@@ -86,8 +86,7 @@ impl SearchPoint {
 /// after two runs gets no third.
 const RUNS_PER_CANDIDATE: [u16; 3] = [5, 3, 3];
 
-/// Drive periods of a run and of its discarded transient, in the first round and in the later
-/// regions.
+/// Drive periods of a run and of its discarded transient, in the first round and in regions.
 const RUN_AND_TRANSIENT_PERIODS: [[u16; 2]; 2] = [[130, 25], [300, 30]];
 
 /// Cumulative share of [`MAX_IMPACTS`] at which each stage ends, with one, two and three tones. The
@@ -231,8 +230,7 @@ impl Region {
     }
 }
 
-/// Searches k and upper tones for the largest share of time in gear, for parts that start at rest
-/// without a kick.
+/// Searches k and upper tones for the largest share of time in gear, of parts from rest.
 ///
 /// 1. Grid search: a few short runs at each candidate over the whole range.
 /// 2. Response surface: runs at low-discrepancy points of a region about the best, and a polynomial
@@ -458,8 +456,7 @@ impl GearPlanner {
         }
     }
 
-    /// Point of a candidate, its tones' amplitudes multiplied by `part`. Beyond the last row it has
-    /// none.
+    /// Point of a candidate, with its tones' amplitudes times `part`; no tones beyond the last row.
     fn point(&self, number: usize, part: f32) -> SearchPoint {
         let row = self.rows().get(number / self.steps());
         let [second, third] = row.copied().unwrap_or_default();

@@ -1,5 +1,4 @@
-//! The first impact on a track of several tones: the interval between edges that holds it, and the
-//! root in it.
+//! The first impact on a track of several tones: the interval that holds it, and its root.
 
 use core::f32::consts::TAU;
 
@@ -17,8 +16,7 @@ use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, quotient_step};
 use crate::impact::anchor::solve::{Bracket, Found, solve};
 
-/// Flight time in rad up to which the divided form is used: its omitted terms are below the
-/// rounding of f32.
+/// Flight time in rad up to which the omitted terms of the divided form are below rounding.
 #[inline(always)]
 fn max_short_flight(track: &Track) -> f32 {
     if track.tones.is_of_three {
@@ -32,8 +30,7 @@ fn max_short_flight(track: &Track) -> f32 {
 const HEIGHT_ROUNDING: f32 = 3e-5;
 const HEIGHT_ROUNDING_PER_RADIAN: f32 = 4e-6;
 
-/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws the
-/// part.
+/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws.
 const MAX_LEVEL_HALF_PULL: f32 = 1e-7;
 
 /// Longest flight time in rad that starts from the quadratic near launch. Beyond it the track's
@@ -287,8 +284,7 @@ fn find_bracket(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, boo
             }
             let over_begin = edges.gap(begin, &hump.begin);
             let over_end = || edges.gap(end, &hump.end);
-            // A launch one step before the hump counts as at its start: above the track from there
-            // on.
+            // A launch one step before the hump counts as at its start.
             if over_begin.height <= 0.0 && begin > 0.0 {
                 // The start may be below the track by rounding alone.
                 grazes |= over_begin.height > -edges.rounding(begin)
@@ -304,8 +300,7 @@ fn find_bracket(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, boo
                 return (Bracket::new([begin, end], start), grazes);
             }
             if over_begin.slope < 0.0 && over_end.slope > 0.0 {
-                // Height at which the tangents at both ends meet, times the difference of their
-                // slopes.
+                // Height at which both ends' tangents meet, times the difference of slopes.
                 let turning = over_end.slope - over_begin.slope;
                 let tangent_height = over_begin.height * over_end.slope
                     + over_begin.slope * (over_end.slope * hump.width - over_end.height);
@@ -457,8 +452,7 @@ impl<'a> Edges<'a> {
         (bracket, abs(lowest) < self.rounding(x))
     }
 
-    /// Whether the gap over the hump, below 0 at one end, is nowhere below 0 by more than its
-    /// rounding.
+    /// Whether the gap over the hump, below 0 at one end, is below 0 by its rounding at most.
     #[inline(never)]
     fn is_level(&self, begin: f32, end: f32, over_begin: Gap, over_end: Gap) -> bool {
         if over_begin.slope >= 0.0 {
@@ -525,8 +519,7 @@ impl<'a> Edges<'a> {
     }
 }
 
-/// The short hop near `x` and below `short`, by third-order steps on `u/d`; `None` unless the root
-/// is simple.
+/// The short hop near `x` and below `short`, by third-order steps on `u/d`, if the root is simple.
 #[inline(always)]
 fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
     for _ in 0..4 {

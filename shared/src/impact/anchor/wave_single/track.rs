@@ -1,7 +1,6 @@
 //! A track of several tones with one k, set up without f64: the humps, where the push exceeds k.
 //!
-//! Bounds of the push's derivatives limit the steps over nodes, so no hump of relevant size is
-//! missed.
+//! Bounds of the push's derivatives limit the steps over nodes, so no relevant hump is missed.
 
 use core::f32::consts::TAU;
 
@@ -84,8 +83,7 @@ impl Track {
             threshold: Fixed::<35, i64>::nearest(k),
         };
         track.find_humps();
-        // The largest S'^2 + 2 k S of a turn lies where its slope 2 S' (k - A) vanishes; 0.02
-        // covers rounding.
+        // The largest S'^2 + 2 k S lies where its slope 2 S' (k - A) is 0; 0.02 covers rounding.
         let edges = track.humps().iter().flat_map(|hump| [hump.begin, hump.end]);
         let squares = edges.map(|edge| edge.speed * edge.speed + 2.0 * single * edge.height);
         track.gravity.min_tall_speed_squared =
@@ -106,8 +104,7 @@ impl Track {
             .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
     }
 
-    /// Time limits of a flight from `phase`, with the ball's velocity `rise`; `None` without a
-    /// hump.
+    /// Time limits of a flight from `phase` with the ball's velocity `rise`, if there is a hump.
     #[inline(always)]
     pub fn limit(&self, phase: u32, rise: f32) -> Option<Limit> {
         let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);

@@ -51,8 +51,7 @@ impl FrictionSettings {
         Ok(())
     }
 
-    /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
-    /// impulse.
+    /// Velocity along the track after an impact with a normal impulse per mass, both in one unit.
     pub fn velocity_after_impact(&self, velocity: f64, impulse: f64) -> f64 {
         let speed = velocity.abs() - self.sliding * impulse;
         libm::copysign(speed.max(0.0), velocity)
@@ -67,8 +66,7 @@ impl FrictionSettings {
         }
     }
 
-    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides upwards, or
-    /// downwards.
+    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides up, or down.
     ///
     /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
     /// gamma = 0 Boothroyd's limits. `None` if it never slides.
@@ -93,8 +91,7 @@ impl FrictionSettings {
     }
 }
 
-/// The motion along the track for one k, with friction. Velocities relative to the track in units
-/// of `b w`.
+/// The motion along the track for one k, with friction. Velocities relative to the track in `b w`.
 ///
 /// In contact the normal force is `N = k - A`, with `A = sin tau` on one tone. The push on a part
 /// at rest is `f = eta A(tau + gamma) - k tan(alpha)`; it sticks while `|f| <= mu_s N`. A part that
@@ -142,8 +139,7 @@ impl Friction {
         Self::on(&Wave::sine(), k, settings)
     }
 
-    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
-    /// whole.
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         settings.check(k)?;
         let (eta, gravity) = (settings.amplitude_ratio, k * settings.incline_tangent);
@@ -154,7 +150,7 @@ impl Friction {
         })
     }
 
-    /// Distance in b and velocity in `b w` just before the impact, after a flight of `d` rad from
+    /// Distance in b and velocity in `b w` before the impact, after a flight of `d` rad from
     /// `phase`.
     pub fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
         let (distance, gained) = self.free.integrals(phase, d);
@@ -191,8 +187,7 @@ impl Friction {
 
     /// A contact from `phase` on for `duration` rad, with initial `velocity`.
     pub fn move_in_contact(&self, phase: f64, duration: f64, velocity: f64) -> ContactMotion {
-        /// Phase step in rad past an event that changes nothing: the push only touches the friction
-        /// limit.
+        /// Phase step in rad past an event where the push only touches the friction limit.
         const TOUCH_PHASE_STEP: f64 = 1e-7;
         let mut motion = ContactMotion {
             velocity,
@@ -272,8 +267,7 @@ impl Friction {
 
     /// One drive cycle of a part that is never thrown, once its motion repeats.
     ///
-    /// `None` without a steady motion (friction cannot hold the incline) and if the track
-    /// throws.
+    /// `None` if friction cannot hold the incline and if the track throws.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
         /// Drive cycles before the motion counts as unsteady. A slide that stops erases the
         /// history; one that never stops settles by its own damping.
