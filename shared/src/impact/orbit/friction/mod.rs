@@ -384,10 +384,8 @@ mod tests {
         }
         // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
-            let led = FrictionSettings {
-                phase_lead: lead,
-                ..case
-            };
+            let mut led = case;
+            led.phase_lead = lead;
             let from = led.sliding_throw_number(true).unwrap();
             assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
@@ -399,10 +397,8 @@ mod tests {
         assert_eq!(at(backward - 1e-6).backward, 0.0);
         assert!(at(backward + 1e-3).backward > 0.0);
         // A part with more static friction starts to slide later, but then slides in the same way.
-        let sticky = FrictionSettings {
-            sticking: 1.0,
-            ..case
-        };
+        let mut sticky = case;
+        sticky.sticking = 1.0;
         let threshold = (1.0 + tangent) / (eta + 1.0);
         assert_eq!(cycle(threshold - 1e-6, sticky).distance, 0.0);
         assert!(cycle(threshold + 1e-6, sticky).distance > 1e-2);
@@ -410,18 +406,14 @@ mod tests {
 
     #[test]
     fn settings_out_of_range_are_named() {
-        let named = |settings| Friction::build(0.5, settings).unwrap_err().parameter;
-        let valid = settings(1.5, 0.3, 3.0);
-        let too_small = FrictionSettings {
-            sticking: 0.2,
-            ..valid
-        };
-        assert_eq!(named(too_small), "sticking friction");
-        let negative = FrictionSettings {
-            sliding: -0.1,
-            ..valid
-        };
-        assert_eq!(named(negative), "friction");
+        for (sticking, sliding, parameter) in
+            [(0.2, 0.3, "sticking friction"), (0.3, -0.1, "friction")]
+        {
+            let mut settings = settings(1.5, sliding, 3.0);
+            settings.sticking = sticking;
+            let refused = Friction::build(0.5, settings).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
         // An incline that friction cannot hold has no steady speed.
         let too_steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
         assert!(too_steep.steady_contact_cycle().is_none());
