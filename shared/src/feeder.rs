@@ -61,15 +61,6 @@ pub(crate) fn accept_in(
 /// Restitution of the part normal to the track (symbol R), an interval within 0..=1.
 ///
 /// Parts of one lot differ, so plans for a lot use the interval. A single part has `low == high`.
-///
-/// ```
-/// use kband::feeder::Restitution;
-/// let lot = Restitution::interval(0.18, 0.22)?;
-/// assert!((lot.middle() - 0.2).abs() < 1e-15);
-/// let refused = Restitution::interval(0.18, 1.2).unwrap_err();
-/// assert_eq!(refused.parameter, "restitution");
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restitution {
     low: f64,
@@ -267,5 +258,7 @@ mod tests {
         assert_eq!(refused(TrackSettings { frequency, ..PAPER }), "frequency");
         let reversed = Restitution::interval(0.3, 0.2).unwrap_err();
         assert_eq!(reversed.parameter, "restitution (high bound)");
+        let refused = Restitution::interval(0.18, 1.2).unwrap_err();
+        assert_eq!(refused.parameter, "restitution");
     }
 }

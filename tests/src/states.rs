@@ -230,6 +230,19 @@ pub fn tones(random: &mut Random) -> [Tone; 2] {
     [second, third]
 }
 
+/// Halves an interval 60 times; `is_low` holds at its low end alone.
+pub(crate) fn bisect(mut low: f64, mut high: f64, is_low: impl Fn(f64) -> bool) -> [f64; 2] {
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if is_low(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    [low, high]
+}
+
 /// The first phase after a random one at which the track's downward acceleration crosses k; the
 /// random phase if there is none.
 fn edge(track: &Track, random: &mut Random) -> f64 {
@@ -238,19 +251,12 @@ fn edge(track: &Track, random: &mut Random) -> f64 {
     let start = random.between(0.0, TAU);
     let rises = excess(start) < 0.0;
     let mut phases = (1..=500).map(|n| start + f64::from(n) * STEP);
-    let Some(mut high) = phases.find(|phase| (excess(*phase) < 0.0) != rises) else {
+    let Some(beyond) = phases.find(|phase| (excess(*phase) < 0.0) != rises) else {
         return start;
     };
-    let mut low = high - STEP;
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if (excess(middle) < 0.0) == rises {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
+    bisect(beyond - STEP, beyond, |phase| {
+        (excess(phase) < 0.0) == rises
+    })[0]
 }
 
 /// Phase and velocity of a flight that touches the track at a random place, and the time of the
@@ -269,15 +275,7 @@ pub fn touching(track: &Track, random: &mut Random) -> Option<(f64, f64, f64)> {
             return None;
         }
     }
-    let (mut low, mut high) = (high, high + 0.05);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if gap(middle) > 0.0 {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let [_, high] = bisect(high, high + 0.05, |past| gap(past) > 0.0);
     let phase = (touch - high).rem_euclid(TAU);
     Some((phase, c + track.k * high - track.at(phase)[1], high))
 }

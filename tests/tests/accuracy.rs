@@ -240,13 +240,8 @@ fn every_arithmetic_maps_a_phase_to_the_same_place() {
 #[test]
 fn every_arithmetic_refuses_a_phase_too_large_for_a_place() {
     for phase in [1.32e7, -1.32e7, 1e12, 1e16, 1e300, f64::INFINITY, f64::NAN] {
-        let places = [
-            place::<Map>,
-            place::<Single>,
-            place::<Integer>,
-            place::<WaveMap>,
-        ];
-        for place in places {
+        let coarse = [place::<Single>, place::<Integer>];
+        for place in coarse.into_iter().chain([place::<Map>, place::<WaveMap>]) {
             assert_eq!(place(phase), None, "{phase}");
         }
     }

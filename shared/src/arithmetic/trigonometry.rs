@@ -26,13 +26,6 @@ fn nearest(phase: Phase) -> (usize, i32) {
 /// Sine and cosine of a phase in f32.
 ///
 /// Measured over 2^20 spread phases and all nodes: error at most 6.0e-8, RMS 2.1e-8.
-///
-/// ```
-/// use kband::arithmetic::{Phase, sine_cosine_single};
-/// let (sine, cosine) = sine_cosine_single(Phase::from_radians(0.5));
-/// assert!((f64::from(sine) - 0.5_f64.sin()).abs() < 6.1e-8);
-/// assert!((f64::from(cosine) - 0.5_f64.cos()).abs() < 6.1e-8);
-/// ```
 #[inline(always)]
 pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
     let (index, distance) = nearest(phase);

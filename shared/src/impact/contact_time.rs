@@ -85,8 +85,8 @@ impl ContactTime {
         PartState::new(phase, speed)
     }
 
-    /// `impact`, which ends at the touch, with its contact, on a track with this k; `None` is a
-    /// sine.
+    /// `impact`, which ends at the touch, with its contact, on a track with this k (`None`: a
+    /// sine).
     ///
     /// The flight then includes the contact, and the next state is the launch after it. A part that
     /// rests (flight 0) has none.
@@ -127,8 +127,7 @@ impl ContactTime {
 }
 
 /// Launch speed gained per acceleration and contact time (symbol rho), of a restitution in 0..=1. A
-/// rational fit, from R = 0.05 on within 0.009 of the exact gain, which solves a transcendental
-/// equation.
+/// rational fit, from R = 0.05 on within 0.009 of the exact gain.
 #[inline]
 pub(crate) fn speed_gain(restitution: f32) -> f32 {
     let r = restitution;

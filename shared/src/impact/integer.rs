@@ -7,7 +7,7 @@
 use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::trigonometry::{RADIANS_PER_TURN_FINE, sine_cosine_exact};
 use crate::arithmetic::{Phase, Velocity};
-use crate::feeder::OutOfRange;
+use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::{
     Impact, Kernel, Landing, MAX_VELOCITY, PartState, accept_phase, accept_velocity,
 };
@@ -16,8 +16,7 @@ use crate::impact::set_up::SetUp;
 /// Steps after which the current place counts as the impact; measured: at most 22.
 const MAX_STEPS: u32 = 100;
 
-/// Flight time of the series near launch: 1/1024 turn, which leaves out 2e-14 of the height's
-/// quotient.
+/// Flight time of the series near launch: 1/1024 turn, with an error of 2e-14 of the quotient.
 const MAX_SERIES_TIME: Turns = Fixed(1 << 38);
 
 /// Flight time of a step below which it is the last: a sixteenth of a step of the phase.
@@ -62,6 +61,7 @@ pub struct Integer {
     half_turn_fall: Fixed<58, i64>,
     lift_off: Phase,
     hump: u32,
+    /// 1 as 1 - 2^-32.
     restitution: Fixed<32, u32>,
 }
 
@@ -75,18 +75,13 @@ impl Integer {
         };
         let throws = (state.phase - self.lift_off).bits() < self.hump;
         if state.velocity == Velocity::ZERO && !throws {
-            return Landing {
-                steps: 0,
-                next: state,
-                grazes: false,
-            };
+            return Landing::at_rest(state);
         }
         let flight = Flight::new(self, state);
         let [rise, fall] = flight.above_track();
         let mut time = Fixed(0);
         if throws && flight.cosine > Fixed(0) {
-            // The height is at least `cos t h^3/6 - h^4/24` here, whatever the rounding of the
-            // pull.
+            // The height is at least `cos t h^3/6 - h^4/24` here, for any rounding of the pull.
             time = flight.cosine.times(TURNS_PER_RADIAN);
         }
         let (mut grazes, mut skims, mut round) = (false, false, 0);
@@ -254,14 +249,15 @@ impl Kernel for Integer {
     const NAME: &'static str = "integer";
 
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        let set_up = SetUp::build(k, restitution)?;
+        let set_up = SetUp::build(k)?;
+        accept_in("restitution", restitution, 0.0..=1.0, "0..1")?;
+        let k = Fixed::<60, i64>(set_up.k.nearest(60) as i64);
         Ok(Self {
-            k: Fixed(set_up.k.nearest(60) as i64),
-            half_turn_fall: Fixed::<60, i64>(set_up.k.nearest(60) as i64)
-                .times(RADIANS_PER_TURN_FINE.scaled::<61>()),
+            k,
+            half_turn_fall: k.times(RADIANS_PER_TURN_FINE.scaled::<61>()),
             lift_off: set_up.lift_off,
             hump: set_up.hump,
-            restitution: set_up.restitution,
+            restitution: Fixed::<32, u32>::nearest(restitution),
         })
     }
 
@@ -282,5 +278,29 @@ impl Kernel for Integer {
 
     fn impact(&self, state: IntegerState) -> Impact<IntegerState> {
         self.land(state).impact()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn restitutions_are_rounded_and_refusals_name_them() {
+        for (restitution, steps) in [
+            (0.0, 0),
+            (-0.0, 0),
+            (1e-300, 0),
+            (0.5, 1 << 31),
+            (1.0 - 1e-12, u32::MAX),
+            (1.0, u32::MAX),
+        ] {
+            let map = Integer::build(0.5, restitution).unwrap();
+            assert_eq!(map.restitution.0, steps);
+        }
+        for restitution in [-1e-300, 1.000_001, f64::NAN] {
+            let refused = Integer::build(0.5, restitution).unwrap_err();
+            assert_eq!(refused.parameter, "restitution");
+        }
     }
 }

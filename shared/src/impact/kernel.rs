@@ -50,6 +50,17 @@ impl<S> Landing<S> {
         self.steps as f64 * Phase::RADIANS_PER_STEP
     }
 
+    /// The landing of a resting part, which stays.
+    #[inline(always)]
+    pub(super) fn at_rest(next: S) -> Self {
+        let (steps, grazes) = (0, false);
+        Self {
+            steps,
+            next,
+            grazes,
+        }
+    }
+
     /// The landing with its flight in rad.
     #[inline(always)]
     pub(super) fn impact(self) -> Impact<S> {
@@ -62,21 +73,6 @@ impl<S> Landing<S> {
 }
 
 /// The impact map in one arithmetic: parameters in, set-up constants kept, one impact per call.
-///
-/// ```
-/// use kband::impact::{Integer, Kernel, Map, Single};
-///
-/// /// The flight from one state, in rad.
-/// fn flight<K: Kernel>() -> Result<f64, kband::feeder::OutOfRange> {
-///     let kernel = K::build(0.43, 0.2)?;
-///     Ok(kernel.impact(K::state(0.5, 0.45)?).flight)
-/// }
-/// let exact = flight::<Map>()?;
-/// assert!((flight::<Integer>()? - exact).abs() < 1e-7);
-/// assert!((flight::<Single>()? - exact).abs() < 1e-5);
-/// assert_eq!(Map::build(0.43, 1.2).unwrap_err().parameter, "restitution");
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub trait Kernel: Sized {
     /// The state in this arithmetic.
     type State: Copy + PartialEq + core::fmt::Debug;
@@ -87,8 +83,7 @@ pub trait Kernel: Sized {
     /// The map for `k` and a restitution; an error names the parameter and its range here.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange>;
 
-    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`; an error if
-    /// there is none.
+    /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`, or an error.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
     /// Whether a launch from `state` is within the range of this arithmetic.

@@ -31,8 +31,6 @@ mod kernel;
 mod orbit;
 mod scatter;
 mod set_up;
-#[cfg(test)]
-mod tests;
 mod wave;
 mod wave_map;
 

@@ -1,5 +1,4 @@
-//! Restitution that varies at random from impact to impact, as that of any real part (Gaussian,
-//! clipped).
+//! Restitution that varies at random from impact to impact, as that of any real part.
 
 use crate::arithmetic::{gauss, splitmix};
 use crate::feeder::{OutOfRange, accept_in};
@@ -11,14 +10,6 @@ const MAX_DEVIATION: f64 = 0.5;
 ///
 /// Uses only sums, products, quotients and square roots of f64, so a seed gives the same bits on
 /// every machine. The Gaussian is exact except for the 53 bits of its uniform numbers.
-///
-/// ```
-/// use kband::impact::Scatter;
-/// let mut scatter = Scatter::build(0.3, 0.05, 7)?;
-/// let mean = (0..10_000).map(|_| scatter.draw()).sum::<f64>() / 1e4;
-/// assert!((mean - 0.3).abs() < 0.002);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scatter {
     mean: f64,
@@ -62,8 +53,7 @@ impl Scatter {
         self.deviation
     }
 
-    /// The restitution of the next impact, at least 0 and below 1; without scatter the mean, at
-    /// least 0.
+    /// The restitution of the next impact, 0..1 without 1; without scatter the mean, at least 0.
     #[inline]
     pub fn draw(&mut self) -> f64 {
         if self.deviation == 0.0 {

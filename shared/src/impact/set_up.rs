@@ -2,7 +2,6 @@
 
 use core::f64::consts::TAU;
 
-use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::positive::{Positive, root, upper};
 use crate::arithmetic::{Phase, node, square_root_single};
 use crate::feeder::{OutOfRange, accept};
@@ -10,7 +9,7 @@ use crate::feeder::{OutOfRange, accept};
 /// 1 in steps of 2^-61.
 const ONE: u64 = 1 << 61;
 
-/// Set-up constants of a track and a part, shared by the microcontroller kernels.
+/// Set-up constants of a track, shared by the microcontroller kernels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
     pub k: Positive,
@@ -24,31 +23,16 @@ pub(crate) struct SetUp {
     pub hump: u32,
     /// Slope of the sine at `lift_off`, `sqrt(1 - k^2)`.
     pub lift_off_cosine: Positive,
-    /// Restitution, 1 as 1 - 2^-32.
-    pub restitution: Fixed<32, u32>,
 }
 
 impl SetUp {
-    /// The constants for `k` and `restitution`; an error outside k 0.005..=4 or restitution 0..=1.
+    /// The constants for `k`; an error outside 0.005..=4.
     #[inline(always)]
-    pub fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
+    pub fn build(k: f64) -> Result<Self, OutOfRange> {
         // Positive floats compare like their bits; NaN and negative ones are above.
-        let within =
-            |x: f64, [from, to]: [f64; 2]| (from.to_bits()..=to.to_bits()).contains(&x.to_bits());
-        if !within(k, [0.005, 4.0]) {
+        if !(0.005_f64.to_bits()..=4.0_f64.to_bits()).contains(&k.to_bits()) {
             accept("k", k, false, "0.005..4")?;
         }
-        // 0 with either sign.
-        let is_zero = restitution.to_bits() << 1 == 0;
-        if !(is_zero || within(restitution, [0.0, 1.0])) {
-            accept("restitution", restitution, false, "0..1")?;
-        }
-        let restitution = if is_zero {
-            0
-        } else {
-            Positive::from_f64(restitution).nearest(32)
-        };
-        let restitution = Fixed(u32::try_from(restitution).unwrap_or(u32::MAX));
         let k = Positive::from_f64(k);
         let (steps, single) = (k.whole(61), k.single());
         let above = Self {
@@ -58,7 +42,6 @@ impl SetUp {
             lift_off: Phase::from_bits(1 << 30),
             hump: 0,
             lift_off_cosine: Positive::ZERO,
-            restitution,
         };
         if steps >= ONE {
             return Ok(above);
@@ -177,7 +160,7 @@ mod tests {
     }
 
     fn computed(k: f64) -> Constants {
-        let set_up = SetUp::build(k, 0.5).unwrap();
+        let set_up = SetUp::build(k).unwrap();
         let cosine = set_up.lift_off_cosine.single();
         let tall = set_up.min_tall_speed_squared().single();
         (set_up.lift_off.bits(), [cosine, set_up.inverse(), tall])
@@ -216,23 +199,9 @@ mod tests {
     }
 
     #[test]
-    fn restitutions_are_rounded_and_refusals_name_them() {
-        for (restitution, steps) in [
-            (0.0, 0),
-            (-0.0, 0),
-            (1e-300, 0),
-            (0.5, 1 << 31),
-            (1.0 - 1e-12, u32::MAX),
-            (1.0, u32::MAX),
-        ] {
-            assert_eq!(SetUp::build(0.5, restitution).unwrap().restitution.0, steps);
-        }
+    fn k_out_of_range_is_refused() {
         for k in [0.004_999, 4.000_1, -0.5, f64::NAN, f64::INFINITY] {
-            assert_eq!(SetUp::build(k, 0.5).unwrap_err().parameter, "k");
-        }
-        for restitution in [-1e-300, 1.000_001, f64::NAN] {
-            let refused = SetUp::build(0.5, restitution).unwrap_err();
-            assert_eq!(refused.parameter, "restitution");
+            assert_eq!(SetUp::build(k).unwrap_err().parameter, "k");
         }
     }
 }

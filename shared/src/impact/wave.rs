@@ -6,6 +6,7 @@
 //! Numerical Recipes, section 9.4).
 
 use core::f64::consts::{FRAC_PI_2, TAU};
+use core::ops::{Add, Mul};
 
 use heapless::Vec;
 
@@ -29,18 +30,43 @@ impl Tone {
     }
 }
 
-#[derive(Clone, Copy)]
-pub(super) struct Motion {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motion<F = f64> {
     /// Displacement S.
-    pub height: f64,
+    pub height: F,
     /// S'.
-    pub speed: f64,
+    pub speed: F,
     /// `A = -S''`: a resting part leaves where A rises through k.
-    pub push: f64,
+    pub push: F,
     /// A'.
-    pub jerk: f64,
+    pub jerk: F,
     /// -A''.
-    pub snap: f64,
+    pub snap: F,
+}
+
+/// Sums of tones, from displacement and velocity over its frequency of each.
+impl<F: Copy + Add<Output = F> + Mul<Output = F> + From<f32>> Motion<F> {
+    #[inline(always)]
+    pub fn of_two([s, c]: [F; 2], [s2, c2]: [F; 2]) -> Self {
+        Self {
+            height: s + s2,
+            speed: c + (c2 + c2),
+            push: s + F::from(4.0) * s2,
+            jerk: c + F::from(8.0) * c2,
+            snap: s + F::from(16.0) * s2,
+        }
+    }
+
+    #[inline(always)]
+    pub fn with_third(self, [s3, c3]: [F; 2]) -> Self {
+        Self {
+            height: self.height + s3,
+            speed: self.speed + F::from(3.0) * c3,
+            push: self.push + F::from(9.0) * s3,
+            jerk: self.jerk + F::from(27.0) * c3,
+            snap: self.snap + F::from(81.0) * s3,
+        }
+    }
 }
 
 /// Displacement and velocity of each tone over its frequency, at a phase.
@@ -48,14 +74,6 @@ pub(super) type Parts = [[f64; 2]; 3];
 
 /// The shape of the track's motion in units of the fundamental's amplitude b. It is `S(t) = sin t +
 /// e sin(2 t + th) + e3 sin(3 t + th3)`. Two tones: reference 19 of Hongler & Figour 1989.
-///
-/// ```
-/// use kband::impact::{Tone, Wave};
-/// let wave = Wave::build(Tone { amplitude: 0.15, angle: 2.356 }, Tone::default())?;
-/// // Cost of the second tone: the largest acceleration grows by this factor.
-/// assert!((wave.peak_acceleration() - 1.546).abs() < 0.001);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
     second: Tone,
@@ -189,14 +207,12 @@ impl Wave {
         pushes.fold(0.0, f64::max)
     }
 
-    /// Acceleration of a free part relative to the track without gravity, `-S''` in `b w^2`, at a
-    /// phase in rad.
+    /// Acceleration of a weightless part over the track, `-S''` in `b w^2`, at a phase in rad.
     pub fn push(&self, phase: f64) -> f64 {
         self.motion(phase)[2]
     }
 
-    /// Displacement S, velocity S', upward push A = -S'' and A' at a phase in rad, each
-    /// within 4e-15.
+    /// Displacement S, velocity S', push A = -S'' and A' at a phase in rad, each within 4e-15.
     pub(crate) fn motion(&self, phase: f64) -> [f64; 4] {
         let m = self.at(in_turn(phase));
         [m.height, m.speed, m.push, m.jerk]
@@ -285,24 +301,9 @@ impl Wave {
 /// Sum of the first N tones: the motion of the track.
 #[inline(always)]
 pub(super) fn motion<const N: usize>(parts: &Parts) -> Motion {
-    let [[s, c], [s2, c2], [s3, c3]] = *parts;
-    let two = Motion {
-        height: s + s2,
-        speed: c + (c2 + c2),
-        push: s + 4.0 * s2,
-        jerk: c + 8.0 * c2,
-        snap: s + 16.0 * s2,
-    };
-    if N < 3 {
-        return two;
-    }
-    Motion {
-        height: two.height + s3,
-        speed: two.speed + 3.0 * c3,
-        push: two.push + 9.0 * s3,
-        jerk: two.jerk + 27.0 * c3,
-        snap: two.snap + 81.0 * s3,
-    }
+    let [first, second, third] = *parts;
+    let two = Motion::of_two(first, second);
+    if N < 3 { two } else { two.with_third(third) }
 }
 
 /// `angle` in 0..2 pi.

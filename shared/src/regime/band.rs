@@ -9,8 +9,7 @@ use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::ContactTime;
 
-/// k of the saddle-node bifurcation that creates the period-1 orbit of `order` (symbol k1, equation
-/// 15).
+/// k of the saddle-node bifurcation that creates the period-1 orbit (symbol k1, equation 15).
 ///
 /// Restitution 0..1 (1 excluded), order 1..=100. Error within 4 ulp.
 pub fn birth(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
@@ -105,8 +104,8 @@ fn touching_slope(restitution: f64, birth: f64) -> f64 {
     let excess = 2.0 * restitution / (1.0 - restitution);
     let mut after = libm::sqrt(6.0 * excess);
     let mut slope = 0.0;
-    // T'(s) = 0 is s^2 = excess / weight. The first error of T is 6e-5; each step divides it by 700
-    // or more.
+    // T'(s) = 0 is s^2 = excess / weight. The first error of T is 6e-5; each step divides it by
+    // 700.
     for _ in 0..6 {
         let square = after * after;
         let (sine, sine_slope) = polynomial(&SINE_COEFFICIENTS, square);
@@ -378,8 +377,7 @@ mod tests {
         let (mut touching, mut worst) = (0, 0.0_f64);
         for order in 1..=100 {
             let r = f64::from(order);
-            // Half of the grid covers the restitutions at which this order can touch, half the
-            // whole range.
+            // Half of the grid is where this order can touch, half the whole range.
             let limit = 0.0205 / (r * r);
             let grid = (0..60).flat_map(|n| [limit * f64::from(n) / 60.0, f64::from(n) / 2000.0]);
             for restitution in grid {

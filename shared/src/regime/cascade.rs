@@ -134,7 +134,7 @@ fn accept_doublings(doublings: usize) -> Result<f64, OutOfRange> {
 }
 
 impl Cascade {
-    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 (1 excluded) and an order of
+    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 without 1 and an order of
     /// 1..=100.
     ///
     /// The first flip is equation (17a). Each further orbit is found by Newton's method with the
@@ -211,8 +211,7 @@ impl Cascade {
         self
     }
 
-    /// Distance in k below the last flip at which the next continuation starts, well above the next
-    /// flip.
+    /// Distance in k below the last flip at which the next continuation starts.
     fn first_offset(&self) -> f64 {
         match self.flips.as_slice() {
             [.., before, flip] => 0.35 * (before - flip) / FEIGENBAUM,
@@ -352,8 +351,7 @@ impl Continuation {
             let max_step = 0.5 * first_offset.max(flip - k);
             let mut step = (-condition / slope).clamp(-max_step, max_step);
             let drift = self.orbit_derivative(k, state)?;
-            // Damping: halve a step that jumps to another orbit, detected by a condition that did
-            // not approach 0.
+            // Damping: halve a step that jumps to another orbit, whose condition is no nearer to 0.
             let (next, orbit, value) = loop {
                 let next = k + step;
                 let small = libm::fabs(step) <= 1e-9 * k;
@@ -450,8 +448,7 @@ impl Continuation {
         value.is_finite().then_some(value)
     }
 
-    /// Largest relative scatter of restitution at which the two halves of the orbit are
-    /// distinguishable.
+    /// Largest relative scatter of restitution at which the orbit's two halves are distinguishable.
     fn max_separating_scatter(&self, k: f64, start: PartState) -> Option<f64> {
         let map = self.track.map_at(k)?;
         let around = self.return_map(&map, start)?;
@@ -582,8 +579,7 @@ mod tests {
                 let measured = measure(&map, cascade.states[n], settings);
                 let measured = measured.unwrap().per_impact;
                 let error = (measured.value - larger).abs();
-                // Complex multipliers rotate the tangent vector, so its growth is averaged over the
-                // rotation.
+                // Complex multipliers rotate the tangent vector, over which growth is averaged.
                 let bound = 2e-3 + 5.0 * measured.error;
                 assert!(error < bound, "{orbit:?} {measured:?}");
             }

@@ -96,19 +96,7 @@ const COMPARED_RESTS: usize = 4;
 /// Drive cycle in units of the classifier's time.
 const STEPS_PER_CYCLE: u64 = 1 << 32;
 
-/// Classifier with the last N impact times of one part; N of 64 resolves periods up to 21 impacts,
-/// 512 up to 170.
-///
-/// ```
-/// use core::f64::consts::TAU;
-/// use kband::regime::classify::{Classifier, TimingAccuracy, Regime};
-/// let mut classifier = Classifier::<64>::build(TimingAccuracy::COMPUTED)?;
-/// for _ in 0..64 {
-///     classifier.flight(2.0 * TAU);
-/// }
-/// assert_eq!(classifier.verdict().regime, Regime::Locked { order: 2 });
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
+/// Classifier with the last N impact times of one part; it resolves periods up to N/3 impacts.
 #[derive(Clone, Copy, Debug)]
 pub struct Classifier<const N: usize> {
     /// Largest difference of two times that counts as equal, in 2^-32 cycles.
@@ -168,8 +156,7 @@ impl<const N: usize> Classifier<N> {
         self.now = self.now.max(u64::from(cycle) << 32);
     }
 
-    /// Adds an impact in drive cycle `cycle` at `phase`. A time before the last impact's is
-    /// ignored.
+    /// Adds an impact in drive cycle `cycle` at `phase`; one before the last impact is ignored.
     pub fn impact(&mut self, cycle: u32, phase: Phase) {
         self.impact_at(u64::from(cycle) << 32 | u64::from(phase.bits()));
     }
@@ -206,8 +193,7 @@ impl<const N: usize> Classifier<N> {
             }
             let is_shrinking = self.count > 1 && interval < self.interval;
             self.shrinking = if is_shrinking { self.shrinking + 1 } else { 0 };
-            // Chatter intervals shrink geometrically; test whether the next one is below the
-            // resolution.
+            // Chatter intervals shrink geometrically; is the next one below the resolution?
             if self.shrinking >= 2
                 && interval < STEPS_PER_CYCLE / 4
                 && u128::from(interval) * u128::from(interval)
@@ -342,8 +328,7 @@ impl<const N: usize> Classifier<N> {
         })
     }
 
-    /// Detects a doubling smaller than the noise of one impact, from the alternating mean of all
-    /// intervals.
+    /// Detects a doubling smaller than one impact's noise, from the alternating mean of intervals.
     fn alternates(&self, order: u32, filled: usize) -> bool {
         let (mut sum, mut terms) = (0_i64, 0_u32);
         let mut later = self.time(0);
@@ -356,8 +341,7 @@ impl<const N: usize> Classifier<N> {
                 terms += 1;
             }
         }
-        // Threshold of four standard deviations; the alternating sum of differences has 2 sigma
-        // sqrt(n).
+        // Threshold of four standard deviations; the alternating sum has 2 sigma sqrt(n).
         self.noise > 0.0
             && terms > 15
             && libm::fabs(sum as f64) > 8.0 * self.noise * libm::sqrt(f64::from(terms))
@@ -388,8 +372,7 @@ mod tests {
         for event in orbit(&map, start).take(3000 + events).skip(3000) {
             match event {
                 OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
-                OrbitEvent::Rest { chatter, .. } => classifier.wait(chatter),
-                OrbitEvent::LiftOff { wait, .. } => classifier.wait(wait),
+                rest => classifier.wait(rest.duration()),
             }
         }
         classifier.verdict()
@@ -475,20 +458,14 @@ mod tests {
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
         for event in orbit(&map, start) {
-            match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    // Impacts within the resolution merge into one.
-                    if time - last > settings.resolution {
-                        last = time;
-                        let noise = settings.noise * f64::from(random.gauss());
-                        let stamp = ((time + noise) / TAU).max(0.0);
-                        let cycle = libm::floor(stamp);
-                        classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
-                    }
-                }
-                OrbitEvent::Rest { chatter, .. } => time += chatter,
-                OrbitEvent::LiftOff { wait, .. } => time += wait,
+            time += event.duration();
+            // Impacts within the resolution merge into one.
+            if matches!(event, OrbitEvent::Impact(_)) && time - last > settings.resolution {
+                last = time;
+                let noise = settings.noise * f64::from(random.gauss());
+                let stamp = ((time + noise) / TAU).max(0.0);
+                let cycle = libm::floor(stamp);
+                classifier.impact(cycle as u32, Phase::from_radians((stamp - cycle) * TAU));
             }
             if time > 120.0 * TAU {
                 break;

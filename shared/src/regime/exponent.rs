@@ -33,8 +33,7 @@ pub struct ExponentSettings {
 pub enum Dynamics {
     /// Periodic: the exponent is negative by more than three standard errors.
     Regular,
-    /// Chaotic: the exponent is positive by more than three standard errors, and the part never
-    /// rested.
+    /// Chaotic: the exponent is positive by more than three standard errors, without a rest.
     Chaotic,
     /// The exponent is within three standard errors of 0.
     Undecided,
@@ -206,8 +205,7 @@ impl Measurement {
             self.vector.take_growth();
         }
         self.count += 1;
-        // A grazing impact has no tangent. Such states have measure zero, and the direction is
-        // kept.
+        // A grazing impact has no tangent; such states have measure zero.
         if let Some(tangent) = Tangent::build(map, before, impact) {
             self.vector.map_by(tangent.jacobian, drawn);
         }
@@ -258,8 +256,7 @@ impl Measurement {
     }
 }
 
-/// A tangent vector that the Jacobians carry along an orbit. It is normalized only if it has grown
-/// or shrunk a lot.
+/// A tangent vector that the Jacobians carry along an orbit, normalized if extreme.
 #[derive(Clone, Copy)]
 struct TangentVector {
     vector: [f64; 2],

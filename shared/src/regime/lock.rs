@@ -162,24 +162,21 @@ impl Lock {
         ContactTerms::new(self.restitution, f64::from(self.order), self.contact)
     }
 
-    /// Trace of the tangent map, `1 + R^2 - A(t0) (1+R)^2 / k`, and its determinant, R^2; with a
-    /// contact time `R psi/s`. Inputs are A(t0), and the track's S', A and A' at a phase.
-    pub(super) fn tangent_on(&self, push: f64, motion: impl Fn(f64) -> [f64; 3]) -> [f64; 2] {
+    /// Trace of the tangent map without a contact time, `1 + R^2 - A(t0) (1+R)^2 / k`, and its
+    /// determinant, R^2.
+    pub(super) fn tangent_without_contact(&self, push: f64) -> [f64; 2] {
         let r = self.restitution;
-        if self.contact.is_instant() {
-            return [1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k, r * r];
-        }
-        let [c1, a1, _] = motion(self.strike_phase());
-        let launch = motion(self.state.phase);
-        self.contact_terms()
-            .tangent(self.k, self.state.velocity, launch, [c1, a1])
+        [1.0 + r * r - push * (1.0 + r) * (1.0 + r) / self.k, r * r]
     }
 
     fn tangent(&self) -> [f64; 2] {
-        self.tangent_on(libm::sin(self.state.phase), |phase| {
-            let cosine = libm::cos(phase);
-            [cosine, libm::sin(phase), cosine]
-        })
+        let motion = |phase: f64| [libm::cos(phase), libm::sin(phase)];
+        let [c0, a0] = motion(self.state.phase);
+        if self.contact.is_instant() {
+            return self.tangent_without_contact(a0);
+        }
+        let (terms, velocity) = (self.contact_terms(), self.state.velocity);
+        terms.tangent(self.k, velocity, [c0, a0, c0], motion(self.strike_phase()))
     }
 
     /// Trace of the tangent map, `1 + R^2 - sin(t0) (1+R)^2 / k`.
@@ -217,16 +214,14 @@ impl Lock {
         map.is_ok_and(|map| map.impact(self.state).flight > period - self.contact.radians() - 1e-3)
     }
 
-    /// Distance of `state` to the orbit: the larger of the differences in phase (rad) and velocity
-    /// (`b w`).
+    /// Distance of `state` to the orbit: the larger difference, in phase (rad) or velocity (`b w`).
     pub fn distance(&self, state: PartState) -> f64 {
         let difference = wrap_phase(state.phase - self.state.phase);
         libm::fabs(difference).max(libm::fabs(state.velocity - self.state.velocity))
     }
 }
 
-/// Whether both multipliers of a tangent map of this trace and determinant are inside the unit
-/// circle.
+/// Whether both multipliers of a tangent map are inside the unit circle.
 pub(super) fn is_stable([trace, determinant]: [f64; 2]) -> bool {
     libm::fabs(trace) < 1.0 + determinant
 }
@@ -256,20 +251,20 @@ impl ContactTerms {
 
     /// k of the lock, for the track's displacement S, velocity C and push A at launch, S and C at
     /// the strike.
-    pub(super) fn k(&self, [s0, c0, a0]: [f64; 3], [s1, c1]: [f64; 2]) -> f64 {
+    fn k(&self, [s0, c0, a0]: [f64; 3], [s1, c1]: [f64; 2]) -> f64 {
         let r = self.restitution;
         let chord_height = (1.0 + r) * (s1 - s0) / self.flight;
         (c0 + r * c1 - chord_height + self.gain * a0) / (0.5 * (1.0 - r) * self.flight + self.gain)
     }
 
     /// Launch velocity psi of the lock at k, for S and C at launch and S at the strike.
-    pub(super) fn velocity(&self, k: f64, [s0, c0]: [f64; 2], s1: f64) -> f64 {
+    fn velocity(&self, k: f64, [s0, c0]: [f64; 2], s1: f64) -> f64 {
         0.5 * k * self.flight + (s1 - s0) / self.flight - c0
     }
 
     /// Trace and determinant of the tangent map at k and psi, for C, A and A' at launch, C and A at
     /// the strike.
-    pub(super) fn tangent(
+    fn tangent(
         &self,
         k: f64,
         velocity: f64,

@@ -1,5 +1,4 @@
-//! Regimes of the impact map: lock, period doubling, chaos and rest, and the capture of a part onto
-//! the lock.
+//! Regimes of the impact map: lock, period doubling, chaos, rest, and capture onto the lock.
 
 pub mod band;
 pub mod capture;

@@ -27,8 +27,7 @@ fn locks_from_rest(k: f64, restitution: f64, order: u32) -> Result<bool, OutOfRa
 /// Range of a band in which a part from rest locks, on a grid of k.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
-    /// Highest k of the unbroken range from the low edge that locks; `None` if the first k does
-    /// not.
+    /// Highest k of the unbroken range from the low edge that locks; `None` without any.
     pub edge: Option<f64>,
     /// Highest k of the grid that locks; `None` without any.
     pub highest: Option<f64>,

@@ -5,7 +5,7 @@
 
 use core::f64::consts::{PI, TAU};
 
-use super::lock::{ContactTerms, Lock, accept_order, accept_restitution, is_stable};
+use super::lock::{Lock, accept_order, accept_restitution};
 use crate::arithmetic::bisect;
 use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::{ContactTime, Orbit, PartState, Wave, WaveMap};
@@ -18,41 +18,30 @@ pub struct WaveLock {
 }
 
 impl WaveLock {
-    /// Orbit of `order` with launch phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`, `psi = 2 pi r
-    /// k R/(1+R)`, with the terms of a contact time. `None` if the track moves downwards at t0.
-    /// [`WaveLock::attracts`] and [`WaveLock::is_first_return`] decide whether a part can follow
-    /// it.
+    /// Orbit of `order` with impact phase t0 in rad: `k = S'(t0) (1+R)/(pi r (1-R))`, `psi = 2 pi r
+    /// k R/(1+R)`. `None` if the track moves downwards at t0. [`WaveLock::is_first_return`] decides
+    /// whether a part can follow it.
     fn with_impact_phase(
         wave: &Wave,
         phase: f64,
         restitution: f64,
         order: u32,
-        contact: ContactTime,
     ) -> Result<Option<Self>, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
-        let [height, speed, push, _] = wave.motion(phase);
-        let (k, velocity) = if contact.is_instant() {
-            let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
-            (k, TAU * r * k * restitution / (1.0 + restitution))
-        } else {
-            let terms = ContactTerms::new(restitution, r, contact);
-            let [before, risen, ..] = wave.motion(phase - contact.radians());
-            let k = terms.k([height, speed, push], [before, risen]);
-            (k, terms.velocity(k, [height, speed], before))
-        };
-        // Range of k of the impact map.
-        if !(1e-3..=1e3).contains(&k) || velocity < 0.0 {
-            return Ok(None);
-        }
+        let [_, speed, ..] = wave.motion(phase);
+        let k = speed * (1.0 + restitution) / (PI * r * (1.0 - restitution));
+        let velocity = TAU * r * k * restitution / (1.0 + restitution);
         let lock = Lock {
             order,
             k,
             restitution,
-            contact,
+            contact: ContactTime::INSTANT,
             state: PartState::new(phase - TAU * libm::floor(phase / TAU), velocity),
         };
-        Ok(Some(Self { wave: *wave, lock }))
+        // Range of k of the impact map.
+        let is_in_range = (1e-3..=1e3).contains(&k);
+        Ok(is_in_range.then_some(Self { wave: *wave, lock }))
     }
 
     /// Orbit of `order` at `k` that attracts and that a part can follow; `None` without one. Of
@@ -79,19 +68,7 @@ impl WaveLock {
         restitution: f64,
         order: u32,
     ) -> Result<Option<Self>, OutOfRange> {
-        Self::find_with_contact(band, wave, k, restitution, order, ContactTime::INSTANT)
-    }
-
-    /// [`WaveLock::find_in_band`] with impacts that take time, in a band with the same.
-    fn find_with_contact(
-        band: &WaveBand,
-        wave: &Wave,
-        k: f64,
-        restitution: f64,
-        order: u32,
-        contact: ContactTime,
-    ) -> Result<Option<Self>, OutOfRange> {
-        let at = |phase| Self::with_impact_phase(wave, phase, restitution, order, contact);
+        let at = |phase| Self::with_impact_phase(wave, phase, restitution, order);
         if !band.contains(k) {
             return Ok(None);
         }
@@ -109,18 +86,6 @@ impl WaveLock {
         self.lock.state
     }
 
-    fn tangent(&self) -> [f64; 2] {
-        let push = self.wave.push(self.lock.state.phase);
-        self.lock.tangent_on(push, |phase| {
-            let [_, speed, push, jerk] = self.wave.motion(phase);
-            [speed, push, jerk]
-        })
-    }
-
-    fn attracts(&self) -> bool {
-        is_stable(self.tangent())
-    }
-
     fn map(&self) -> Result<WaveMap, OutOfRange> {
         WaveMap::on(self.wave, self.lock.k, self.lock.restitution)
     }
@@ -135,7 +100,7 @@ impl WaveLock {
         let Ok(map) = self.map() else {
             return false;
         };
-        let mut orbit = Orbit::from_rest(&map).with_contact(self.lock.contact);
+        let mut orbit = Orbit::from_rest(&map);
         // At most a rest and a lift-off for each impact.
         let events = 3 * impacts;
         orbit.by_ref().take(events).count() == events && self.lock.distance(orbit.state()) < 1e-3
@@ -227,28 +192,15 @@ impl WaveBands {
     /// An orbit with impact phase t0 attracts where `0 < A/S' < 2 (1+R^2)/(pi r (1-R^2))`; its k
     /// falls as t0 grows.
     pub fn find(wave: &Wave, restitution: f64, order: u32) -> Result<Self, OutOfRange> {
-        Self::find_with_contact(wave, restitution, order, ContactTime::INSTANT)
-    }
-
-    /// [`WaveBands::find`] with impacts that take time.
-    fn find_with_contact(
-        wave: &Wave,
-        restitution: f64,
-        order: u32,
-        contact: ContactTime,
-    ) -> Result<Self, OutOfRange> {
         let r = accept_order(order)?;
         accept_restitution(restitution)?;
         let square = restitution * restitution;
         let steepest = 2.0 * (1.0 + square) / (PI * r * (1.0 - square));
         let lock = |phase: f64| {
-            let lock = WaveLock::with_impact_phase(wave, phase, restitution, order, contact);
+            let lock = WaveLock::with_impact_phase(wave, phase, restitution, order);
             lock.ok().flatten()
         };
         let attracts = |phase: f64| {
-            if !contact.is_instant() {
-                return lock(phase).is_some_and(|lock| lock.attracts());
-            }
             let [_, speed, push, _] = wave.motion(phase);
             0.0 < push && push < steepest * speed
         };
@@ -298,17 +250,7 @@ impl WaveBands {
 
     /// Bands shared by all parts of a lot, checked at nine restitutions with both ends.
     pub fn common(wave: &Wave, lot: Restitution, order: u32) -> Result<Self, OutOfRange> {
-        Self::common_with_contact(wave, lot, order, ContactTime::INSTANT)
-    }
-
-    /// [`WaveBands::common`] with impacts that take time.
-    pub fn common_with_contact(
-        wave: &Wave,
-        lot: Restitution,
-        order: u32,
-        contact: ContactTime,
-    ) -> Result<Self, OutOfRange> {
-        let find = |restitution| Self::find_with_contact(wave, restitution, order, contact);
+        let find = |restitution| Self::find(wave, restitution, order);
         let mut shared = find(lot.low())?;
         if lot.low() == lot.high() {
             return Ok(shared);
@@ -350,10 +292,15 @@ impl WaveBands {
 mod tests {
     use super::*;
     use crate::impact::{Kernel, Tone};
+    use crate::regime::lock::is_stable;
     use crate::regime::{MAX_ORDER, band};
 
     fn two_tones(amplitude: f64, angle: f64) -> Wave {
         Wave::build(Tone::new(amplitude, angle), Tone::default()).unwrap()
+    }
+
+    fn tangent(WaveLock { wave, lock }: &WaveLock) -> [f64; 2] {
+        lock.tangent_without_contact(wave.push(lock.state.phase))
     }
 
     #[test]
@@ -368,31 +315,22 @@ mod tests {
 
     #[test]
     fn one_tone_bands_match_the_closed_forms() {
-        let contact = ContactTime::build(0.02 * TAU).unwrap();
-        for (contact, within) in [(ContactTime::INSTANT, 1e-12), (contact, 1e-9)] {
-            for (restitution, order) in [(0.1, 1), (0.2, 2), (0.3, 1), (0.5, 3), (0.6, 2), (0.8, 1)]
-            {
-                let (wave, lot) = (Wave::sine(), Restitution::single(restitution).unwrap());
-                let bands = WaveBands::common_with_contact(&wave, lot, order, contact).unwrap();
-                assert_eq!(bands.iter().count(), 1);
-                let actual = bands.widest().unwrap();
-                let [k1, k2] = band::edges_with_contact(restitution, order, contact).unwrap();
-                assert!((actual.low.k / k2 - 1.0).abs() < within, "{actual:?} {k2}");
-                assert!((actual.high.k / k1 - 1.0).abs() < within, "{actual:?} {k1}");
-                if contact.is_instant() {
-                    let bifurcations = [actual.low.bifurcation, actual.high.bifurcation];
-                    assert_eq!(bifurcations, [Bifurcation::Flip, Bifurcation::SaddleNode]);
-                    // At the saddle-node, t0 = 0, one multiplier is 1.
-                    let born = WaveLock::with_impact_phase(&wave, 0.0, restitution, order, contact);
-                    assert!(!born.unwrap().unwrap().attracts());
-                }
-            }
+        for (restitution, order) in [(0.1, 1), (0.2, 2), (0.3, 1), (0.5, 3), (0.6, 2), (0.8, 1)] {
+            let (wave, lot) = (Wave::sine(), Restitution::single(restitution).unwrap());
+            let bands = WaveBands::common(&wave, lot, order).unwrap();
+            assert_eq!(bands.iter().count(), 1);
+            let actual = bands.widest().unwrap();
+            let [k1, k2] = [band::birth, band::flip].map(|edge| edge(restitution, order).unwrap());
+            assert!((actual.low.k / k2 - 1.0).abs() < 1e-12, "{actual:?} {k2}");
+            assert!((actual.high.k / k1 - 1.0).abs() < 1e-12, "{actual:?} {k1}");
+            let bifurcations = [actual.low.bifurcation, actual.high.bifurcation];
+            assert_eq!(bifurcations, [Bifurcation::Flip, Bifurcation::SaddleNode]);
+            // At the saddle-node, t0 = 0, one multiplier is 1.
+            let born = WaveLock::with_impact_phase(&wave, 0.0, restitution, order);
+            assert!(!is_stable(tangent(&born.unwrap().unwrap())));
         }
         // On two tones a part locks where the lock is predicted.
-        let wave = two_tones(0.15, 2.356);
-        let bands = WaveBands::find_with_contact(&wave, 0.2, 1, contact).unwrap();
-        let (band, k) = (bands.widest().unwrap(), 0.31);
-        let lock = WaveLock::find_with_contact(&band, &wave, k, 0.2, 1, contact);
+        let lock = WaveLock::find_attracting(&two_tones(0.15, 2.356), 0.31, 0.2, 1);
         assert!(lock.unwrap().unwrap().is_reached_from_rest(400));
     }
 
@@ -409,12 +347,10 @@ mod tests {
                 let (first, last) = band.phases();
                 for part in 1..8 {
                     let phase = first + (last - first) * f64::from(part) / 8.0;
-                    let instant = ContactTime::INSTANT;
-                    let lock =
-                        WaveLock::with_impact_phase(&wave, phase, restitution, order, instant);
+                    let lock = WaveLock::with_impact_phase(&wave, phase, restitution, order);
                     let lock = lock.unwrap().unwrap();
                     assert!(band.contains(lock.lock.k));
-                    assert!(lock.attracts() && lock.is_first_return());
+                    assert!(is_stable(tangent(&lock)) && lock.is_first_return());
                     let map = lock.map().unwrap();
                     let start = lock.state();
                     let at = |phase: f64, velocity: f64| {
@@ -431,7 +367,7 @@ mod tests {
                     let of_phase = at(step, 0.0).0 - at(-step, 0.0).0;
                     let of_velocity = at(0.0, step).1 - at(0.0, -step).1;
                     let trace = (of_phase + of_velocity) / (2.0 * step);
-                    let [expected, _] = lock.tangent();
+                    let [expected, _] = tangent(&lock);
                     assert!((trace - expected).abs() < 1e-5, "{trace} {expected}");
                 }
             }

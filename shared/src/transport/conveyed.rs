@@ -131,9 +131,8 @@ impl<A: Along> Conveying<A> {
 
     /// Clears the sums of the transient; the velocity remains.
     pub fn restart(&mut self) {
-        self.before = Conveyed::default();
         self.has_lifted_off = false;
-        self.conveyed = Conveyed::default();
+        (self.before, self.conveyed) = Default::default();
     }
 
     /// [`Conveying::restart`] just after a lift-off.

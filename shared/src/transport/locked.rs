@@ -44,21 +44,6 @@ fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> 
 /// `W = pi r k { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`. Restitution 0..1.
 ///
 /// It is proportional to k, so `W b w` does not depend on the amplitude.
-///
-/// ```
-/// use kband::impact::TangentialSettings;
-/// use kband::transport::locked::velocity_in_phase;
-///
-/// let along = TangentialSettings {
-///     restitution: 0.3,
-///     amplitude_ratio: 1.5,
-///     phase_lead: 0.0,
-///     incline_tangent: 0.05,
-/// };
-/// // Half the k is twice the amplitude b: the speed, W b w, is the same.
-/// let (w, half) = (velocity_in_phase(1, 0.46, 0.2, &along), velocity_in_phase(1, 0.23, 0.2,
-/// &along)); assert!((half * 2.0 - w).abs() < 1e-15);
-/// ```
 pub fn velocity_in_phase(
     order: u32,
     k: f64,

@@ -17,6 +17,6 @@ mod wave_survey;
 pub use conveyed::{Conveyed, Conveying};
 pub use sample_mean::SampleMean;
 pub use scattered::{WaveLaw, convey_from_rest};
-pub use sensitivity::Sensitivity;
+pub use sensitivity::sensitivity;
 pub use survey::{Effort, Measured, Motion, Origin, measure};
 pub use wave_survey::measure_on_tones;

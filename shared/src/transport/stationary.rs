@@ -96,17 +96,6 @@ impl Observer for PhaseMeans {
 }
 
 /// Mean launch velocity of parts that hop without rest, in units of `b w`: `<psi> = k D R/(1+R)`.
-///
-/// ```
-/// use core::f64::consts::TAU;
-/// use kband::regime::Lock;
-/// use kband::transport::stationary::mean_velocity;
-///
-/// // Exact for a lock, which is a hopping regime with D = 2 pi r.
-/// let psi = Lock::build(0.43, 0.2, 1)?.unwrap().state().velocity;
-/// assert!((mean_velocity(0.43, 0.2, TAU) - psi).abs() < 1e-15);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
     k * mean_interval * restitution / (1.0 + restitution)
 }
@@ -114,6 +103,7 @@ pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::regime::Lock;
     use crate::transport::locked::velocity_in_phase;
     use core::f64::consts::TAU;
 
@@ -127,6 +117,12 @@ mod tests {
             incline_tangent: 0.07,
         };
         let mean = impact_mean(0.23, 0.2, &along, 2.0 * TAU).unwrap();
-        assert!((mean - velocity_in_phase(2, 0.23, 0.2, &along)).abs() < 1e-14);
+        let velocity = velocity_in_phase(2, 0.23, 0.2, &along);
+        assert!((mean - velocity).abs() < 1e-14);
+        // Half the k is twice the amplitude b: the speed, W b w, is the same.
+        let halved = velocity_in_phase(2, 0.115, 0.2, &along);
+        assert!((halved * 2.0 - velocity).abs() < 1e-15);
+        let psi = Lock::build(0.43, 0.2, 1).unwrap().unwrap().state().velocity;
+        assert!((mean_velocity(0.43, 0.2, TAU) - psi).abs() < 1e-15);
     }
 }

@@ -186,14 +186,10 @@ mod tests {
             let lock = Lock::with_contact(k, restitution, order, contact);
             let lock = lock.unwrap().unwrap();
             let map = Map::build(k, restitution).unwrap();
-            let settings = TangentialSettings {
-                phase_lead: 0.4,
-                ..CHAOTIC_SETTINGS
-            };
-            let critical = TangentialSettings {
-                incline_tangent: locked::critical_slope(&lock, k, &settings),
-                ..settings
-            };
+            let mut settings = CHAOTIC_SETTINGS;
+            settings.phase_lead = 0.4;
+            let mut critical = settings;
+            critical.incline_tangent = locked::critical_slope(&lock, k, &settings);
             for settings in [settings, critical] {
                 let along = Tangential::build(k, settings).unwrap();
                 let orbit = Orbit::new(&map, lock.state()).with_contact(contact);

@@ -89,16 +89,17 @@ pub fn begin<K: Machine>([k, restitution, phase, velocity]: [f64; 4]) -> (K, K::
 /// State after `count` impacts; after each rest the orbit restarts.
 #[inline(never)]
 pub fn fly<K: Machine>(kernel: &K, start: K::State, count: u32) -> K::State {
-    let mut state = start;
-    for _ in 0..count {
-        let landing = kernel.land(state);
-        state = if landing.steps == 0 {
-            start
-        } else {
-            landing.next
-        };
+    (0..count).fold(start, |state, _| next(kernel, start, state))
+}
+
+#[inline(always)]
+fn next<K: Machine>(kernel: &K, start: K::State, state: K::State) -> K::State {
+    let landing = kernel.land(state);
+    if landing.steps == 0 {
+        start
+    } else {
+        landing.next
     }
-    state
 }
 
 /// Hash (FNV-1a) of the bits of every state of an orbit.
@@ -106,12 +107,7 @@ pub fn fly<K: Machine>(kernel: &K, start: K::State, count: u32) -> K::State {
 fn hash<K: Machine>(kernel: &K, start: K::State, count: u32, mut hash: u32) -> u32 {
     let mut state = start;
     for _ in 0..count {
-        let landing = kernel.land(state);
-        state = if landing.steps == 0 {
-            start
-        } else {
-            landing.next
-        };
+        state = next(kernel, start, state);
         for word in K::bits(state) {
             for byte in word.to_le_bytes() {
                 hash = (hash ^ u32::from(byte)).wrapping_mul(16_777_619);

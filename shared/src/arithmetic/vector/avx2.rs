@@ -127,8 +127,25 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
-        let (sine, cosine) = fetch(rounded.index());
-        (Self(sine), Self(cosine))
+        let index = rounded.index();
+        // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
+        unsafe {
+            let (low, high) = (
+                _mm256_castsi256_si128(index),
+                _mm256_extracti128_si256::<1>(index),
+            );
+            let table = node::SINE_COSINE_DOUBLE.as_ptr();
+            let a = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(low) as usize).cast());
+            let b = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(low) as usize).cast());
+            let c = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(high) as usize).cast());
+            let d = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(high) as usize).cast());
+            let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
+            let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
+            (
+                Self(_mm256_unpacklo_pd(ac, bd)),
+                Self(_mm256_unpackhi_pd(ac, bd)),
+            )
+        }
     }
     #[inline(always)]
     fn within_turn(rounded: Self) -> (Self, Self) {
@@ -177,25 +194,5 @@ impl Vector for Avx2 {
         // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
         unsafe { _mm256_storeu_pd(values.as_mut_ptr(), self.0) };
         values
-    }
-}
-
-/// Sine and cosine of the nodes with these indices, each below the table's length.
-#[inline(always)]
-pub(super) fn fetch(index: __m256i) -> (__m256d, __m256d) {
-    // SAFETY: the CPU has AVX2, see the module; an index is below the table's length.
-    unsafe {
-        let (low, high) = (
-            _mm256_castsi256_si128(index),
-            _mm256_extracti128_si256::<1>(index),
-        );
-        let table = node::SINE_COSINE_DOUBLE.as_ptr();
-        let a = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(low) as usize).cast());
-        let b = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(low) as usize).cast());
-        let c = _mm_loadu_pd(table.add(_mm_cvtsi128_si64(high) as usize).cast());
-        let d = _mm_loadu_pd(table.add(_mm_extract_epi64::<1>(high) as usize).cast());
-        let ac = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), c);
-        let bd = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(b), d);
-        (_mm256_unpacklo_pd(ac, bd), _mm256_unpackhi_pd(ac, bd))
     }
 }

@@ -4,8 +4,7 @@
 //! The root is that of the track's height over the part. It rises through 0 at the impact.
 
 use super::flight::{
-    Gravity, MAX_GRAZING_SPEED, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
-    node_from_near,
+    Gravity, MAX_GRAZING_SPEED, NODES_PER_RADIAN, SPACING, Track, abs, nearest, node_from_near,
 };
 use crate::arithmetic::square_root_single;
 
@@ -20,20 +19,15 @@ use crate::arithmetic::square_root_single;
 /// largest `S'^2 + 2 k S` within a turn.
 #[inline(always)]
 pub(super) fn fall(track: &impl Track, phase: u32, height: f32, rise: f32) -> Option<Approach> {
-    let Gravity {
-        k,
-        inverse,
-        min_tall_speed_squared,
-        ..
-    } = track.gravity();
+    let gravity = track.gravity();
     // A part that sinks gets a value below 2 k h, which is below the threshold.
-    let square = rise * abs(rise) + 2.0 * k * height;
-    let is_tall = square >= min_tall_speed_squared;
+    let square = rise * abs(rise) + 2.0 * gravity.k * height;
+    let is_tall = square >= gravity.min_tall_speed_squared;
     if !is_tall {
         return None;
     }
     let speed = square_root_single(square);
-    let (node, offset) = node_from_near(phase, (rise + speed) * inverse);
+    let (node, offset) = node_from_near(phase, (rise + speed) * gravity.inverse);
     approach(track, node, -offset, speed, 0.0)
 }
 
@@ -93,19 +87,13 @@ pub(super) fn approach<T: Track>(
 ) -> Option<Approach> {
     let Gravity { k, half, .. } = track.gravity();
     for _ in 0..MAX_STEPS {
-        let Motion {
-            height,
-            speed: cosine,
-            push,
-            jerk,
-            snap,
-        } = track.at(node);
-        let u0 = dt * (speed + half * dt) + (height - base);
-        let u1 = speed + k * dt + cosine;
-        let b2 = 0.5 * (k - push);
+        let at = track.at(node);
+        let u0 = dt * (speed + half * dt) + (at.height - base);
+        let u1 = speed + k * dt + at.speed;
+        let b2 = 0.5 * (k - at.push);
         let square = u1 * u1;
         let product = b2 * u0;
-        let step = householder(u0, u1, square, product, -jerk);
+        let step = householder(u0, u1, square, product, -at.jerk);
         let (jump, count) = nearest(step * NODES_PER_RADIAN);
         // Householder's step can be short without a root nearby, Newton's cannot. The steps may
         // also have led back to the launch, where the part rises over the track.
@@ -118,8 +106,8 @@ pub(super) fn approach<T: Track>(
                 dt,
                 speed: u1,
                 gain: b2,
-                jerk,
-                snap,
+                jerk: at.jerk,
+                snap: at.snap,
             });
         }
         node = node.wrapping_add(jump);

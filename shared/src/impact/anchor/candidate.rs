@@ -55,15 +55,9 @@ pub(super) enum Candidate {
 /// See [`SineTrack::ends`].
 #[inline(always)]
 pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate> {
-    let Launch {
-        velocity,
-        sine,
-        cosine,
-        pull,
-        ..
-    } = *launch;
+    let (velocity, sine, cosine) = (launch.velocity, launch.sine, launch.cosine);
     // u/d = psi - a1 d + a2 d^2 - sin d^3 / 24 - cos d^4 / 120 + sin d^5 / 720 + ...
-    let a1 = 0.5 * pull;
+    let a1 = 0.5 * launch.pull;
     let a2 = cosine * (1.0 / 6.0);
     let discriminant = a1 * a1 - 4.0 * a2 * velocity;
     let mut near = MAX_START_FROM_LAUNCH;
@@ -98,12 +92,12 @@ pub(super) fn candidate(track: &SineTrack, launch: &Launch) -> Option<Candidate>
     let rise = velocity + cosine;
     let (mut speed, mut origin, mut base) = (-rise, 0.0, sine);
     if near >= MAX_START_FROM_LAUNCH {
-        let square = rise * rise + 2.0 * track.k * sine;
+        let square = rise * rise + 2.0 * track.gravity.k * sine;
         if !(rise > 0.0 && square > MIN_FALL_SPEED_SQUARED) {
             return None;
         }
         speed = square_root_single(square);
-        origin = (rise + speed) * track.inverse;
+        origin = (rise + speed) * track.gravity.inverse;
         // Leaves flights that end after the hump after the next one to the search.
         let to_lift_off = track.lift_off.wrapping_sub(launch.phase) as f32 * RADIANS_PER_STEP;
         if origin > to_lift_off + (TAU + MAX_FALL_BEYOND_TURN) {

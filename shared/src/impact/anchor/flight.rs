@@ -29,8 +29,7 @@ pub(super) struct Launch {
     pub pull: f32,
 }
 
-/// Height and slope of the flight above the track at a node, with the track's push and its
-/// derivatives.
+/// Height and slope of the flight over the track at a node; the track's push and derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Local {
     pub height: f32,
@@ -41,19 +40,9 @@ pub(super) struct Local {
     pub snap: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub(in crate::impact) struct Motion {
-    /// Displacement S.
-    pub height: f32,
-    /// S'.
-    pub speed: f32,
-    /// `-S''`, `-S'''` and `S''''`.
-    pub push: f32,
-    pub jerk: f32,
-    pub snap: f32,
-}
+pub(in crate::impact) type Motion = crate::impact::wave::Motion<f32>;
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gravity {
     pub k: f32,
     pub half: f32,
@@ -63,8 +52,7 @@ pub(super) struct Gravity {
 }
 
 pub(in crate::impact) trait Track {
-    /// Flight time in rad below which the form divided by the flight time keeps more digits than a
-    /// node.
+    /// Flight time in rad below which the height over the flight time keeps more digits.
     const MAX_SHORT_FLIGHT: f32;
     /// Longest last step of an approach, in rad: the remaining error is its cube.
     const MAX_LAST_STEP: f32;

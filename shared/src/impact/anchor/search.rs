@@ -5,8 +5,8 @@ use core::f32::consts::TAU;
 use core::f64::consts::PI;
 
 use super::flight::{
-    Ballistic, GAP_ROUNDING, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger,
-    node_of, root, smaller,
+    Ballistic, GAP_ROUNDING, Gravity, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs,
+    larger, node_of, root, smaller,
 };
 use super::settle::expand;
 use super::short::{ShortFlight, hop, short_flight};
@@ -42,14 +42,13 @@ fn find_bracket(
     guess: f32,
 ) -> (Bracket, bool) {
     let track = flight.track;
-    let SineTrack {
+    let Gravity {
         k,
-        half_k,
+        half: half_k,
         inverse,
-        lift_off_cosine,
-        hump_length,
         ..
-    } = *track;
+    } = track.gravity;
+    let (lift_off_cosine, hump_length) = (track.lift_off_cosine, track.hump_length);
     let Launch { sine, pull, .. } = *launch;
     let v = launch.velocity + launch.cosine;
     if track.hump == 0 {
@@ -60,12 +59,7 @@ fn find_bracket(
         } else {
             high
         };
-        let bracket = Bracket {
-            low: 0.0,
-            high,
-            start,
-        };
-        return (bracket, false);
+        return (Bracket::new([0.0, high], start), false);
     }
     // Ballistic height over k, and slope over that of the track at a hump's begin.
     let over_k = |x: f32| x * (v - half_k * x) - pull;
@@ -92,12 +86,7 @@ fn find_bracket(
                 newton
             }
         };
-        let bracket = Bracket {
-            low,
-            high: lift_off,
-            start,
-        };
-        return (bracket, false);
+        return (Bracket::new([low, lift_off], start), false);
     }
     // Time when the ball falls through height k.
     let through = (v + root(v * v - 2.0 * k * pull)) * inverse;
@@ -114,8 +103,7 @@ fn find_bracket(
     // A hump that ends below height 1 holds the root. So at most the humps at either end of the
     // window above height 1 are visited, which bounds the rounds.
     for _ in 0..16 {
-        // Newton's step from the start of a hump does not overshoot, on the convex and on the
-        // concave side.
+        // Newton's step from the start of a hump does not overshoot on either side.
         let from_begin = || {
             let slope = over_flank(begin);
             let step = if slope < 0.0 {
@@ -126,47 +114,32 @@ fn find_bracket(
             begin - step
         };
         if falls(begin) {
-            let bracket = Bracket {
-                low: smaller(through, begin) - 1e-4,
-                high: begin,
-                start: from_begin(),
-            };
-            return (bracket, grazes);
+            let ends = [smaller(through, begin) - 1e-4, begin];
+            return (Bracket::new(ends, from_begin()), grazes);
         }
         let end = begin + hump_length;
         if falls(end) {
-            let bracket = Bracket {
-                low: begin,
-                high: through + 1e-4,
-                start: from_begin(),
-            };
+            let bracket = Bracket::new([begin, through + 1e-4], from_begin());
             return (bracket, grazes);
         }
-        {
-            let middle = begin + 0.5 * hump_length;
-            let over_top = (sine - 1.0) + middle * (v - half_k * middle);
-            let slope = v - k * middle;
-            if over_top <= -1e-4 {
-                let bracket = Bracket {
-                    low: begin,
-                    high: middle,
-                    start: from_begin(),
-                };
+        let half = 0.5 * hump_length;
+        let middle = begin + half;
+        let over_top = (sine - 1.0) + middle * (v - half_k * middle);
+        let slope = v - k * middle;
+        if over_top <= -1e-4 {
+            return (Bracket::new([begin, middle], from_begin()), grazes);
+        }
+        // Within the hump `1 - cos x >= 4 x^2 / pi^2`, which keeps the track below a parabola.
+        let margin = (4.0 / (PI * PI)) as f32 - half_k;
+        let safe =
+            margin > 0.0 && over_top > 1e-4 && 4.0 * margin * (over_top - 1e-4) > slope * slope;
+        if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
+            let (dip, touches) = find_minimum(flight, middle, over_top, slope);
+            grazes |= touches;
+            if let Some(mut bracket) = dip {
+                bracket.low = begin;
+                bracket.start = smaller(larger(bracket.start, begin), bracket.high);
                 return (bracket, grazes);
-            }
-            // Within the hump `1 - cos x >= 4 x^2 / pi^2`, which keeps the track below a parabola.
-            let margin = (4.0 / (PI * PI)) as f32 - half_k;
-            let safe =
-                margin > 0.0 && over_top > 1e-4 && 4.0 * margin * (over_top - 1e-4) > slope * slope;
-            let half = 0.5 * hump_length;
-            if !safe && slope + k * half < lift_off_cosine && slope - k * half > -lift_off_cosine {
-                let (dip, touches) = find_minimum(flight, middle, over_top, slope);
-                grazes |= touches;
-                if let Some(mut bracket) = dip {
-                    bracket.low = begin;
-                    bracket.start = smaller(larger(bracket.start, begin), bracket.high);
-                    return (bracket, grazes);
-                }
             }
         }
         let mut turns = 1;
@@ -175,21 +148,17 @@ fn find_bracket(
         }
         begin += turns as f32 * TAU;
     }
-    let bracket = Bracket {
-        low: lift_off,
-        high: through,
-        start: through,
-    };
-    (bracket, true)
+    (Bracket::new([lift_off, through], through), true)
 }
 
 /// Number of humps under a ball above height 1, from the one at `begin` to the last. The ball left
 /// at `v` from a track with sine `sine`.
 #[inline(never)]
 fn count_passed_humps(track: &SineTrack, v: f32, sine: f32, begin: f32) -> i32 {
-    let leaving = v * v - 2.0 * track.k * (1.0 - sine);
+    let Gravity { k, inverse, .. } = track.gravity;
+    let leaving = v * v - 2.0 * k * (1.0 - sine);
     let speed = root(leaving);
-    let (rises, sinks) = ((v - speed) * track.inverse, (v + speed) * track.inverse);
+    let (rises, sinks) = ((v - speed) * inverse, (v + speed) * inverse);
     let last = begin + track.hump_length;
     if leaving > 0.0 && v > 0.0 && begin > rises && last < sinks {
         ((sinks - last) * (1.0 / TAU)) as i32
@@ -209,7 +178,7 @@ fn find_minimum(
 ) -> (Option<Bracket>, bool) {
     let track = flight.track;
     let half = 0.5 * track.hump_length;
-    let k = track.k;
+    let k = track.gravity.k;
     let (mut low, mut high) = (-half, half);
     let mut d = smaller(larger(-slope / (1.0 - k), low), high);
     for round in 0..40 {
@@ -227,7 +196,7 @@ fn find_minimum(
         // minimum. A third tangent costs more, over the orbits tried, than the rounds that it
         // saves.
         if round < 2 {
-            let gap = over_top + d * (slope - track.half_k * d) + (1.0 - c);
+            let gap = over_top + d * (slope - track.gravity.half * d) + (1.0 - c);
             if gap + rate * (beyond - d) > 1e-3 + 1e-5 * middle {
                 return (None, false);
             }
@@ -251,13 +220,8 @@ fn find_minimum(
     let rate = local.slope + gain;
     let curvature = b2 + b2;
     let lowest = height - 0.5 * rate * rate / curvature;
-    let bracket = (lowest <= 0.0).then(|| Bracket {
-        low: 0.0,
-        high: time,
-        start: time - root(-2.0 * lowest / curvature),
-    });
-    (
-        bracket,
-        abs(lowest) < GAP_ROUNDING + SineTrack::GAP_ROUNDING_PER_RADIAN * time,
-    )
+    let start = || time - root(-2.0 * lowest / curvature);
+    let bracket = (lowest <= 0.0).then(|| Bracket::new([0.0, time], start()));
+    let rounding = GAP_ROUNDING + SineTrack::GAP_ROUNDING_PER_RADIAN * time;
+    (bracket, abs(lowest) < rounding)
 }

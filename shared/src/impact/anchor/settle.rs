@@ -1,7 +1,6 @@
 //! Settle: the impact near a node, to the precision of the kernel.
 //!
-//! Simple roots take Chebyshev's method, nearly double roots Cauchy's step with a cubic correction
-//! (Traub 1964).
+//! Simple roots take Chebyshev's method, double ones Cauchy's with a cubic term (Traub 1964).
 
 use super::flight::{Local, MAX_GRAZING_SPEED, Track, abs, larger, root, smaller};
 
@@ -11,8 +10,7 @@ use super::flight::{Local, MAX_GRAZING_SPEED, Track, abs, larger, root, smaller}
 /// Largest distance from a node in rad for its expansion, whose remainder `d^5/120` is below 2e-10.
 const MAX_NODE_DISTANCE: f32 = 0.03;
 
-/// Longest step in rad of the careful method. Only nearly triple roots need longer ones, and they
-/// are flagged.
+/// Longest step in rad of the careful method. Only nearly triple roots, flagged, need longer ones.
 const MAX_STEP: f32 = 0.02;
 
 /// Largest ratio of `b2 u0` to the squared slope, and largest last step in rad, for Chebyshev's
@@ -39,16 +37,10 @@ pub(super) struct Settled {
 /// Height and slope at `d` from a node relative to the node's, and half the curvature there.
 #[inline(always)]
 pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
-    let Local {
-        height,
-        slope,
-        push,
-        jerk,
-        snap,
-    } = *local;
-    let curvature = push - k;
-    let third = jerk * d;
-    let fourth = snap * d * d;
+    let Local { height, slope, .. } = *local;
+    let curvature = local.push - k;
+    let third = local.jerk * d;
+    let fourth = local.snap * d * d;
     let b2 = 0.5 * curvature + 0.5 * third;
     (
         height + d * (slope + d * (0.5 * curvature + third * (1.0 / 6.0) - fourth * (1.0 / 24.0))),

@@ -1,8 +1,6 @@
-//! Short hops in f32: the root of the height divided by the flight time (deflation of the root at
-//! launch).
+//! Short hops in f32: the root of the height over the flight time (deflation of that at launch).
 //!
-//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964). The form keeps every
-//! digit.
+//! The steps are Chebyshev's, or Cauchy's near a double root (Traub 1964).
 
 use super::flight::{Launch, Track, abs, larger, root, smaller};
 use super::settle::down_crossing;
@@ -11,19 +9,13 @@ use super::sine_track::SineTrack;
 /// `w = u / d` of a short flight and its derivative, in forms that keep every digit.
 #[inline(always)]
 fn deflated(launch: &Launch, x: f32) -> (f32, f32) {
-    let Launch {
-        velocity,
-        sine,
-        cosine,
-        pull,
-        ..
-    } = *launch;
+    let (sine, cosine) = (launch.sine, launch.cosine);
     let z = x * x;
     let q3 = 1.0 / 6.0 - z * (1.0 / 120.0 - z * (1.0 / 5040.0));
     let q4 = 1.0 / 24.0 - z * (1.0 / 720.0);
-    let half = 0.5 * pull;
+    let half = 0.5 * launch.pull;
     (
-        velocity - x * (half - cosine * x * q3 + sine * z * q4),
+        launch.velocity - x * (half - cosine * x * q3 + sine * z * q4),
         cosine * x * (1.0 / 3.0 - z * (1.0 / 30.0))
             - half
             - sine * z * (1.0 / 8.0 - z * (1.0 / 144.0)),
@@ -73,16 +65,18 @@ pub(super) fn short_flight(launch: &Launch) -> ShortFlight {
         return ShortFlight::Open;
     }
     let discriminant = a1 * a1 - 4.0 * a2 * launch.velocity;
-    if a1 > 0.0 {
+    let near = if a1 > 0.0 {
         if a2 > 0.0 && discriminant < MAX_DOUBLE_ROOT_DISCRIMINANT * a1 * a1 {
             return double_hop(*launch, a1, a2);
         }
-        simple_hop(2.0 * launch.velocity / (a1 + root(discriminant)))
+        2.0 * launch.velocity / (a1 + root(discriminant))
     } else if discriminant >= 0.0 {
-        simple_hop((a1 - root(discriminant)) / (2.0 * a2))
+        (a1 - root(discriminant)) / (2.0 * a2)
     } else {
-        ShortFlight::Open
-    }
+        return ShortFlight::Open;
+    };
+    let grazes = false;
+    ShortFlight::Hop { near, grazes }
 }
 
 /// The first root below `limit` of `u/d` where its cubic term decides.
@@ -134,14 +128,6 @@ fn flat_hop(launch: Launch) -> ShortFlight {
         }
     }
     ShortFlight::Hop { near: x, grazes }
-}
-
-#[inline(always)]
-fn simple_hop(near: f32) -> ShortFlight {
-    ShortFlight::Hop {
-        near,
-        grazes: false,
-    }
 }
 
 /// Two nearly equal short roots, separated by the minimum of `u/d`.

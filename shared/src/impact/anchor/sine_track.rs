@@ -1,6 +1,8 @@
 //! Shape: the constants of a track for the search in f32, and closed tests of a flight.
 
-use super::flight::{Gravity, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger};
+use super::flight::{
+    Gravity, Motion, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs, larger, smaller,
+};
 use crate::arithmetic::Phase;
 use crate::arithmetic::node::SINE_COSINE_SINGLE;
 use crate::arithmetic::positive::Positive;
@@ -9,15 +11,11 @@ use crate::impact::set_up::SetUp;
 /// Constants of the track for the search, in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SineTrack {
-    pub(super) k: f32,
-    pub(super) half_k: f32,
-    pub(super) inverse: f32,
+    pub(super) gravity: Gravity,
     /// Excess of k over 1, at least 0.
     pub(super) excess: f32,
     pub(super) lift_off_cosine: f32,
     pub(super) hump_length: f32,
-    /// Smallest squared speed at height 0 of a tall flight.
-    pub(super) min_tall_speed_squared: f32,
     /// Slope down to a hump's begin: steepest for the cubic bound of [`SineTrack::clears`].
     pub(super) skim: f32,
     pub lift_off: u32,
@@ -33,20 +31,18 @@ impl SineTrack {
         let SetUp { single, hump, .. } = *set_up;
         let inverse = set_up.inverse();
         let lift_off_cosine = set_up.lift_off_cosine.single();
-        let reach = 0.48 * lift_off_cosine * inverse;
-        let reach = if reach < MAX_CUBIC_TIME {
-            reach
-        } else {
-            MAX_CUBIC_TIME
-        };
+        let reach = smaller(0.48 * lift_off_cosine * inverse, MAX_CUBIC_TIME);
         Self {
-            k: single,
-            half_k: 0.5 * single,
-            inverse,
+            gravity: Gravity {
+                k: single,
+                half: 0.5 * single,
+                inverse,
+                min_tall_speed_squared: set_up.min_tall_speed_squared().single(),
+            },
             excess: set_up.excess(),
             lift_off_cosine,
-            hump_length: radians(hump),
-            min_tall_speed_squared: set_up.min_tall_speed_squared().single(),
+            // Rounded to nearest.
+            hump_length: Positive::RADIANS_PER_STEP.times_integer_single(hump),
             skim: 0.4 * lift_off_cosine * reach * reach,
             lift_off: set_up.lift_off.bits(),
             hump,
@@ -81,8 +77,8 @@ impl SineTrack {
         let x = to_lift_off as f32 * RADIANS_PER_STEP;
         // Lower and upper bounds that include rounding. Without the first, 41 of 420 000 touches in
         // f32 are not flagged.
-        let height = x * (v - self.half_k * x) - pull - 1e-4;
-        let fall = larger(self.lift_off_cosine + self.k * x - v, 0.0) + 1e-5;
+        let height = x * (v - self.gravity.half * x) - pull - 1e-4;
+        let fall = larger(self.lift_off_cosine + self.gravity.k * x - v, 0.0) + 1e-5;
         height > 0.0
             && fall < self.skim
             && 0.8 * self.lift_off_cosine * height * height > (8.0 / 9.0) * fall * fall * fall
@@ -104,15 +100,9 @@ impl SineTrack {
         };
         let z = d * d;
         let rise = self.lift_off_cosine * d * (1.0 - z * (1.0 / 6.0))
-            - self.k * z * (0.5 - z * (1.0 / 24.0));
+            - self.gravity.k * z * (0.5 - z * (1.0 / 24.0));
         self.excess - rise
     }
-}
-
-/// `steps` of a phase in rad, rounded to nearest.
-#[inline(always)]
-fn radians(steps: u32) -> f32 {
-    Positive::RADIANS_PER_STEP.times_integer_single(steps)
 }
 
 impl Track for SineTrack {
@@ -127,12 +117,7 @@ impl Track for SineTrack {
 
     #[inline(always)]
     fn gravity(&self) -> Gravity {
-        Gravity {
-            k: self.k,
-            half: self.half_k,
-            inverse: self.inverse,
-            min_tall_speed_squared: self.min_tall_speed_squared,
-        }
+        self.gravity
     }
 
     #[inline(always)]

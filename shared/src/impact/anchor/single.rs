@@ -8,9 +8,7 @@ use super::settle::{Settled, settle, settle_carefully};
 use super::sine_track::SineTrack;
 use super::solve::Found;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::feeder::OutOfRange;
 use crate::impact::kernel::{Landing, MAX_VELOCITY};
-use crate::impact::set_up::SetUp;
 
 /// A state of [`Single`](super::Single): 8 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,14 +19,7 @@ pub struct SingleState {
     pub velocity: f32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct SineSingle(SineTrack);
-
-impl SineSingle {
-    pub(super) fn build(k: f64) -> Result<Self, OutOfRange> {
-        Ok(Self(SineTrack::new(&SetUp::build(k, 0.0)?)))
-    }
-
+impl SineTrack {
     /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[inline(always)]
     pub(super) fn land(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
@@ -39,51 +30,36 @@ impl SineSingle {
         let (sine, cosine) = sine_cosine_single(state.phase);
         let phase = state.phase.bits();
         let flight = Ballistic {
-            track: &self.0,
+            track: self,
             phase,
             height: sine,
             rise: state.velocity + cosine,
         };
-        let mut launch = Launch {
+        if let Some(approach) = fall(self, phase, flight.height, flight.rise) {
+            return land_near(phase, &approach, restitution);
+        }
+        let throws = self.throws(phase);
+        if state.velocity == 0.0 && !throws {
+            return Landing::at_rest(state);
+        }
+        let mut pull = self.gravity.k - sine;
+        // The difference loses its digits near an end of a hump.
+        if pull < 1e-3 && pull > -1e-3 {
+            pull = self.pull_near_ends(phase);
+        }
+        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
+        let launch = Launch {
             phase,
             velocity: state.velocity,
             sine,
             cosine,
-            pull: 0.0,
-        };
-        if let Some(approach) = fall(&self.0, phase, flight.height, flight.rise) {
-            let steps = steps_after(phase, &approach);
-            return landing(phase, steps, approach.arrival(), restitution, false);
-        }
-        let throws = self.0.throws(phase);
-        if state.velocity == 0.0 && !throws {
-            return Landing {
-                steps: 0,
-                next: state,
-                grazes: false,
-            };
-        }
-        let mut pull = self.0.k - sine;
-        // The difference loses its digits near an end of a hump.
-        if pull < 1e-3 && pull > -1e-3 {
-            pull = self.0.pull_near_ends(phase);
-        }
-        // At lift-off itself rounding must not change the sign of the pull, nor make it 0.
-        launch.pull = if throws {
-            smaller(pull, -1e-20)
-        } else {
-            larger(pull, 1e-20)
+            pull: if throws {
+                smaller(pull, -1e-20)
+            } else {
+                larger(pull, 1e-20)
+            },
         };
         self.land_low(&{ flight }, &{ launch }, restitution)
-    }
-
-    pub(super) fn throws(&self, phase: Phase) -> bool {
-        self.0.throws(phase.bits())
-    }
-
-    /// Phase at which the track throws a resting part; `None` if it never does.
-    pub(super) fn lift_off(&self) -> Option<Phase> {
-        (self.0.hump > 0).then(|| Phase::from_bits(self.0.lift_off))
     }
 
     #[inline(never)]
@@ -93,16 +69,17 @@ impl SineSingle {
         launch: &Launch,
         restitution: f32,
     ) -> Landing<SingleState> {
-        match candidate(&self.0, launch) {
+        match candidate(self, launch) {
             Some(Candidate::Hop { flight, arrival }) => {
                 return land_short(launch.phase, flight, arrival, restitution, false);
             }
             Some(Candidate::Near(approach)) => {
-                let steps = steps_after(flight.phase, &approach);
-                if self.0.ends(flight.phase, steps)
-                    || self.0.clears(flight.phase, flight.rise, launch.pull, steps)
+                let phase = flight.phase;
+                let landing = land_near(phase, &approach, restitution);
+                if self.ends(phase, landing.steps)
+                    || self.clears(phase, flight.rise, launch.pull, landing.steps)
                 {
-                    return landing(flight.phase, steps, approach.arrival(), restitution, false);
+                    return landing;
                 }
             }
             None => {}
@@ -142,8 +119,7 @@ pub(super) fn land_found<T: Track>(
         } => {
             let impact_at = |local: &Local, settled: Settled, grazes: bool| {
                 let speed = settled.speed_gain - local.slope;
-                let steps =
-                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
+                let steps = steps_near(phase, node, settled.offset);
                 landing(phase, steps, speed, restitution, grazes)
             };
             let local = flight.local(node);
@@ -154,9 +130,8 @@ pub(super) fn land_found<T: Track>(
             let grazes = grazes || doubtful;
             // At a graze the arrival speed may round below 0.
             if settled.speed_gain <= local.slope {
-                let steps =
-                    steps_to(phase, node) + i64::from((settled.offset * STEPS_PER_RADIAN) as i32);
-                return landing(phase, steps.max(0), 0.0, restitution, true);
+                let steps = steps_near(phase, node, settled.offset).max(0);
+                return landing(phase, steps, 0.0, restitution, true);
             }
             impact_at(&local, settled, grazes)
         }
@@ -194,6 +169,13 @@ pub(super) fn landing(
 }
 
 #[inline(always)]
-pub(super) fn steps_after(phase: u32, approach: &Approach) -> i64 {
-    steps_to(phase, approach.node) + i64::from((approach.step * STEPS_PER_RADIAN) as i32)
+pub(super) fn land_near(phase: u32, approach: &Approach, restitution: f32) -> Landing<SingleState> {
+    let steps = steps_near(phase, approach.node, approach.step);
+    landing(phase, steps, approach.arrival(), restitution, false)
+}
+
+/// Time after launch at `offset` rad from a node, in steps.
+#[inline(always)]
+fn steps_near(phase: u32, node: i32, offset: f32) -> i64 {
+    steps_to(phase, node) + i64::from((offset * STEPS_PER_RADIAN) as i32)
 }

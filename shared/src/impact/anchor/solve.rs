@@ -1,12 +1,10 @@
 //! The root in a bracket with one down-crossing.
 //!
-//! Householder's method of order 3 for simple roots, safeguarded Cauchy steps with bisection for
-//! the rest.
+//! Householder's method of order 3 for simple roots, else Cauchy steps with bisection.
 
 use super::approach::householder;
 use super::flight::{
-    Ballistic, Gravity, Local, MAX_HEIGHT, Motion, NODES_PER_RADIAN, SPACING, Track, abs, nearest,
-    node_of,
+    Ballistic, Gravity, Local, MAX_HEIGHT, NODES_PER_RADIAN, SPACING, Track, abs, nearest, node_of,
 };
 use super::settle::down_crossing;
 
@@ -47,8 +45,7 @@ const MIN_BRACKET_WIDTH: f32 = 1e-4;
 pub(super) enum Found {
     /// A short hop: flight in rad and arrival speed, both final.
     Short { flight: f32, arrival: f32 },
-    /// At `offset` rad from a node; unless `simple`, the careful way settles a possible double
-    /// root.
+    /// At `offset` rad from a node; unless `simple`, it may be a double root.
     Near {
         node: i32,
         offset: f32,
@@ -64,37 +61,33 @@ pub(super) struct Bracket {
     pub(super) start: f32,
 }
 
+impl Bracket {
+    #[inline(always)]
+    pub(super) fn new([low, high]: [f32; 2], start: f32) -> Self {
+        Self { low, high, start }
+    }
+}
+
 /// Approximate root in `bracket`, which holds one down-crossing. So any step that converges within
 /// it has found the root. Householder's method serves simple and near roots, the safeguarded search
 /// all others.
 #[inline(always)]
 pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> Found {
-    let Ballistic {
-        track,
-        phase,
-        height,
-        rise: v,
-    } = *flight;
+    let (track, v) = (flight.track, flight.rise);
     let Gravity { k, half, .. } = track.gravity();
-    let (mut node, offset) = node_of(phase, bracket.start);
+    let (mut node, offset) = node_of(flight.phase, bracket.start);
     let mut time = bracket.start - offset;
     for _ in 0..3 {
-        let Motion {
-            height: below,
-            speed,
-            push,
-            jerk,
-            ..
-        } = track.at(node);
-        let u0 = (height - below) + time * (v - half * time);
-        let u1 = v - k * time - speed;
-        let b2 = 0.5 * (push - k);
+        let at = track.at(node);
+        let u0 = (flight.height - at.height) + time * (v - half * time);
+        let u1 = v - k * time - at.speed;
+        let b2 = 0.5 * (at.push - k);
         let square = u1 * u1;
         let product = b2 * u0;
         if !(u1 < -MIN_SLOPE && abs(product) < MAX_CURVATURE_RATIO * square) {
             break;
         }
-        let step = householder(u0, u1, square, product, jerk);
+        let step = householder(u0, u1, square, product, at.jerk);
         let next = time + step;
         if !(next >= bracket.low - BRACKET_ROUNDING && next <= bracket.high + BRACKET_ROUNDING) {
             break;
@@ -123,11 +116,7 @@ pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> F
 #[inline(never)]
 fn solve_safely<T: Track>(flight: &Ballistic<'_, T>, bracket: Bracket) -> (i32, f32) {
     let k = flight.track.gravity().k;
-    let Bracket {
-        mut low,
-        mut high,
-        start: mut x,
-    } = bracket;
+    let (mut low, mut high, mut x) = (bracket.low, bracket.high, bracket.start);
     let mut round = 0;
     loop {
         let (node, offset) = node_of(flight.phase, x);

@@ -1,5 +1,4 @@
-//! Safeguarded root and minimum search in f64, on an interval where the gap is convex or has one
-//! root.
+//! Safeguarded root and minimum search in f64, where the gap is convex or has one root.
 //!
 //! The root search takes Cauchy's step, the root of the second-order Taylor polynomial (Traub
 //! 1964). The minimum search takes Newton's step on the slope. Both fall back to bisection.
@@ -21,8 +20,7 @@ pub(crate) struct Gap {
 
 /// A flight whose gap can be evaluated at any time.
 pub(crate) trait Path {
-    /// Longest flight time in rad for which the gap is computed as `d (u/d)`, which keeps its
-    /// digits.
+    /// Longest flight time in rad for which `d (u/d)` gives the gap and keeps its digits.
     const MAX_SHORT_HOP: f64;
 
     fn at(&self, d: f64) -> Gap;
@@ -90,8 +88,7 @@ fn find_minimum(path: &impl Path, begin: f64, end: f64) -> (f64, Gap) {
     (d, at)
 }
 
-/// The impact in `low..high`, the only crossing from + to -; at `low` = 0 the gap leaves zero
-/// upwards.
+/// The impact in `low..high`, the only down-crossing; at `low` = 0 the gap leaves zero upwards.
 pub(crate) fn root<P: Path>(path: &P, low: f64, high: f64, grazes: bool) -> (Landing<f64>, bool) {
     let (mut below, mut above) = (low, high);
     let mut d = high;

@@ -24,23 +24,20 @@ const PARABOLA_CURVATURE: f64 = 0.4177;
 /// several tones it is the flight time in rad of the highest one, here and below.
 pub(crate) const MIN_FLIGHT_TIME: f64 = 0.125;
 
-/// Flight time in rad up to which the start is computed from the launch, by `u/d`; it affects cost
-/// only.
+/// Flight time in rad up to which `u/d` gives the start, from the launch; it affects cost only.
 pub(crate) const MAX_FLIGHT_FROM_LAUNCH: f64 = 1.1;
 
 /// Arrival speed in `b w` below which the search decides: near a triple root steps end anywhere.
 const MIN_ARRIVAL_SPEED: f64 = 0.03;
 
-/// Largest `f u''/u'^2` of a step that ends near the impact; the parabola has no root from a
-/// quarter on.
+/// Largest `f u''/u'^2` of a step that ends near the impact; a parabola has roots below 1/4.
 pub(crate) const MAX_CONVERGENCE_RATIO: f64 = 0.24;
 
 /// Margin above the rounding of a height or of a squared speed, for flights that are not tall.
 pub(crate) const ROUNDING_MARGIN: f64 = 1e-9;
 
 impl<V: Vector> Launch<V> {
-    /// Whether the ball leaves height 1 faster than the track's top speed, so that it meets the
-    /// track once.
+    /// Whether the ball leaves height 1 faster than the track's top speed: it meets the track once.
     #[inline(always)]
     fn is_certified(&self, track: &Track<V>) -> V::Mask {
         V::splat(1.0 + ROUNDING_MARGIN).below(self.speed_squared_at_crest(track))
@@ -67,8 +64,7 @@ struct Hump<V: Vector> {
     end_below: V::Mask,
     /// Whether the gap is above 0 over the whole hump, if all three signs are +.
     clear: V::Mask,
-    /// Times in rad of the down-crossing before the minimum (estimated) and of the minimum, if
-    /// computed.
+    /// Times in rad of the estimated down-crossing and of the minimum after it, if computed.
     dip: [V; 2],
     /// Whether the minimum of the gap is below 0.
     dips: V::Mask,
@@ -100,8 +96,7 @@ impl<V: Vector> Hump<V> {
         let above_parabola = zero.below(quadratic)
             & (slope_middle * slope_middle).below(V::splat(4.0) * quadratic * u_middle);
         let half_width = middle - begin;
-        // Height at which the tangents at the middle and one end cross, times the difference of the
-        // slopes.
+        // Height at which the middle's and one end's tangent cross, times the slopes' difference.
         let at_begin = u_begin * slope_middle - slope_begin * u_middle
             + slope_begin * slope_middle * half_width;
         let at_end =

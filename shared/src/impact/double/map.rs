@@ -14,18 +14,6 @@ use crate::impact::kernel::{Impact, Kernel, PartState, accept_phase};
 /// Closed forms or a certified search select the interval of the track (docs/theory-impacts.md#t3).
 /// The flight time is the root of `u` to rounding. The shortest hops keep the relative accuracy of
 /// flight and arrival speed.
-///
-/// ```
-/// use kband::impact::{Kernel, Map};
-/// let map = Map::build(0.9, 0.5)?;
-/// // The first hop of a part that the track has just thrown off:
-/// let impact = map.impact(Map::state(0.9_f64.asin(), 0.0)?);
-/// assert!((impact.flight - 1.830_107_180_055_872).abs() < 1e-7);
-/// // Short hops keep their digits:
-/// let hop = map.impact(Map::state(3.0, 1e-9)?);
-/// assert!(hop.flight > 0.0 && hop.flight < 1e-6);
-/// # Ok::<(), Box<dyn core::error::Error>>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Map {
     track: Track<f64>,

@@ -213,6 +213,5 @@ pub(in crate::impact) fn finish_hop<V: Vector>(
     (landing, newton.abs().below(d * V::splat(longest)))
 }
 
-/// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below
-/// rounding.
+/// Newton step over the flight up to which Chebyshev's method leaves an error below rounding.
 const MAX_LAST_NEWTON_STEP: f64 = 5e-7;

@@ -35,8 +35,7 @@ struct Crossing<V> {
     speed: V,
 }
 
-/// The crossing of height 0 of a tall flight, to 2e-8 of the flight (24 bits of a rough square
-/// root).
+/// The crossing of height 0 of a tall flight, to 2e-8 of the flight.
 #[inline(always)]
 fn crossing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Crossing<V> {
     let per_node = V::splat(node::COUNT as f64 / TAU);
@@ -55,8 +54,7 @@ fn approach<V: Vector>(track: &Track<V>, crossing: &Crossing<V>) -> LandingEstim
     let (sine, cosine) = V::node(rounded);
     let elapsed =
         ((rounded - V::splat(ROUNDING_OFFSET)) - crossing.nodes) * V::splat(node::SPACING);
-    // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall within
-    // `elapsed`.
+    // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall.
     let below = elapsed * crossing.speed + sine;
     let speed = (crossing.speed + track.k * elapsed) + cosine;
     let step = householder(below, speed, track.k - sine, -cosine, sine);

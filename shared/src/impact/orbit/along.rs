@@ -35,8 +35,7 @@ pub struct ContactMotion {
 /// A law of motion along the track: [`Tangential`](super::Tangential) or
 /// [`Friction`](super::Friction).
 pub trait Along: Copy {
-    /// Whether rest erases the history of a part, so that its orbit repeats from lift-off to
-    /// lift-off.
+    /// Whether rest erases the history of a part, so that its orbit repeats after lift-off.
     const REST_ERASES_HISTORY: bool;
 
     /// Distance in b and velocity after `impact`, for a launch with `velocity` along the track.
@@ -90,7 +89,6 @@ pub trait Along: Copy {
         true
     }
 
-    /// One drive cycle of a part that never leaves the track; `None` without motion or without a
-    /// steady one.
+    /// One drive cycle of a part that never leaves the track; `None` without steady motion.
     fn steady_cycle(&self) -> Option<ContactMotion>;
 }

@@ -46,8 +46,7 @@ impl Map {
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off()?;
         let elapsed = in_turn(phase - lift_off);
-        // Within rounding of a hump's end a resting part stays: the track has already thrown all
-        // others.
+        // Within rounding of a hump's end a resting part stays: all others are already thrown.
         let thrown = elapsed == 0.0 || elapsed < (PI - 2.0 * lift_off) * (1.0 - 1e-9);
         Some(if thrown { 0.0 } else { TAU - elapsed })
     }
@@ -92,14 +91,12 @@ mod tests {
             let mut ended = None;
             let mut actual = None;
             for event in Orbit::new(&map, PartState { phase, velocity }).take(3000) {
+                time += event.duration();
                 match event {
-                    OrbitEvent::Impact(impact) => time += impact.flight,
-                    OrbitEvent::Rest { chatter, .. } => {
-                        time += chatter;
-                        ended = Some(time);
-                    }
-                    OrbitEvent::LiftOff { wait, .. } => {
-                        actual = Some(time + wait);
+                    OrbitEvent::Impact(_) => {}
+                    OrbitEvent::Rest { .. } => ended = Some(time),
+                    OrbitEvent::LiftOff { .. } => {
+                        actual = Some(time);
                         break;
                     }
                 }
@@ -142,8 +139,7 @@ mod tests {
                         hop = impact.next;
                     }
                     summed += map.time_to_rest(hop).expect("a shorter chatter closes");
-                    // The remainder, and the rounding of phases of 2 pi to which tiny hops are
-                    // added.
+                    // The remainder, and the rounding of phases to which tiny hops are added.
                     let bound = MAX_CHATTER_REMAINDER + 1e-9 * closed;
                     assert!((summed - closed).abs() < bound, "{map:?} {phase}");
                     assert!(libm::sin(phase + closed) < k);

@@ -34,6 +34,17 @@ pub enum OrbitEvent {
     },
 }
 
+impl OrbitEvent {
+    /// Time that it takes, in rad.
+    pub(crate) fn duration(&self) -> f64 {
+        match self {
+            Self::Impact(impact) => impact.flight,
+            Self::Rest { chatter, .. } => *chatter,
+            Self::LiftOff { wait, .. } => *wait,
+        }
+    }
+}
+
 /// Why a watched orbit stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StopReason {
@@ -95,8 +106,7 @@ impl Orbit<'_> {
 }
 
 impl Orbit<'_, WaveMap> {
-    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
-    /// uses its mean.
+    /// This orbit with a restitution drawn at each impact; a chatter's closed form uses its mean.
     pub fn scattering(self, scatter: Scatter) -> Self {
         self.drawing(scatter)
     }

@@ -32,8 +32,7 @@ pub trait OrbitMap: Kernel<State = PartState> {
     /// Inputs are the mean restitution and a drawn one.
     fn restitution_factor(&self, mean: f64, drawn: Option<f64>) -> [f64; 2];
 
-    /// Time in rad from rest at `phase` to lift-off, and its phase; `None` if the part rests for
-    /// ever.
+    /// Time in rad from rest at `phase` to lift-off, and its phase; `None` if there is none.
     fn throw(&self, phase: f64) -> Option<(f64, f64)>;
 
     /// The release of a part that the track throws at `phase`; `None` if the map finds no flight.
@@ -155,8 +154,7 @@ pub struct Release<S> {
 pub const LIFT_OFF_DELAY: f64 = 1e-4;
 
 impl<S: Copy> Release<S> {
-    /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, which is `arcsin k` in
-    /// rad.
+    /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, `arcsin k` in rad.
     ///
     /// `None` if the kernel finds no flight there.
     pub fn build<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
@@ -171,7 +169,7 @@ mod tests {
     use super::*;
     use crate::impact::anchor::Single;
     use crate::impact::integer::Integer;
-    use crate::impact::orbit::{Orbit, OrbitEvent};
+    use crate::impact::orbit::Orbit;
 
     #[test]
     fn every_restitution_keeps_hopping() {
@@ -184,11 +182,7 @@ mod tests {
                 let map = WaveMap::on(wave, k, restitution).unwrap();
                 let mut idle = 0;
                 for event in Orbit::from_rest(&map).take(300) {
-                    let passed = match event {
-                        OrbitEvent::Impact(impact) => impact.flight,
-                        OrbitEvent::Rest { chatter, .. } => chatter,
-                        OrbitEvent::LiftOff { wait, .. } => wait,
-                    };
+                    let passed = event.duration();
                     assert!(passed >= 0.0 && passed.is_finite());
                     // A rest and a lift-off may take no time, but a flight always follows.
                     idle = if passed > 0.0 { 0 } else { idle + 1 };
@@ -218,8 +212,7 @@ mod tests {
         }
         let coarse = flights::<Single>(LIFT_OFF_DELAY).chain(flights::<Integer>(LIFT_OFF_DELAY));
         for (k, flight) in coarse {
-            // Within LIFT_OFF_DELAY of the top of the sine the track's push has ended after the
-            // delay.
+            // So near to the top of the sine the track's push ends within the delay.
             let is_flat = k > 1.0 - LIFT_OFF_DELAY * LIFT_OFF_DELAY;
             assert!(flight.is_some() || is_flat, "{k:e}");
         }

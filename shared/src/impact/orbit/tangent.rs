@@ -24,8 +24,7 @@ impl Tangent {
         let [k, r] = map.parameters();
         let push = map.push(state.phase);
         let d = impact.flight;
-        // S'(t) - S'(t+d) and A(t) - A(t+d), without cancellation. The table of sines takes phases
-        // of many turns.
+        // S'(t) - S'(t+d) and A(t) - A(t+d), without cancellation.
         let (mut fall, mut rise) = (0.0, 0.0);
         for (q, Tone { amplitude, angle }) in map.tones() {
             let (sine, cosine) = sine_cosine(q * (state.phase + 0.5 * d) + angle);
@@ -57,8 +56,7 @@ impl Tangent {
     }
 }
 
-/// Mean growth rate of a tangent vector along an orbit: an observer of the largest Lyapunov
-/// exponent.
+/// Mean growth rate of a tangent vector along an orbit: the largest Lyapunov exponent.
 ///
 /// The vector restarts at lift-off, which erases the history of an orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,11 +73,9 @@ pub struct Growth<'a> {
 }
 
 impl<'a> Growth<'a> {
-    /// An observer of an orbit on `map`, with `settle` impacts that align the vector before the sum
-    /// begins.
+    /// An observer of an orbit on `map`; `settle` impacts align the vector before the sum begins.
     ///
-    /// Without them the first direction biases the exponent of a periodic orbit, by 1e-3 over 3000
-    /// impacts.
+    /// Without them the first direction biases a periodic orbit's exponent: 1e-3 in 3000 impacts.
     pub fn new(map: &'a Map, settle: u64) -> Self {
         Self {
             map,

@@ -49,8 +49,7 @@ impl Tangential {
         Self::on(&Wave::sine(), k, settings)
     }
 
-    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
-    /// whole.
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma.
     pub fn on(wave: &Wave, k: f64, settings: TangentialSettings) -> Result<Self, OutOfRange> {
         let (restitution, incline_tangent) = (settings.restitution, settings.incline_tangent);
         let (eta, lead) = (settings.amplitude_ratio, settings.phase_lead);

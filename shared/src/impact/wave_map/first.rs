@@ -40,8 +40,7 @@ const MAX_TURNS: u32 = 8;
 /// Largest step, in rad of the highest tone, after which the last step follows.
 const MAX_LAST_APPROACH_STEP: f64 = 0.7;
 
-/// Largest Newton step, in rad of the highest tone, for which the last step leaves an error below
-/// rounding.
+/// Largest Newton step, in rad of the highest tone, that leaves an error below rounding.
 const MAX_LAST_NEWTON_STEP: f64 = 2e-4;
 
 /// Largest number of steps towards an impact.

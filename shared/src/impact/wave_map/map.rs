@@ -71,9 +71,8 @@ impl WaveMap {
     }
 
     #[inline(always)]
-    fn impact_after<const N: usize>(&self, restitution: f64, state: PartState) -> Impact {
-        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        build_impact(restitution, state, first_impact::<N>(&self.track, &launch))
+    fn launch<const N: usize>(&self, state: PartState) -> Launch {
+        Launch::new::<N>(&self.track, state.phase, state.velocity)
     }
 
     #[inline(always)]
@@ -82,11 +81,12 @@ impl WaveMap {
         restitution: f64,
         state: PartState,
     ) -> Impact {
-        if self.track.wave.is_of_two() {
-            self.impact_after::<2>(restitution, state)
+        let landing = if self.track.wave.is_of_two() {
+            first_impact::<2>(&self.track, &self.launch::<2>(state))
         } else {
-            self.impact_after::<3>(restitution, state)
-        }
+            first_impact::<3>(&self.track, &self.launch::<3>(state))
+        };
+        build_impact(restitution, state, landing)
     }
 
     /// The next contact of a part with this mean restitution. It is an impact with the velocity of
@@ -101,19 +101,15 @@ impl WaveMap {
 
     #[inline(always)]
     fn hop_of<const N: usize>(&self, restitution: f64, state: PartState) -> Hop {
-        let launch = Launch::new::<N>(&self.track, state.phase, state.velocity);
-        match launch.time_to_rest(&self.track, restitution, self.chatter) {
-            Some(chatter) => Hop::Rest(chatter),
-            None => Hop::Impact(build_impact(
-                1.0,
-                state,
-                first_impact::<N>(&self.track, &launch),
-            )),
+        let launch = self.launch::<N>(state);
+        if let Some(chatter) = launch.time_to_rest(&self.track, restitution, self.chatter) {
+            return Hop::Rest(chatter);
         }
+        let landing = first_impact::<N>(&self.track, &launch);
+        Hop::Impact(build_impact(1.0, state, landing))
     }
 
-    /// Time in rad from rest at `phase` to lift-off, and its phase; 0 and `phase` if the track
-    /// throws at once.
+    /// Time in rad from rest at `phase` to lift-off, 0 if the track throws at once, and its phase.
     ///
     /// `None` if the part rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {

@@ -36,8 +36,7 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> (Landin
         let high = (v + square_root(max_speed)) * track.per_k;
         return root(&flight, 0.0, high + 1e-9 * (1.0 + high), false);
     };
-    // The hump that holds the launch. At rest up to lift-off, or one rounding before it, a hump has
-    // begun.
+    // The hump that holds the launch. At lift-off, to rounding, a hump has begun.
     let lifting = launch.velocity == 0.0 && launch.at.jerk > 0.0;
     let within = |hump: &&Hump| {
         let elapsed = ahead(hump.begin.phase, launch.phase);

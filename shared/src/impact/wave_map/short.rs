@@ -1,5 +1,4 @@
-//! Short hops on a track of several tones: the root of the gap divided by the flight time, one term
-//! per tone.
+//! Short hops on several tones: the root of the gap over the flight time, one term per tone.
 //!
 //! Method as in [`double::short`](super::super::double).
 
@@ -89,6 +88,5 @@ fn take_chebyshev_step<const N: usize>(
     finish_hop(launch.phase, d, &at, third, MAX_LAST_NEWTON_STEP)
 }
 
-/// Newton step, relative to the flight, up to which Chebyshev's method leaves an error below
-/// rounding.
+/// Newton step over the flight up to which Chebyshev's method leaves an error below rounding.
 const MAX_LAST_NEWTON_STEP: f64 = 2e-7;

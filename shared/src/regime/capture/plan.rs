@@ -279,11 +279,11 @@ impl Planner {
     /// Computes at most `slice` further impacts and returns the plan at the end of the search.
     pub fn advance(&mut self, slice: u32) -> Poll<Plan> {
         for _ in 0..slice {
-            if self.done || !self.advance_one_impact() {
-                if !self.done {
-                    self.plan.sort_by_share();
-                    self.done = true;
-                }
+            if !self.done && !self.advance_one_impact() {
+                self.plan.sort_by_share();
+                self.done = true;
+            }
+            if self.done {
                 return Poll::Ready(self.plan.clone());
             }
         }

@@ -16,8 +16,7 @@ pub struct Draw {
 }
 
 impl Draw {
-    /// Restitutions with a mean and a standard deviation (symbol s), both within the ranges of the
-    /// plan's settings.
+    /// Restitutions with a mean and a standard deviation (symbol s), as the plan's settings.
     pub fn new(mean: f32, deviation: f32, seed: u32) -> Self {
         Self {
             mean,

@@ -1,5 +1,4 @@
-//! Response surface of the share of time in gear, fitted to short simulated runs by ridge
-//! regression.
+//! Response surface of the share of time in gear, fitted to short runs by ridge regression.
 //!
 //! Sources: response surfaces (Box and Wilson, J. R. Stat. Soc. B 13 (1951) 1) and ridge regression
 //! (Hoerl and Kennard, Technometrics 12 (1970) 55). The planner begins a new fit for each region.
@@ -84,8 +83,7 @@ impl Fit {
     }
 
     pub fn solve(&self) -> FittedShare {
-        // Ridge in runs. It keeps coefficients without data at 0, such as those of an absent second
-        // tone.
+        // Ridge in runs. It keeps coefficients without data at 0, as of an absent second tone.
         const RIDGE: f32 = 0.3;
         let mut factor = self.normal;
         // Cholesky factorization by rows, then both substitutions.

@@ -86,8 +86,7 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
         self.flights >= MIN_FLIGHTS_IN_GEAR
     }
 
-    /// Adds a flight and returns the time in gear that it adds; the eighth adds the duration of all
-    /// eight.
+    /// Adds a flight and returns the time in gear that it adds; the eighth adds all eight.
     pub(crate) fn add_flight(&mut self, flight: T) -> T {
         if !(self.shortest < flight && flight < self.longest) {
             self.add_rest();
@@ -170,8 +169,7 @@ impl Share {
     }
 }
 
-/// Measures one part's time in gear from its flights and rests. It counts from [`GearWatch::begin`]
-/// on.
+/// Measures one part's time in gear from its flights and rests, from [`GearWatch::begin`] on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearWatch {
     gear: GearDetector,
@@ -284,16 +282,11 @@ pub(crate) fn watch_from_rest<R: Clone>(
             let before = orbit.state();
             let Some(event) = orbit.next() else { break };
             watch(&mut record, time, before, &event);
+            time += event.duration();
             match event {
-                OrbitEvent::Impact(impact) => {
-                    time += impact.flight;
-                    gear.add_landing(time, impact.flight);
-                }
-                OrbitEvent::Rest { chatter, .. } => {
-                    time += chatter;
-                    gear.add_rest(time);
-                }
-                OrbitEvent::LiftOff { wait, .. } => time += wait,
+                OrbitEvent::Impact(impact) => gear.add_landing(time, impact.flight),
+                OrbitEvent::Rest { .. } => gear.add_rest(time),
+                OrbitEvent::LiftOff { .. } => {}
             }
         }
         each(n, gear.share(end), time, record);

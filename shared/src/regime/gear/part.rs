@@ -104,8 +104,7 @@ impl TrackMap {
     }
 }
 
-/// Delay of a launch after lift-off, in steps of 2^-32 turns, as in each arithmetic coarser than
-/// f64.
+/// Delay of a launch after lift-off, in steps of 2^-32 turns; f64 needs none.
 const LAUNCH_DELAY_STEPS: u32 = (LIFT_OFF_DELAY * Phase::STEPS_PER_RADIAN) as u32;
 
 /// Delay after a launch without a flight, in steps of 2^-32 turns; 1.5e-3 rad.

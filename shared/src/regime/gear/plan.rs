@@ -86,8 +86,7 @@ impl SearchPoint {
 /// after two runs gets no third.
 const RUNS_PER_CANDIDATE: [u16; 3] = [5, 3, 3];
 
-/// Drive periods of a run and of its discarded transient, in the first round and in the later
-/// regions.
+/// Drive periods of a run and of its discarded transient, in the first round and in regions.
 const RUN_AND_TRANSIENT_PERIODS: [[u16; 2]; 2] = [[130, 25], [300, 30]];
 
 /// Cumulative share of [`MAX_IMPACTS`] at which each stage ends, with one, two and three tones. The
@@ -200,20 +199,14 @@ struct Region {
 
 impl Region {
     fn varied_coordinates(&self, point: SearchPoint) -> [f32; 3] {
-        let [second, third] = point.tones;
-        let [ratio, angle] = if self.varies_third { third } else { second };
+        let [ratio, angle] = point.tones[usize::from(self.varies_third)];
         [point.k, ratio, angle]
     }
 
     /// The point with these three coordinates; the other tone is the centre's.
     fn point(&self, [k, ratio, angle]: [f32; 3]) -> SearchPoint {
-        let [second, third] = self.centre.tones;
-        let varied = [ratio, angle];
-        let tones = if self.varies_third {
-            [second, varied]
-        } else {
-            [varied, third]
-        };
+        let mut tones = self.centre.tones;
+        tones[usize::from(self.varies_third)] = [ratio, angle];
         SearchPoint::new(k, tones)
     }
 
@@ -237,8 +230,7 @@ impl Region {
     }
 }
 
-/// Searches k and upper tones for the largest share of time in gear, for parts that start at rest
-/// without a kick.
+/// Searches k and upper tones for the largest share of time in gear, of parts from rest.
 ///
 /// 1. Grid search: a few short runs at each candidate over the whole range.
 /// 2. Response surface: runs at low-discrepancy points of a region about the best, and a polynomial
@@ -464,15 +456,10 @@ impl GearPlanner {
         }
     }
 
-    /// Upper tones of a candidate's row; none beyond the last row.
-    fn row(&self, number: usize) -> Tones {
-        let row = self.rows().get(number / self.steps());
-        row.copied().unwrap_or_default()
-    }
-
-    /// Point of a candidate, its tones' amplitudes multiplied by `part`.
+    /// Point of a candidate, with its tones' amplitudes times `part`; no tones beyond the last row.
     fn point(&self, number: usize, part: f32) -> SearchPoint {
-        let [second, third] = self.row(number);
+        let row = self.rows().get(number / self.steps());
+        let [second, third] = row.copied().unwrap_or_default();
         let [of_second, of_third] = self.max_tones;
         let tones = [
             [second[0] * of_second, second[1]],
@@ -609,11 +596,8 @@ impl GearPlanner {
             Stage::Grid(candidates) => {
                 let best = self.best_candidate(candidates);
                 self.set_plan(best);
-                let half = [
-                    REGION_HALF_WIDTHS[0] * self.step,
-                    REGION_HALF_WIDTHS[1] * self.max_tones[0],
-                    REGION_HALF_WIDTHS[2],
-                ];
+                let [of_k, of_ratio, of_angle] = REGION_HALF_WIDTHS;
+                let half = [of_k * self.step, of_ratio * self.max_tones[0], of_angle];
                 self.begin_region(best.1, half, false);
             }
             Stage::Region(fit) => {
@@ -689,11 +673,11 @@ impl GearPlanner {
         let centre = self.region.varied_coordinates(self.region.centre);
         let half = self.region.half_widths;
         let (ratio, angle) = (centre[1] + half[1] * y, centre[2] + half[2] * z);
-        let ratio = match (self.region.varies_third, ratio) {
-            (false, ratio) if ratio < MIN_TONE_AMPLITUDE => 0.0,
-            (true, ratio) if ratio.abs() < MIN_TONE_AMPLITUDE => 0.0,
-            _ => ratio,
+        let is_absent = match self.region.varies_third {
+            false => ratio < MIN_TONE_AMPLITUDE,
+            true => ratio.abs() < MIN_TONE_AMPLITUDE,
         };
+        let ratio = if is_absent { 0.0 } else { ratio };
         let mut min_k = self.settings.k[0];
         let [second, third] = self.region.point([0.0, ratio, angle]).tones;
         let tones = [second, with_positive_amplitude(third)];
@@ -702,12 +686,7 @@ impl GearPlanner {
             self.impacts += PEAK_SEARCH_COST;
             min_k = min_k.max(self.settings.limits.min_k(tones));
         }
-        let [of_second, of_third] = self.settings.max_tones;
-        let maximum = if self.region.varies_third {
-            of_third
-        } else {
-            of_second
-        };
+        let maximum = self.settings.max_tones[usize::from(self.region.varies_third)];
         let error = self.normalized_k_error();
         for n in 0..K_GRID_POINTS {
             let x = at(n, K_GRID_POINTS);

@@ -480,10 +480,8 @@ mod tests {
             assert_eq!(shown(computed), shown(stored));
         }
         // A result at another k is rejected.
-        let other = StrikeSettings {
-            k: 0.45,
-            ..settings
-        };
+        let mut other = settings;
+        other.k = 0.45;
         let mut other = StrikeProfiler::new(other).unwrap();
         other.set_stored_result(&count);
         assert!(other.pending_settings().is_some());

@@ -13,7 +13,7 @@ use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::classify::Regime;
 use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 use kband::regime::{Lock, band};
-use kband::transport::{Conveyed, Conveying, SampleMean, Sensitivity, locked};
+use kband::transport::{Conveyed, Conveying, SampleMean, locked, sensitivity};
 
 use super::engine::{Cases, Check, Ledger, convey, estimate};
 use super::hopping::{CHAOS, run_wide_chaos};
@@ -176,7 +176,7 @@ fn robustness(rows: &mut Ledger) -> Result<()> {
         let (mean, error) = estimate(&SampleMean::from_values(means));
         Ok((k, mean, error))
     };
-    let wide = Sensitivity::between(time_mean(0.03)?, time_mean(0.09)?);
+    let wide = sensitivity(time_mean(0.03)?, time_mean(0.09)?);
     let (value, error) = wide.map_or((f64::NAN, f64::NAN), |wide| (wide.value, wide.error));
     let key = "finding in-gear";
     let (mut rates, mut largest) = (Vec::new(), 0.0_f64);
@@ -197,7 +197,7 @@ fn robustness(rows: &mut Ledger) -> Result<()> {
     let narrow = rates.len() as u64 * NARROW_IMPACTS;
     rows.count(key, narrow);
     let pairs = rates.windows(2);
-    let slopes = pairs.filter_map(|pair| Sensitivity::between(pair[0], pair[1]));
+    let slopes = pairs.filter_map(|pair| sensitivity(pair[0], pair[1]));
     let steepness = slopes.map(|estimate| estimate.value.abs());
     let steepest = steepness.fold(0.0, f64::max);
     // References: 1.000 +- 0.002 of a long run in wide chaos; at most 0.065 at 17 k of the cascade.

@@ -4,9 +4,10 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Growth, Kernel, Map, PartState, Scatter, Tangential};
 use kband::regime::band;
+use kband::regime::cascade::Estimate;
 use kband::regime::classify::Regime;
 use kband::transport::stationary::PhaseMeans;
-use kband::transport::{Origin, SampleMean, Sensitivity, locked, measure};
+use kband::transport::{self, Origin, SampleMean, locked, measure};
 use serde_json::json;
 
 use super::{Computed, Feeder, ORDERS};
@@ -63,7 +64,7 @@ struct Row {
     in_gear: Option<InGear>,
     runs: Vec<Run>,
     from_rest: bool,
-    sensitivity: Option<Sensitivity>,
+    sensitivity: Option<Estimate>,
 }
 
 impl Row {
@@ -299,7 +300,7 @@ fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
 }
 
 /// Sensitivity from the same regime at the neighbouring values of k, at both if it exists at both.
-fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
+fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Estimate> {
     let at = over.k.iter().position(|k| *k == row.k)?;
     let find = |n: usize| {
         let k = *over.k.get(n)?;
@@ -311,9 +312,9 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     let before = at.checked_sub(1).and_then(find).unwrap_or(center);
     let after = find(at + 1).unwrap_or(center);
     if before.0 < after.0 {
-        Sensitivity::between(before, after)
+        transport::sensitivity(before, after)
     } else {
-        Sensitivity::between(after, before)
+        transport::sensitivity(after, before)
     }
 }
 
@@ -502,7 +503,7 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     let names = FILLS.map(|(fill, name)| (fill, format!("from rest: {name}")));
     panel = panel.ribbon_of_points([over.low, over.high], fills, &names);
     let answer = |row: &Row| {
-        let Sensitivity { value, error } = row.sensitivity?;
+        let Estimate { value, error } = row.sensitivity?;
         let is_shown = error < 0.5 && (-1.0..=3.0).contains(&value);
         is_shown.then_some((place(row.k), value, row.regime))
     };

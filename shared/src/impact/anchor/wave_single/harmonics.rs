@@ -90,26 +90,12 @@ impl Harmonics {
     #[inline(always)]
     pub fn at_node(&self, node: i32) -> Motion {
         let at = |node: i32| SINE_COSINE_SINGLE[(node & 255) as usize];
-        let [s, c] = at(node);
-        let [s2, c2] = self.second.at_node(at(node.wrapping_mul(2)));
-        let two = Motion {
-            height: s + s2,
-            speed: c + (c2 + c2),
-            push: s + 4.0 * s2,
-            jerk: c + 8.0 * c2,
-            snap: s + 16.0 * s2,
-        };
+        let second = self.second.at_node(at(node.wrapping_mul(2)));
+        let two = Motion::of_two(at(node), second);
         if !self.is_of_three {
             return two;
         }
-        let [s3, c3] = self.third.at_node(at(node.wrapping_mul(3)));
-        Motion {
-            height: two.height + s3,
-            speed: two.speed + 3.0 * c3,
-            push: two.push + 9.0 * s3,
-            jerk: two.jerk + 27.0 * c3,
-            snap: two.snap + 81.0 * s3,
-        }
+        two.with_third(self.third.at_node(at(node.wrapping_mul(3))))
     }
 
     /// The tones at a phase, each within e times 6e-8.

@@ -48,7 +48,7 @@ impl Launch {
     /// A launch from the tones at its phase, and whether the track throws there.
     #[inline(always)]
     pub fn new(track: &Track, phase: u32, velocity: f32, parts: &Parts, throws: bool) -> Self {
-        let mut pull = track.k - parts.sines(4.0, 9.0);
+        let mut pull = track.gravity.k - parts.sines(4.0, 9.0);
         if abs(pull) < MAX_FIXED_POINT_PULL {
             pull = -track.excess(phase);
         }

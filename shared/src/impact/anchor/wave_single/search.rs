@@ -1,5 +1,4 @@
-//! The first impact on a track of several tones: the interval between edges that holds it, and the
-//! root in it.
+//! The first impact on a track of several tones: the interval that holds it, and its root.
 
 use core::f32::consts::TAU;
 
@@ -17,8 +16,7 @@ use crate::impact::anchor::settle::{down_crossing, expand};
 use crate::impact::anchor::short::{MAX_LAST_STEP_RATIO, quotient_step};
 use crate::impact::anchor::solve::{Bracket, Found, solve};
 
-/// Flight time in rad up to which the divided form is used: its omitted terms are below the
-/// rounding of f32.
+/// Flight time in rad up to which the omitted terms of the divided form are below rounding.
 #[inline(always)]
 fn max_short_flight(track: &Track) -> f32 {
     if track.tones.is_of_three {
@@ -32,8 +30,7 @@ fn max_short_flight(track: &Track) -> f32 {
 const HEIGHT_ROUNDING: f32 = 3e-5;
 const HEIGHT_ROUNDING_PER_RADIAN: f32 = 4e-6;
 
-/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws the
-/// part.
+/// Half the pull in `b w^2` below which a step of the phase decides whether the track throws.
 const MAX_LEVEL_HALF_PULL: f32 = 1e-7;
 
 /// Longest flight time in rad that starts from the quadratic near launch. Beyond it the track's
@@ -56,25 +53,18 @@ const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
 /// digits. The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
-    let Launch {
-        phase,
-        velocity,
-        height,
-        rise,
-        ..
-    } = *launch;
-    let limit = track.limit(phase, rise)?;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let mut limits = Limits {
+        limit: track.limit(phase, rise)?,
         first: (Track::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
-        limit,
     };
     let a1 = 0.5 * launch.pull;
     let a2 = launch.jerk * (1.0 / 6.0);
     let square = a1 * a1;
-    let discriminant = square - 4.0 * a2 * velocity;
+    let discriminant = square - 4.0 * a2 * launch.velocity;
     let mut near = MAX_START_FROM_LAUNCH;
     if a1 > 0.0 && discriminant > -MAX_NEGATIVE_DISCRIMINANT * square {
-        near = 2.0 * velocity / (a1 + root(discriminant));
+        near = 2.0 * launch.velocity / (a1 + root(discriminant));
     } else if a1 <= 0.0 && a2 < 0.0 {
         near = (a1 - root(discriminant)) / (a2 + a2);
     }
@@ -96,7 +86,7 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
             return Some((Candidate::Near(approach), limits));
         }
     }
-    let square = rise * rise + 2.0 * track.k * height;
+    let square = rise * rise + 2.0 * track.gravity.k * height;
     if square <= MIN_FALL_SPEED_SQUARED {
         return None;
     }
@@ -105,12 +95,13 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
     if origin <= 0.0 {
         return None;
     }
-    let (near, start, speed, base) = if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.k {
-        (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
-    } else {
-        let fall = origin * track.inverse;
-        (fall, fall, speed, 0.0)
-    };
+    let (near, start, speed, base) =
+        if a1 <= 0.0 && origin < FIRST_GUESS_AFTER_THROW * track.gravity.k {
+            (FIRST_GUESS_AFTER_THROW, 0.0, -rise, height)
+        } else {
+            let fall = origin * track.gravity.inverse;
+            (fall, fall, speed, 0.0)
+        };
     let (node, offset) = node_from_near(phase, near);
     let dt = (near - start) - offset;
     let approach = approach(track, node, dt, speed, base)?;
@@ -138,16 +129,8 @@ impl Limits {
     /// clears the humps.
     #[inline(never)]
     fn contain_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
-        let Launch {
-            phase,
-            height,
-            rise,
-            ..
-        } = *launch;
-        track
-            .limit_from_above(phase, height, rise, self.limit)
-            .is_some_and(|last| steps <= last)
-            || clears(track, launch, steps)
+        let limit = track.limit_from_above(launch.phase, launch.height, launch.rise, self.limit);
+        limit.is_some_and(|last| steps <= last) || clears(track, launch, steps)
     }
 }
 
@@ -157,12 +140,7 @@ const MAX_PASSED_HUMPS: usize = 6;
 /// Whether a flight clears every hump but the last before `steps`, by more than the rounding of
 /// f32. Over a hump the gap is convex, above its tangents at both ends.
 fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
-    let Launch {
-        phase,
-        height,
-        rise,
-        ..
-    } = *launch;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let humps = track.humps();
     let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
     let Some((mut index, _)) = humps.iter().enumerate().min_by_key(|(_, hump)| wait(hump)) else {
@@ -171,13 +149,11 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
     let mut remaining = humps.len();
     let (mut turns, mut turn) = (0.0, 0_i64);
     for _ in 0..MAX_PASSED_HUMPS {
-        let Some(hump) = humps.get(index) else {
-            return false;
-        };
+        let Some(hump) = humps.get(index) else { break };
         let begin = wait(hump) as f32 * RADIANS_PER_STEP + turns;
         let end = begin + hump.width;
         let over = |x: f32, edge: &Edge| {
-            let fall = track.k * x;
+            let fall = track.gravity.k * x;
             let height = x * (rise - 0.5 * fall) + (height - edge.height);
             (height, rise - fall - edge.speed)
         };
@@ -193,20 +169,17 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
                 return false;
             }
         }
-        index = if index + 1 < humps.len() {
-            index + 1
-        } else {
-            0
-        };
+        index += 1;
+        if index == humps.len() {
+            index = 0;
+        }
         remaining -= 1;
         if remaining == 0 {
             remaining = humps.len();
             turns += TAU;
             turn += 1 << 32;
         }
-        let Some(hump) = humps.get(index) else {
-            return false;
-        };
+        let Some(hump) = humps.get(index) else { break };
         if steps <= turn + i64::from(wait(hump)) + i64::from(hump.length) {
             return true;
         }
@@ -216,13 +189,9 @@ fn clears(track: &Track, launch: &Launch, steps: i64) -> bool {
 
 /// The first impact of a flight that is not at rest, and whether it grazes a hump.
 #[inline(always)]
-pub(super) fn search(
-    track: &Track,
-    launch: &Launch,
-    flight: &Ballistic<'_, Track>,
-) -> (Found, bool, Bracket) {
-    let (mut bracket, grazes) = find_bracket(track, launch, flight);
-    let short = max_short_flight(track);
+pub(super) fn search(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Found, bool, Bracket) {
+    let (mut bracket, grazes) = find_bracket(launch, flight);
+    let short = max_short_flight(flight.track);
     if bracket.low < short {
         let high = smaller(bracket.high, short);
         if launch.deflated_gap(high).value <= 0.0 {
@@ -252,17 +221,11 @@ pub(super) fn may_leave(bracket: &Bracket, steps: i64, speed: f32) -> bool {
 /// The root in a bracket by bisection alone: time in rad and arrival speed, in f32.
 #[inline(never)]
 pub(super) fn bisect(
-    track: &Track,
     launch: &Launch,
     flight: &Ballistic<'_, Track>,
     bracket: &Bracket,
 ) -> (f32, f32) {
-    let edges = Edges {
-        track,
-        launch,
-        flight,
-        short: max_short_flight(track),
-    };
+    let edges = Edges::new(launch, flight);
     let (mut low, mut high) = (bracket.low, bracket.high);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
@@ -282,14 +245,9 @@ pub(super) fn bisect(
 /// at launch at 0 without falling. It has one root if it is below 0 at the end. Over a hump the gap
 /// is convex. If it is below 0 at the end it has one root, else none or two around its minimum.
 #[inline(always)]
-fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
-    let Launch {
-        phase,
-        height,
-        rise,
-        ..
-    } = *launch;
-    let fallen = || track.fall_time(height, rise) + 1e-3;
+fn find_bracket(launch: &Launch, flight: &Ballistic<'_, Track>) -> (Bracket, bool) {
+    let track = flight.track;
+    let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
     let humps = track.humps();
     let (mut next, mut shortest_wait, mut low) = (0, u32::MAX, 0.0);
     for (n, hump) in humps.iter().enumerate() {
@@ -303,24 +261,17 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
             low = (hump.length - elapsed) as f32 * RADIANS_PER_STEP;
         }
     }
-    let edges = Edges {
-        track,
-        launch,
-        flight,
-        short: max_short_flight(track),
-    };
+    let edges = Edges::new(launch, flight);
     // While the ball is above the track's reach no hump meets it.
     let (from, to) = track.time_above_reach(height, rise);
     let mut grazes = false;
     let mut turn = 0_u32;
     while !humps.is_empty() && turn < 1 << 20 {
         for n in 0..humps.len() {
-            let index = next + n;
-            let index = if index < humps.len() {
-                index
-            } else {
-                index - humps.len()
-            };
+            let mut index = next + n;
+            if index >= humps.len() {
+                index -= humps.len();
+            }
             let Some(hump) = humps.get(index) else {
                 break;
             };
@@ -333,8 +284,7 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
             }
             let over_begin = edges.gap(begin, &hump.begin);
             let over_end = || edges.gap(end, &hump.end);
-            // A launch one step before the hump counts as at its start: above the track from there
-            // on.
+            // A launch one step before the hump counts as at its start.
             if over_begin.height <= 0.0 && begin > 0.0 {
                 // The start may be below the track by rounding alone.
                 grazes |= over_begin.height > -edges.rounding(begin)
@@ -346,16 +296,11 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
                 grazes |= over_end.slope > 0.0
                     && over_end.height > -edges.rounding(end)
                     && edges.is_level(begin, end, over_begin, over_end);
-                let bracket = Bracket {
-                    low: begin,
-                    high: end,
-                    start: smaller(from_edge(begin, over_begin, &hump.begin), end),
-                };
-                return (bracket, grazes);
+                let start = smaller(from_edge(begin, over_begin, &hump.begin), end);
+                return (Bracket::new([begin, end], start), grazes);
             }
             if over_begin.slope < 0.0 && over_end.slope > 0.0 {
-                // Height at which the tangents at both ends meet, times the difference of their
-                // slopes.
+                // Height at which both ends' tangents meet, times the difference of slopes.
                 let turning = over_end.slope - over_begin.slope;
                 let tangent_height = over_begin.height * over_end.slope
                     + over_begin.slope * (over_end.slope * hump.width - over_end.height);
@@ -385,16 +330,9 @@ fn find_bracket(track: &Track, launch: &Launch, flight: &Ballistic<'_, Track>) -
         }
     }
     // Concave throughout: one root, before the ball has fallen below the track.
-    let high = fallen();
+    let high = track.fall_time(height, rise) + 1e-3;
     let start = near_launch(launch).unwrap_or(high);
-    (
-        Bracket {
-            low,
-            high,
-            start: smaller(start, high),
-        },
-        grazes,
-    )
+    (Bracket::new([low, high], smaller(start, high)), grazes)
 }
 
 /// A root of the quadratic near launch, where that is accurate.
@@ -413,17 +351,9 @@ fn near_launch(launch: &Launch) -> Option<f32> {
 /// The concave interval before `hump`; the gap is below 0 at the hump's begin.
 #[inline(always)]
 fn concave(launch: &Launch, low: f32, begin: f32, gap: Gap, hump: &Hump) -> Bracket {
-    let near = if low == 0.0 {
-        near_launch(launch)
-    } else {
-        None
-    };
+    let near = (low == 0.0).then(|| near_launch(launch)).flatten();
     let start = near.unwrap_or_else(|| from_edge(begin, gap, &hump.begin));
-    Bracket {
-        low,
-        high: begin,
-        start: smaller(larger(start, low), begin),
-    }
+    Bracket::new([low, begin], smaller(larger(start, low), begin))
 }
 
 /// A step of Householder's method of order 3 from an edge, where u'' is 0.
@@ -444,17 +374,25 @@ struct Gap {
 }
 
 struct Edges<'a> {
-    track: &'a Track,
     launch: &'a Launch,
     flight: &'a Ballistic<'a, Track>,
     short: f32,
 }
 
-impl Edges<'_> {
+impl<'a> Edges<'a> {
+    #[inline(always)]
+    fn new(launch: &'a Launch, flight: &'a Ballistic<'a, Track>) -> Self {
+        Self {
+            launch,
+            flight,
+            short: max_short_flight(flight.track),
+        }
+    }
+
     /// The gap at an edge `x` rad after launch.
     #[inline(always)]
     fn gap(&self, x: f32, edge: &Edge) -> Gap {
-        let (track, launch) = (self.track, self.launch);
+        let (track, launch) = (self.flight.track, self.launch);
         if x < self.short {
             let DeflatedGap { value, slope, .. } = launch.deflated_gap(x);
             return Gap {
@@ -462,7 +400,7 @@ impl Edges<'_> {
                 slope: value + x * slope,
             };
         }
-        let fall = track.k * x;
+        let fall = track.gravity.k * x;
         Gap {
             height: x * (launch.rise - 0.5 * fall) + (launch.height - edge.height),
             slope: launch.rise - fall - edge.speed,
@@ -503,23 +441,18 @@ impl Edges<'_> {
             0.0
         };
         let lowest = height - 0.5 * slope * to_minimum;
-        let bracket = (lowest <= 0.0).then(|| Bracket {
-            low: begin,
-            high: x,
-            start: larger(
-                x - if half > 0.0 {
-                    root(-lowest / half)
-                } else {
-                    0.0
-                },
-                begin,
-            ),
+        let bracket = (lowest <= 0.0).then(|| {
+            let to_root = if half > 0.0 {
+                root(-lowest / half)
+            } else {
+                0.0
+            };
+            Bracket::new([begin, x], larger(x - to_root, begin))
         });
         (bracket, abs(lowest) < self.rounding(x))
     }
 
-    /// Whether the gap over the hump, below 0 at one end, is nowhere below 0 by more than its
-    /// rounding.
+    /// Whether the gap over the hump, below 0 at one end, is below 0 by its rounding at most.
     #[inline(never)]
     fn is_level(&self, begin: f32, end: f32, over_begin: Gap, over_end: Gap) -> bool {
         if over_begin.slope >= 0.0 {
@@ -540,7 +473,10 @@ impl Edges<'_> {
         let pull = if self.launch.has_fixed_point_pull() {
             Track::PULL_ROUNDING
         } else {
-            larger(Track::PULL_ROUNDING, 6e-8 * self.track.tones.bound(2))
+            larger(
+                Track::PULL_ROUNDING,
+                6e-8 * self.flight.track.tones.bound(2),
+            )
         };
         x * (4e-7 * self.launch.velocity + pull * x)
     }
@@ -552,55 +488,50 @@ impl Edges<'_> {
             let (_, slope, half) = self.at(x);
             return (slope, half);
         }
-        let (track, launch) = (self.track, self.launch);
+        let (track, launch) = (self.flight.track, self.launch);
         let (node, offset) = node_of(launch.phase, x);
         let at = track.at(node);
         let local = Local {
             height: 0.0,
-            slope: launch.rise - track.k * (x - offset) - at.speed,
+            slope: launch.rise - track.gravity.k * (x - offset) - at.speed,
             push: at.push,
             jerk: at.jerk,
             snap: at.snap,
         };
-        let (_, gain, half) = expand(track.k, &local, offset);
+        let (_, gain, half) = expand(track.gravity.k, &local, offset);
         (local.slope + gain, half)
     }
 
     /// The gap, its slope and half its curvature after `x`.
     fn at(&self, x: f32) -> (f32, f32, f32) {
         if x < self.short {
-            let DeflatedGap {
-                value,
-                slope,
-                half_curvature,
-            } = self.launch.deflated_gap(x);
-            return (x * value, value + x * slope, slope + x * half_curvature);
+            let q = self.launch.deflated_gap(x);
+            return (
+                x * q.value,
+                q.value + x * q.slope,
+                q.slope + x * q.half_curvature,
+            );
         }
         let (node, offset) = node_of(self.launch.phase, x);
         let local = self.flight.local(node);
-        let (height, gain, half) = expand(self.track.k, &local, offset);
+        let (height, gain, half) = expand(self.flight.track.gravity.k, &local, offset);
         (height, local.slope + gain, half)
     }
 }
 
-/// The short hop near `x` and below `short`, by third-order steps on `u/d`; `None` unless the root
-/// is simple.
+/// The short hop near `x` and below `short`, by third-order steps on `u/d`, if the root is simple.
 #[inline(always)]
 fn simple_hop(launch: &Launch, mut x: f32, short: f32) -> Option<(f32, f32)> {
     for _ in 0..4 {
-        let DeflatedGap {
-            value,
-            slope,
-            half_curvature,
-        } = launch.deflated_gap(x);
-        let e = quotient_step(value, slope, half_curvature)?;
+        let q = launch.deflated_gap(x);
+        let e = quotient_step(q.value, q.slope, q.half_curvature)?;
         let last = abs(e) <= MAX_LAST_STEP_RATIO * x;
         x += e;
         if !(x > 0.0 && x < short) {
             return None;
         }
         if last {
-            let arrival = -x * (slope + 2.0 * half_curvature * e);
+            let arrival = -x * (q.slope + 2.0 * q.half_curvature * e);
             return (arrival > 0.0).then_some((x, arrival));
         }
     }
@@ -617,18 +548,15 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
     };
     let mut round = 0;
     loop {
-        let DeflatedGap {
-            value,
-            slope,
-            half_curvature,
-        } = launch.deflated_gap(x);
-        if value > 0.0 {
+        let q = launch.deflated_gap(x);
+        let (slope, half) = (q.slope, q.half_curvature);
+        if q.value > 0.0 {
             low = x;
         } else {
             high = x;
         }
-        let mut e = quotient_step(value, slope, half_curvature)
-            .unwrap_or_else(|| down_crossing(value, slope, half_curvature).0);
+        let mut e = quotient_step(q.value, slope, half)
+            .unwrap_or_else(|| down_crossing(q.value, slope, half).0);
         round += 1;
         // Rounding may move the root to an end.
         let inside = x + e >= low && x + e <= high || abs(e) <= 1e-6 * x;
@@ -637,10 +565,7 @@ fn hop(launch: &Launch, mut low: f32, mut high: f32, start: f32) -> (f32, f32) {
         }
         if inside && abs(e) <= MAX_LAST_STEP_RATIO * x || round >= 60 {
             let flight = x + e;
-            return (
-                flight,
-                larger(-flight * (slope + 2.0 * half_curvature * e), 0.0),
-            );
+            return (flight, larger(-flight * (slope + 2.0 * half * e), 0.0));
         }
         x += e;
     }

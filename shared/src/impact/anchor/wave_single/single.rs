@@ -9,11 +9,13 @@ use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::approach::fall;
 use crate::impact::anchor::candidate::Candidate;
 use crate::impact::anchor::flight::{Ballistic, STEPS_PER_RADIAN, smaller};
-use crate::impact::anchor::single::{self, SineSingle, SingleState, land_found, steps_after};
+use crate::impact::anchor::sine_track::SineTrack;
+use crate::impact::anchor::single::{self, SingleState, land_found, land_near};
 use crate::impact::anchor::solve::Found;
 use crate::impact::kernel::{
     Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
 };
+use crate::impact::set_up::SetUp;
 use crate::impact::wave::Tone;
 
 /// The impact map in f32, on a track of one to three tones (`f32`).
@@ -40,17 +42,6 @@ use crate::impact::wave::Tone;
 /// where the track's third derivative is large relative to the arrival speed, a few 1e-5 rad. The
 /// set-up uses f32 and integers, for the planner on a board. It takes about 6 000 instructions of a
 /// Cortex-M4F, where an impact takes some 400, and 200 bytes.
-///
-/// ```
-/// use kband::impact::{Kernel, Single, Tone, WaveKernel, WaveMap};
-/// let tones = [Tone { amplitude: 0.15, angle: 2.356 }, Tone::default()];
-/// let track = Single::on_tones(tones, 0.35, 0.2)?;
-/// let map = WaveMap::on_tones(tones, 0.35, 0.2)?;
-/// let start = Single::state(0.7, 0.36)?;
-/// let expected = map.impact(Single::observe(start)).flight;
-/// assert!((track.land(start).flight() - expected).abs() < 1e-5);
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Single {
     track: TrackKind,
@@ -59,7 +50,7 @@ pub struct Single {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum TrackKind {
-    Sine(SineSingle),
+    Sine(SineTrack),
     Tones(Track),
 }
 
@@ -82,14 +73,14 @@ impl Single {
     #[inline(always)]
     pub(crate) fn land_at(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         match &self.track {
-            TrackKind::Sine(single) => single.land(state, restitution),
+            TrackKind::Sine(track) => track.land(state, restitution),
             TrackKind::Tones(track) => land(track, state, restitution),
         }
     }
 
     pub(crate) fn throws(&self, phase: Phase) -> bool {
         match &self.track {
-            TrackKind::Sine(single) => single.throws(phase),
+            TrackKind::Sine(track) => track.throws(phase.bits()),
             TrackKind::Tones(track) => track.throws(phase.bits()),
         }
     }
@@ -97,7 +88,7 @@ impl Single {
     /// Next lift-off phase of a part that rests at `phase`; `None` if it rests for ever.
     pub(crate) fn lift_off(&self, phase: Phase) -> Option<Phase> {
         match &self.track {
-            TrackKind::Sine(single) => single.lift_off(),
+            TrackKind::Sine(track) => (track.hump > 0).then(|| Phase::from_bits(track.lift_off)),
             TrackKind::Tones(track) => track.lift_off(phase.bits()).map(Phase::from_bits),
         }
     }
@@ -116,8 +107,7 @@ fn land(track: &Track, state: SingleState, restitution: f32) -> Landing<SingleSt
         rise,
     };
     if let Some(approach) = fall(track, phase, height, rise) {
-        let steps = steps_after(phase, &approach);
-        return single::landing(phase, steps, approach.arrival(), restitution, false);
+        return land_near(phase, &approach, restitution);
     }
     land_low(&flight, velocity, &parts, restitution)
 }
@@ -132,32 +122,21 @@ fn land_low(
     let Ballistic { track, phase, .. } = *flight;
     let throws = track.throws(phase);
     if velocity == 0.0 && !throws {
-        return Landing {
-            steps: 0,
-            next: SingleState {
-                phase: Phase::from_bits(phase),
-                velocity,
-            },
-            grazes: false,
-        };
+        let phase = Phase::from_bits(phase);
+        return Landing::at_rest(SingleState { phase, velocity });
     }
     let launch = Launch::new(track, phase, velocity, parts, throws);
     if !launch.is_undecided()
         && let Some((candidate, limits)) = candidate(track, &launch)
     {
-        match candidate {
+        let landing = match candidate {
             Candidate::Hop { flight, arrival } => {
-                let landing = single::land_short(phase, flight, arrival, restitution, false);
-                if limits.contain(track, &launch, landing.steps) {
-                    return landing;
-                }
+                single::land_short(phase, flight, arrival, restitution, false)
             }
-            Candidate::Near(approach) => {
-                let steps = steps_after(phase, &approach);
-                if limits.contain(track, &launch, steps) {
-                    return single::landing(phase, steps, approach.arrival(), restitution, false);
-                }
-            }
+            Candidate::Near(approach) => land_near(phase, &approach, restitution),
+        };
+        if limits.contain(track, &launch, landing.steps) {
+            return landing;
         }
     }
     land_by_search(flight, &launch, restitution)
@@ -169,16 +148,15 @@ fn land_by_search(
     launch: &Launch,
     restitution: f32,
 ) -> Landing<SingleState> {
-    let Ballistic { track, phase, .. } = *flight;
-    let (root, grazes, bracket) = search(track, launch, flight);
+    let (root, grazes, bracket) = search(launch, flight);
     let grazes = grazes || launch.is_undecided();
     let landing = land_found(flight, restitution, root, grazes);
     if matches!(root, Found::Near { .. })
         && may_leave(&bracket, landing.steps, landing.next.velocity)
     {
-        let (time, speed) = bisect(track, launch, flight, &bracket);
+        let (time, speed) = bisect(launch, flight, &bracket);
         let steps = (time * STEPS_PER_RADIAN) as i64;
-        return single::landing(phase, steps, speed, restitution, true);
+        return single::landing(flight.phase, steps, speed, restitution, true);
     }
     landing
 }
@@ -190,7 +168,8 @@ impl Kernel for Single {
 
     /// The map of the sine alone; [`WaveKernel::on_tones`] takes tones.
     fn build(k: f64, restitution: f64) -> Result<Self, OutOfRange> {
-        Self::on(TrackKind::Sine(SineSingle::build(k)?), restitution)
+        let track = SineTrack::new(&SetUp::build(k)?);
+        Self::on(TrackKind::Sine(track), restitution)
     }
 
     fn state(phase: f64, velocity: f64) -> Result<SingleState, OutOfRange> {
@@ -223,9 +202,7 @@ impl WaveKernel for Single {
             Harmonics::build(second, third)?;
             return Self::build(k, restitution);
         }
-        Self::on(
-            TrackKind::Tones(Track::build(second, third, k)?),
-            restitution,
-        )
+        let track = Track::build(second, third, k)?;
+        Self::on(TrackKind::Tones(track), restitution)
     }
 }

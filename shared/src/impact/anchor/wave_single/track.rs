@@ -1,7 +1,6 @@
 //! A track of several tones with one k, set up without f64: the humps, where the push exceeds k.
 //!
-//! Bounds of the push's derivatives limit the steps over nodes, so no hump of relevant size is
-//! missed.
+//! Bounds of the push's derivatives limit the steps over nodes, so no relevant hump is missed.
 
 use core::f32::consts::TAU;
 
@@ -56,10 +55,7 @@ pub(super) struct Limit {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Track {
     pub tones: Harmonics,
-    pub k: f32,
-    half_k: f32,
-    pub inverse: f32,
-    pub min_tall_speed_squared: f32,
+    pub gravity: Gravity,
     /// Bound of |S|.
     pub reach: f32,
     humps: [Hump; MAX_HUMPS],
@@ -75,26 +71,23 @@ impl Track {
         let single = k as f32;
         let mut track = Self {
             tones,
-            k: single,
-            half_k: 0.5 * single,
-            inverse: 1.0 / single,
-            min_tall_speed_squared: 0.0,
+            gravity: Gravity {
+                k: single,
+                half: 0.5 * single,
+                inverse: 1.0 / single,
+                min_tall_speed_squared: 0.0,
+            },
             reach: tones.bound(0),
             humps: [Hump::default(); MAX_HUMPS],
             count: 0,
             threshold: Fixed::<35, i64>::nearest(k),
         };
         track.find_humps();
-        // The largest S'^2 + 2 k S of a turn lies where its slope 2 S' (k - A) vanishes; 0.02
-        // covers rounding.
+        // The largest S'^2 + 2 k S lies where its slope 2 S' (k - A) is 0; 0.02 covers rounding.
         let edges = track.humps().iter().flat_map(|hump| [hump.begin, hump.end]);
-        track.min_tall_speed_squared = 0.02
-            + edges.fold(2.0 * single * track.reach, |maximum, edge| {
-                larger(
-                    maximum,
-                    edge.speed * edge.speed + 2.0 * single * edge.height,
-                )
-            });
+        let squares = edges.map(|edge| edge.speed * edge.speed + 2.0 * single * edge.height);
+        track.gravity.min_tall_speed_squared =
+            0.02 + squares.fold(2.0 * single * track.reach, larger);
         Ok(track)
     }
 
@@ -111,8 +104,7 @@ impl Track {
             .any(|hump| phase.wrapping_sub(hump.phase) < hump.length)
     }
 
-    /// Time limits of a flight from `phase`, with the ball's velocity `rise`; `None` without a
-    /// hump.
+    /// Time limits of a flight from `phase` with the ball's velocity `rise`, if there is a hump.
     #[inline(always)]
     pub fn limit(&self, phase: u32, rise: f32) -> Option<Limit> {
         let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
@@ -125,22 +117,17 @@ impl Track {
             }
         }
         let begin = shortest_wait as f32 * RADIANS_PER_STEP;
-        if rise - self.k * begin - next.begin.speed > 1e-5 {
-            let (hump, begin) = if humps.len() == 1 {
-                (next, i64::from(shortest_wait) + Phase::STEPS)
+        let (mut hump, mut clear) = (next, i64::from(shortest_wait));
+        if rise - self.gravity.k * begin - next.begin.speed > 1e-5 {
+            if humps.len() == 1 {
+                clear += Phase::STEPS;
             } else {
-                let after = humps.get(index + 1).unwrap_or(first);
-                (after, i64::from(wait(after)))
-            };
-            return Some(Limit {
-                clear: begin,
-                last: begin + i64::from(hump.length),
-            });
+                hump = humps.get(index + 1).unwrap_or(first);
+                clear = i64::from(wait(hump));
+            }
         }
-        Some(Limit {
-            clear: i64::from(shortest_wait),
-            last: i64::from(shortest_wait) + i64::from(next.length),
-        })
+        let last = clear + i64::from(hump.length);
+        Some(Limit { clear, last })
     }
 
     /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
@@ -196,7 +183,8 @@ impl Track {
     /// two more extrema of A within it. There A exceeds k so little and so briefly that the gap is
     /// concave to 1e-8.
     fn find_humps(&mut self) {
-        let excess = |track: &Self, node: i32| flight::Track::at(track, node).push - track.k;
+        let excess =
+            |track: &Self, node: i32| flight::Track::at(track, node).push - track.gravity.k;
         // The mean of A over evenly spread nodes is 0.
         let start = (0..16)
             .map(|n| 16 * n)
@@ -258,7 +246,7 @@ impl Track {
             let excess = if fine {
                 self.excess(phase)
             } else {
-                parts.sines(4.0, 9.0) - self.k
+                parts.sines(4.0, 9.0) - self.gravity.k
             };
             // Near the edge the sum in f32 has too few digits for its sign.
             if fine || abs(excess) > 1e-5 {
@@ -313,18 +301,21 @@ impl Track {
 
     /// Time in rad at which the ball falls through the lowest reach of the track.
     pub fn fall_time(&self, height: f32, rise: f32) -> f32 {
-        let square = rise * rise + 2.0 * self.k * (height + self.reach);
-        (rise + flight::root(square)) * self.inverse
+        let square = rise * rise + 2.0 * self.gravity.k * (height + self.reach);
+        (rise + flight::root(square)) * self.gravity.inverse
     }
 
     /// Begin and end in rad of the ball's time above the track's reach; an empty span without one.
     pub fn time_above_reach(&self, height: f32, rise: f32) -> (f32, f32) {
-        let square = rise * rise + 2.0 * self.k * (height - self.reach) - 1e-4;
+        let square = rise * rise + 2.0 * self.gravity.k * (height - self.reach) - 1e-4;
         if !(rise > 0.0 && square > 0.0) {
             return (TAU, 0.0);
         }
         let speed = flight::root(square);
-        ((rise - speed) * self.inverse, (rise + speed) * self.inverse)
+        (
+            (rise - speed) * self.gravity.inverse,
+            (rise + speed) * self.gravity.inverse,
+        )
     }
 }
 
@@ -337,12 +328,7 @@ impl flight::Track for Track {
 
     #[inline(always)]
     fn gravity(&self) -> Gravity {
-        Gravity {
-            k: self.k,
-            half: self.half_k,
-            inverse: self.inverse,
-            min_tall_speed_squared: self.min_tall_speed_squared,
-        }
+        self.gravity
     }
 
     #[inline(always)]

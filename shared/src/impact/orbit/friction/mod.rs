@@ -51,8 +51,7 @@ impl FrictionSettings {
         Ok(())
     }
 
-    /// Velocity along the track after an impact with a normal impulse per mass, in the unit of the
-    /// impulse.
+    /// Velocity along the track after an impact with a normal impulse per mass, both in one unit.
     pub fn velocity_after_impact(&self, velocity: f64, impulse: f64) -> f64 {
         let speed = velocity.abs() - self.sliding * impulse;
         libm::copysign(speed.max(0.0), velocity)
@@ -67,8 +66,7 @@ impl FrictionSettings {
         }
     }
 
-    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides upwards, or
-    /// downwards.
+    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides up, or down.
     ///
     /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
     /// gamma = 0 Boothroyd's limits. `None` if it never slides.
@@ -93,8 +91,7 @@ impl FrictionSettings {
     }
 }
 
-/// The motion along the track for one k, with friction. Velocities relative to the track in units
-/// of `b w`.
+/// The motion along the track for one k, with friction. Velocities relative to the track in `b w`.
 ///
 /// In contact the normal force is `N = k - A`, with `A = sin tau` on one tone. The push on a part
 /// at rest is `f = eta A(tau + gamma) - k tan(alpha)`; it sticks while `|f| <= mu_s N`. A part that
@@ -142,8 +139,7 @@ impl Friction {
         Self::on(&Wave::sine(), k, settings)
     }
 
-    /// The motion along a track of several tones: `eta` times the normal one, led by gamma as a
-    /// whole.
+    /// The motion along a track of several tones: `eta` times the normal one, led by gamma.
     pub fn on(wave: &Wave, k: f64, settings: FrictionSettings) -> Result<Self, OutOfRange> {
         settings.check(k)?;
         let (eta, gravity) = (settings.amplitude_ratio, k * settings.incline_tangent);
@@ -154,7 +150,7 @@ impl Friction {
         })
     }
 
-    /// Distance in b and velocity in `b w` just before the impact, after a flight of `d` rad from
+    /// Distance in b and velocity in `b w` before the impact, after a flight of `d` rad from
     /// `phase`.
     pub fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
         let (distance, gained) = self.free.integrals(phase, d);
@@ -191,8 +187,7 @@ impl Friction {
 
     /// A contact from `phase` on for `duration` rad, with initial `velocity`.
     pub fn move_in_contact(&self, phase: f64, duration: f64, velocity: f64) -> ContactMotion {
-        /// Phase step in rad past an event that changes nothing: the push only touches the friction
-        /// limit.
+        /// Phase step in rad past an event where the push only touches the friction limit.
         const TOUCH_PHASE_STEP: f64 = 1e-7;
         let mut motion = ContactMotion {
             velocity,
@@ -272,8 +267,7 @@ impl Friction {
 
     /// One drive cycle of a part that is never thrown, once its motion repeats.
     ///
-    /// `None` without a steady motion (friction cannot hold the incline) and if the track
-    /// throws.
+    /// `None` if friction cannot hold the incline and if the track throws.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
         /// Drive cycles before the motion counts as unsteady. A slide that stops erases the
         /// history; one that never stops settles by its own damping.
@@ -390,10 +384,8 @@ mod tests {
         }
         // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
-            let led = FrictionSettings {
-                phase_lead: lead,
-                ..case
-            };
+            let mut led = case;
+            led.phase_lead = lead;
             let from = led.sliding_throw_number(true).unwrap();
             assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
@@ -405,10 +397,8 @@ mod tests {
         assert_eq!(at(backward - 1e-6).backward, 0.0);
         assert!(at(backward + 1e-3).backward > 0.0);
         // A part with more static friction starts to slide later, but then slides in the same way.
-        let sticky = FrictionSettings {
-            sticking: 1.0,
-            ..case
-        };
+        let mut sticky = case;
+        sticky.sticking = 1.0;
         let threshold = (1.0 + tangent) / (eta + 1.0);
         assert_eq!(cycle(threshold - 1e-6, sticky).distance, 0.0);
         assert!(cycle(threshold + 1e-6, sticky).distance > 1e-2);
@@ -416,18 +406,14 @@ mod tests {
 
     #[test]
     fn settings_out_of_range_are_named() {
-        let named = |settings| Friction::build(0.5, settings).unwrap_err().parameter;
-        let valid = settings(1.5, 0.3, 3.0);
-        let too_small = FrictionSettings {
-            sticking: 0.2,
-            ..valid
-        };
-        assert_eq!(named(too_small), "sticking friction");
-        let negative = FrictionSettings {
-            sliding: -0.1,
-            ..valid
-        };
-        assert_eq!(named(negative), "friction");
+        for (sticking, sliding, parameter) in
+            [(0.2, 0.3, "sticking friction"), (0.3, -0.1, "friction")]
+        {
+            let mut settings = settings(1.5, sliding, 3.0);
+            settings.sticking = sticking;
+            let refused = Friction::build(0.5, settings).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
+        }
         // An incline that friction cannot hold has no steady speed.
         let too_steep = Friction::build(1.5, settings(1.5, 0.1, 20.0)).unwrap();
         assert!(too_steep.steady_contact_cycle().is_none());

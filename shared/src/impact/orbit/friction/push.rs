@@ -100,8 +100,7 @@ impl Push {
 
     /// Maximum in a turn, within 1e-12 of its size.
     pub(super) fn maximum(&self) -> f64 {
-        /// Number of phases between which the push has at most one maximum: three harmonics have
-        /// three.
+        /// Number of phases between which the push of three harmonics has at most one maximum.
         const SCANNED_PHASES: u32 = 256;
         let step = core::f64::consts::TAU / f64::from(SCANNED_PHASES);
         let mut highest = f64::NEG_INFINITY;
