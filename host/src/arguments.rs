@@ -1,6 +1,5 @@
-//! Options shared by the verbs, and parsers of numbers, ranges and restitutions.
-//!
-//! An error of a parser is one line with the accepted range. clap adds the option and the value.
+//! Options shared by the verbs, and parsers of numbers, ranges and restitutions. An error of a
+//! parser is one line with the accepted range; clap adds the option and the value.
 
 mod amplitude;
 
@@ -70,8 +69,7 @@ impl OutputArguments {
 }
 
 impl FileArguments {
-    /// Checked destination beside a result in this form on standard output. Numbers written
-    /// `by_rows` may also go to a .parquet file.
+    /// Checked destination; numbers written `by_rows` may also go to a .parquet file.
     pub fn check(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
             return Ok(Output { format, kind: None });
@@ -398,8 +396,7 @@ pub fn friction(text: &str) -> Result<(f64, f64), String> {
     Err(format!("accepted: {accepted}"))
 }
 
-/// Parses a harmonic of the track's motion, `E,TH`: amplitude over that of the first tone, and
-/// angle in rad.
+/// Parses `E,TH`: amplitude of a tone over that of the first one, and angle in rad.
 pub fn tone(text: &str) -> Result<Tone, String> {
     let read = || {
         let (amplitude, angle) = text.split_once(',')?;

@@ -272,8 +272,7 @@ fn stored(folder: &TempDir) -> impl Fn(&str) -> f64 {
 }
 
 /// The emulated drive has one resonance: 1 mm and Q 25 at 50 Hz. At n times 50 Hz its response is
-/// `1 mm / 25 / (n^2 - 1)`, opposite in phase to the output. The configured gains and lags differ
-/// from it.
+/// `1 mm / 25 / (n^2 - 1)`, opposite in phase to the output, unlike the configured one.
 #[test]
 fn the_drive_response_at_multiples_is_measured_and_saved() {
     let folder = folder();
@@ -294,8 +293,7 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
     }
 }
 
-/// The emulated sensor measures no gravity. The emulated drive has the parameters of the default
-/// settings.
+/// The emulated sensor measures no gravity; the emulated drive has the default parameters.
 #[test]
 fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let folder = folder();
@@ -315,8 +313,7 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     assert!((1.3..1.4).contains(&tolerance), "{result}");
     let tolerance = stored("load_tolerance");
     assert!((1.3..2.0).contains(&tolerance), "{result}");
-    // The next start passes its tests. Without --apply the measurement is repeated and no setting
-    // changes.
+    // The next start passes its tests. Without --apply no setting changes.
     let outcome = on_flash(&folder, "settings commission --sensor --within 100");
     outcome.prints(&[
         "settings set gain_tolerance",
@@ -474,8 +471,7 @@ fn identity(sequence: u8, schema: u32, image: &str) -> Vec<u8> {
     frame.unwrap().to_vec()
 }
 
-/// A board after measuring its parts: present and saved settings and target, and whether the drive
-/// runs.
+/// A board after measuring its parts: settings and target, saved ones, and whether it runs.
 #[cfg(unix)]
 struct Commissioned {
     settings: Vec<f32>,

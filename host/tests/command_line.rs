@@ -118,8 +118,7 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
     }
 }
 
-/// A named output overwrites any file; an output with a default name overwrites only files that
-/// kband wrote.
+/// A named output overwrites any file, a default name only files that kband wrote.
 #[test]
 fn a_foreign_file_is_replaced_only_where_it_is_named() {
     let folder = folder();
@@ -291,8 +290,7 @@ fn the_reference_for_parts_in_gear_is_a_separate_run() {
     let folder = folder();
     let printed = |line: &str| kband(&folder, line).json();
     let share = |row: &serde_json::Value| row["in_gear"].as_f64().unwrap();
-    // At scatter 0.04 the middle of the lock's band gives half the share in gear of the gear
-    // setpoint.
+    // At scatter 0.04 the middle of the lock's band gives half the share of the gear setpoint.
     let runs = printed("simulate --runs 4 --duration 20 --format json");
     assert!(share(&runs[0]) > share(&runs[1]) + 0.2, "{runs}");
 }

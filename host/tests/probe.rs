@@ -23,8 +23,7 @@ const TIMEOUT: &str = "120";
 const SETTINGS: u8 = 0x5a;
 /// Content of the rest of the flash, from an older image.
 const OLD_IMAGE_BYTE: u8 = 0x00;
-/// Time in s after power-on. By then a board without records has erased the sector of its first
-/// fault, which takes at most 2 s.
+/// Time in s after power-on by which a board without records has erased a sector.
 const ERASE_TIME: f64 = 2.5;
 
 /// Runs `kband flash` with the feeder's image on the probe of this name.
@@ -44,10 +43,8 @@ fn feeder() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
-/// The flash of a chip in a machine, after power-on.
-///
-/// The older content of the fault sector is no record, so the sector is erased first. During the
-/// erasure the board receives nothing.
+/// The flash of a chip in a machine, after power-on. The older content of the fault sector is no
+/// record, so the sector is erased first; meanwhile the board receives nothing.
 fn started(chip: Chip) -> Rig {
     let mut rig = Rig::with(chip, &Scene::default());
     rig.chip.power_on();
@@ -146,8 +143,7 @@ fn a_half_written_board_does_not_start() {
     outcome.done();
     let whole = probe.chip().operations();
     let near_end = [300, 3, 2, 1].map(|left| whole - left);
-    // During the erasure, the first page, the middle, after the verification, and in the last
-    // words.
+    // During erasure, first page, middle, after the verification, and in the last words.
     for cut in [1, 2, 3, 5, 8, 120, whole / 2].into_iter().chain(near_end) {
         let mut chip = board();
         chip.fails_after = Some(cut);

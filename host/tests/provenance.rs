@@ -105,8 +105,7 @@ fn outputs_contain_their_whole_scene() {
     assert!(svg.contains("track.frequency"));
 }
 
-/// Another CSV reader that skips comments reads a CSV. The units in the header are those in the
-/// comments, and every number parses.
+/// Another CSV reader reads every number, and the units in header and comments agree.
 #[test]
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();

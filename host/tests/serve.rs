@@ -228,8 +228,7 @@ fn an_address_in_use_is_refused() {
     outcome.refused(&[&address, "--modbus"]);
 }
 
-/// The gateway to an emulated board whose bus has this authority and timeout, and the folder with
-/// its flash.
+/// The gateway to an emulated board with this bus authority and timeout, and its folder.
 fn gateway(bus: f32, timeout: f32) -> (Server, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let address = Address {

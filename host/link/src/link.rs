@@ -1,8 +1,6 @@
-//! Requests to a board and its responses, over a serial port or to an emulated board.
-//!
-//! The method is stop-and-wait with sequence numbers. An idempotent request is repeated every 0.5 s
-//! until its response arrives or the time limit of 10 s passes. Telemetry, which a board sends
-//! without a request, is kept in a queue.
+//! Requests to a board and its responses, over a serial port or to an emulated board. The method is
+//! stop-and-wait with sequence numbers: an idempotent request is repeated every 0.5 s for up to 10
+//! s. Telemetry, which a board sends without a request, is kept in a queue.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -62,8 +60,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Link to the emulated CPU, which runs `image`. It keeps its settings in the file `flash`;
-    /// `check_stop` is called during a wait.
+    /// Link to the emulated CPU, which runs `image` and keeps its settings in the file `flash`.
     pub fn emulate(
         [image, flash]: [Option<&Path>; 2],
         emulated: Emulated,
@@ -176,8 +173,7 @@ impl Link {
         Err(Refusal::new(cause, self.fitting_firmware()))
     }
 
-    /// From now on writes every byte from the board to `record`, after a frame with the board's
-    /// identity.
+    /// From now on writes the board's identity, and every byte from the board, to `record`.
     pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
         let (version, schema) = self.protocol;
         let identity = Identity {

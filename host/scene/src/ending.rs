@@ -78,8 +78,7 @@ pub struct Endings {
     contact: ContactTime,
     /// The attracting period-1 orbits, by order from 1 to the highest.
     locks: Vec<Option<Lock>>,
-    /// Final regime of a part from rest, computed at the first rest. It applies to every part that
-    /// rests, because rest erases the history.
+    /// Final regime of every part from rest, computed at the first rest: rest erases the history.
     after_rest: OnceLock<Regime>,
     impacts: usize,
     /// Whether irregular flights in gear stay there, by order from 1.
@@ -89,10 +88,7 @@ pub struct Endings {
 }
 
 impl Endings {
-    /// The classifier at `k` and a restitution below 1, for instantaneous impacts. An orbit is
-    /// undecided after `impacts` impacts.
-    ///
-    /// Errors: a `Refusal` for parameters out of range.
+    /// The classifier at `k` and a restitution below 1, for instantaneous impacts, up to `impacts`.
     pub fn new(k: f64, restitution: f64, impacts: usize) -> Result<Self, Refusal> {
         Self::with_contact(k, restitution, impacts, ContactTime::INSTANT)
     }
@@ -125,8 +121,7 @@ impl Endings {
         })
     }
 
-    /// The classifiers of many tracks, each of a k and a restitution. The regimes from rest are
-    /// computed in blocks.
+    /// The classifiers of tracks of a k and a restitution, with the regimes from rest in blocks.
     pub fn from_tracks(
         tracks: &[(f64, f64)],
         impacts: usize,
@@ -225,8 +220,7 @@ impl Endings {
         self.known_to_stay(order) == Some(true)
     }
 
-    /// Whether irregular flights in gear of an order stay there, if computed; false for orders
-    /// without chaos detection.
+    /// The result of [`Self::stays_in_gear`] if computed; false for orders without chaos detection.
     fn known_to_stay(&self, order: u32) -> Option<bool> {
         match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
             Some(held) => held.get().copied(),

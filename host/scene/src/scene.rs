@@ -201,8 +201,7 @@ impl SceneFile {
             || changes.any(|changed| matches!(changed.change, Change::Scatter(s) if s > 0.0))
     }
 
-    /// Refuses a target that no amplitude of this drive reaches; that needs both controller and
-    /// drive.
+    /// Refuses a target that no amplitude of this drive reaches.
     pub fn check(&self) -> Result<(), Refusal> {
         let named = |refused: OutOfRange| {
             let key = refused.parameter;
@@ -270,8 +269,7 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     Err(Refusal::value(key, value, accepted, next))
 }
 
-/// Advice for a drive so far from its resonance that its response is below a tenth; `None` for
-/// others.
+/// Advice for a drive so far from its resonance that its response is below a tenth.
 pub(crate) fn describe_detuning(settings: &Settings) -> Option<String> {
     let x = f64::from(settings.frequency / settings.resonance);
     let q = f64::from(settings.quality);

@@ -1,7 +1,5 @@
-//! Recording of a board's messages in a file, and its replay.
-//!
-//! A record has the bytes from the board, after a frame with its identity. The reader
-//! resynchronizes at the next frame after damaged bytes, so damage loses only the affected frames.
+//! Recording of a board's messages in a file, and its replay. A record has the bytes from the
+//! board, after a frame with its identity. Damage loses only the affected frames.
 
 use std::io::Read;
 

@@ -1,7 +1,5 @@
-//! An image for the board (ELF), checked before the board is touched.
-//!
-//! Checks: chip, address ranges, RAM with the stack, vector table. The last word of the flash gets
-//! the CRC-32 of the program before it.
+//! An image for the board (ELF), checked before the board is touched: chip, address ranges, RAM
+//! with the stack, vector table. Its last word gets the CRC-32 of the program before it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -183,10 +181,7 @@ impl Image {
         pieces.map(|piece| piece.bytes.len() as u32).sum()
     }
 
-    /// The program for the chip's slot, a multiple of 4 bytes.
-    ///
-    /// # Errors
-    /// A `Refusal` if the program is linked for another address or too large.
+    /// The program for the chip's slot, a multiple of 4 bytes; refused if it does not fit there.
     pub fn update(&self) -> Result<Vec<u8>, Refusal> {
         let slot = &self.chip.slot;
         let mut bytes = Vec::new();
@@ -245,9 +240,8 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image with the CRC-32 of the program before it, which begins at the
-/// address `program`. The build leaves it erased, and the board checks it at each start. A loader
-/// before the program is not checked: an update does not replace it.
+/// Fills the last word of an image with the CRC-32 of the program from the address `program` on,
+/// which the board checks at each start. An update does not replace a loader before it.
 fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
     let mut flash = Vec::new();
     for piece in pieces.iter().filter(|piece| program <= piece.address) {

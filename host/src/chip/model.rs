@@ -22,13 +22,11 @@ pub struct Chip {
     pub family: u32,
     /// Address of the half word with the size of the flash in KiB.
     pub flash_size: u32,
-    /// Address and bit that must be set for the division into `sectors`; `None` without such an
-    /// option.
+    /// Address and bit that must be set for the division into `sectors`, if there is an option.
     pub divided: Option<(u32, u32)>,
     /// Address and bit that stop the bridge's timer with the core and switch its outputs off.
     pub stops: (u32, u32),
-    /// Address and bits that stop both watchdogs with the core, so that none resets it while the
-    /// flash is written.
+    /// Address and bits that stop both watchdogs with the core, so that none resets it.
     pub rests: (u32, u32),
     /// Address and bit that enable the outputs of the bridge's timer.
     pub drives: (u32, u32),
@@ -36,8 +34,7 @@ pub struct Chip {
     pub options: Option<OptionBytes>,
 }
 
-/// Option bytes for a feeder: brown-out reset at its highest level, and independent watchdog from
-/// reset on.
+/// Option bytes for a feeder: highest level of the brown-out reset, watchdog from reset on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionBytes {
     /// Register for the keys.
@@ -198,8 +195,7 @@ mod tests {
         }
     }
 
-    /// Start and end of a memory in the linker script of a board's image; with a slot, those of the
-    /// slot.
+    /// Ends of a memory in a board's linker script; with a slot, those of the slot.
     fn described(description: &str, memory: &str) -> Range<u32> {
         let mut lines = description.lines();
         let line = lines.find(|line| line.trim().starts_with(memory)).unwrap();

@@ -1,6 +1,5 @@
-//! Scenes at the desk: run with progress, drawn, and varied.
-//!
-//! Each of these modules uses only earlier ones: schema; run, picture, trace, runs, axes, sweep.
+//! Scenes at the desk: run with progress, drawn, and varied. Each of these modules uses only
+//! earlier ones: schema; run, picture, trace, runs, axes, sweep.
 
 pub(crate) mod axes;
 mod picture;

@@ -1,5 +1,4 @@
-//! Runs of a scene with progress and Ctrl-C. The controller runs in this process or on a board
-//! (processor in the loop); the plant always runs here.
+//! Runs of a scene with progress and Ctrl-C, with the controller here or on a board.
 
 use std::path::Path;
 
@@ -56,8 +55,7 @@ pub fn run_watched(
     })
 }
 
-/// Runs a scene to its end with its controller on the board at `link`, sample by sample, with a
-/// progress bar.
+/// Runs a scene to its end with its controller on the board at `link`, sample by sample.
 pub fn run_on(
     link: Link,
     file: &SceneFile,

@@ -23,23 +23,19 @@ pub struct Run {
     pub regime: String,
     /// State at the end.
     pub state: State,
-    /// Time in s at which the requested state was entered and held to the end; `None` if the parts
-    /// were not in it.
+    /// Time in s at which the requested state was entered and held to the end.
     pub reached: Option<f64>,
     /// Amplitude b at the end in m.
     pub amplitude: f64,
     /// k at the end.
     pub k: f64,
-    /// Simulated share of time in gear from [`STATISTICS_START`](super::STATISTICS_START) on, mean
-    /// over the parts;
-    /// `None` after a shorter run.
+    /// Simulated share of time in gear from 5 s on, mean over the parts, if the run was longer.
     pub in_gear: Option<f64>,
     /// Estimated share of time in gear, mean over the cycles with an estimate; `None` without one.
     pub in_gear_estimated: Option<f64>,
     /// Share of the cycles with an estimate.
     pub in_gear_coverage: Option<f64>,
-    /// Mean conveying speed from [`STATISTICS_START`](super::STATISTICS_START) on in m/s; of the
-    /// end, for a shorter run.
+    /// Mean conveying speed from 5 s on in m/s; of the end, for a shorter run.
     pub speed: f64,
 }
 
@@ -158,8 +154,7 @@ pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
     let mut drawn = file.clone();
     let scene = &mut drawn.scene;
     let settings = &scene.settings;
-    // Neighbouring numbers give unrelated streams, and seeds do not share streams for up to 2^32
-    // runs.
+    // Neighbouring numbers give unrelated streams; seeds share none for up to 2^32 runs.
     let mut noise = Noise::new(scene.seed.rotate_left(32).wrapping_add(n));
     let lot = Distribution::Uniform {
         low: settings.restitution_low,
@@ -304,8 +299,7 @@ mod tests {
     }
 
     /// R = 0.3, s = 0.05 at k = 0.45: share in gear 0.811 by an independent program
-    /// (regime/gear/mod.rs). Both fidelities must agree with it, with the same bits for any number
-    /// of threads.
+    /// (regime/gear/mod.rs). Any number of threads gives the same bits.
     #[test]
     fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
         let actual = "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #";
@@ -321,8 +315,7 @@ mod tests {
             };
             let runs = run(1);
             assert_eq!(runs, run(3));
-            // 18 parts for 2750 periods each, with a loss of gear every 27: the standard error of
-            // the mean is 0.01.
+            // 18 parts for 2750 periods, a loss every 27: the standard error of the mean is 0.01.
             let share = runs.in_gear().unwrap();
             assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
             assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);

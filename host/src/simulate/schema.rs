@@ -11,8 +11,7 @@ use serde_json::{Map, Value, json};
 
 use crate::report::shortest;
 
-/// The schema, in which `"@name"` is a placeholder for a value, and the key `"@name"` for several
-/// properties.
+/// The schema; `"@name"` is a placeholder for a value, or as a key for several properties.
 const TEMPLATE: &str = include_str!("scene.schema.json");
 
 fn setting(name: &str) -> Option<&'static Key> {

@@ -69,9 +69,8 @@ impl Point {
 }
 
 impl Sweep {
-    /// Runs the scene of `table` `count` times at each point; `prepare` changes it before it is
-    /// checked. With `drawn`, each run has its own parts and noise. Runs of the same number share
-    /// their random numbers at all points (common random numbers), to compare points.
+    /// Runs the scene of `table` `count` times at each point, after `prepare`. With `drawn`, each
+    /// run has its own parts and noise, equal at all points (common random numbers).
     pub fn run(
         table: &Table,
         axes: &[Axes],
@@ -130,8 +129,7 @@ impl Sweep {
         })
     }
 
-    /// One row for each point: share of runs that reached the requested state, and averages over
-    /// the runs.
+    /// One row for each point: share of runs that reached the requested state, and averages.
     pub fn summary(&self) -> Printout {
         let key = |(n, column)| Field::all(column, move |point: &Point| point.values[n]);
         let keys = self.key_columns().into_iter().enumerate().map(key);

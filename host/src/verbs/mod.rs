@@ -1,8 +1,7 @@
 //! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
 //!
-//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit>`. The
-//! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
-//! the list below names the verb.
+//! A verb is a module with `Arguments` (clap's: the doc comment is the help, `after_help` the
+//! example) and `run(arguments, desk) -> Result<Exit>`. A line in the list below names it.
 
 mod bench;
 pub mod board;
@@ -130,8 +129,7 @@ pub fn main() -> ExitCode {
     let (line, matches) = match line {
         Ok(parsed) => parsed,
         Err(message) => {
-            // Help and version go to standard output with status 0, a bad option to standard error
-            // with status 2. A failure to print has no remedy.
+            // Help and version have status 0, a bad option 2. A failure to print has no remedy.
             match refused(&message) {
                 Some(refusal) => eprintln!("{refusal}"),
                 None => {

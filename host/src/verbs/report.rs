@@ -421,10 +421,11 @@ fn traced(outcome: &Outcome) -> Json {
     let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
     let kinds = part_group(&outcome.file().scene.parts);
     let parts = kinds.iter().map(|part_group| {
-        let chosen = impacts.iter();
-        let chosen = chosen.filter(|impact| part_group.parts.contains(&impact.part));
-        let chosen = chosen.step_by(stride);
-        let chosen = chosen.map(|impact| [impact.time, impact.phase, impact.speed].map(short));
+        let own = impacts
+            .iter()
+            .filter(|(_, strike)| part_group.parts.contains(&strike.part));
+        let chosen = own.step_by(stride);
+        let chosen = chosen.map(|(time, strike)| [*time, strike.phase, strike.speed].map(short));
         json!({"name": part_group.name, "impacts": chosen.collect::<Vec<_>>()})
     });
     json!({

@@ -258,8 +258,7 @@ fn sweep(
         &arguments.sweep,
         &|file| arguments.apply_to(file),
         arguments.runs.unwrap_or(1),
-        // A single run per point uses the scene unchanged. Of several, each draws its own parts and
-        // noise.
+        // A single run per point uses the scene unchanged. Of several, each has its own draws.
         arguments.runs.is_some(),
         arguments.fidelity,
         desk,
@@ -286,10 +285,7 @@ fn print_runs(
     Ok(Exit::Done)
 }
 
-/// Runs of the controller, and runs of an amplitude set from the band alone.
-///
-/// For a target of gear that is the lock's band, which does not depend on the scatter. Without a
-/// target that kicks, both are the same.
+/// Runs of the controller, and of an amplitude set from the lock's band alone.
 fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) -> Result<[Runs; 2]> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;

@@ -69,8 +69,7 @@ pub fn start(folder: impl AsRef<Path>, args: &str) -> Child {
     command.stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
-/// its name.
+/// A raw pseudo-terminal: its far end, its near end, which stays open, and its name.
 #[cfg(unix)]
 pub fn port() -> (File, File, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

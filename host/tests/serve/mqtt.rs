@@ -46,8 +46,7 @@ fn broker(folder: &Path, port: u16) -> Program {
     program
 }
 
-/// A subscriber to all topics, for which the broker stores messages, and its received pairs of
-/// topic and message.
+/// A subscriber with a stored session to all topics, and its pairs of topic and message.
 fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
     let port = port.to_string();
     let mut child = Command::new("mosquitto_sub")

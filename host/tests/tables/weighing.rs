@@ -1,9 +1,5 @@
 //! Mass flow in g/s of random feeders without a scale: estimated and simulated
-//! (docs/theory-real-parts.md#t10.5).
-//!
-//! Each feeder has its own frequency, Q, restitution, scatter, incline, friction and number of
-//! parts. The mass of the parts is 2 to 20 % of the track's. They fall onto it within 1 s; the
-//! controller brings them into gear.
+//! (docs/theory-real-parts.md#t10.5). The parts have 2 to 20 % of the track's mass.
 
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;

@@ -26,8 +26,7 @@ pub type CheckStop<'a> = &'a dyn Fn() -> Result<(), Refusal>;
 
 /// Threads that execute numbered tasks.
 pub trait Workers {
-    /// Calls `work` for each of `0..count`; returns the results in order, or the first refusal in
-    /// order. A result may depend only on its number.
+    /// Results of `work` for each of `0..count`, in order; each may depend only on its number.
     fn map<T: Send + Sync>(
         &self,
         title: &str,
@@ -119,8 +118,7 @@ const OF_FIRST: &str = "of the first";
 const LOT_PARTS: usize = 5;
 
 impl Ranges {
-    /// Ranges by the drive of a scene: half to twice its frequency, every amplitude, its tones, and
-    /// its own incline and phase lead.
+    /// Half to twice the scene's frequency, every amplitude, its tones, incline and phase lead.
     pub fn from_scene(file: &SceneFile) -> Self {
         let settings = &file.scene.settings;
         let [frequency, lead, incline] =
@@ -139,10 +137,7 @@ impl Ranges {
         }
     }
 
-    /// Refuses a value out of range.
-    ///
-    /// # Errors
-    /// A `Refusal` that names the range.
+    /// Refuses a value out of range, with the range.
     pub fn check(&self) -> Result<(), Refusal> {
         let intervals = [
             ("frequency", self.frequency, [5.0, 500.0], "Hz"),
@@ -182,12 +177,8 @@ impl Ranges {
 }
 
 impl Design {
-    /// Searches for feeders with the drive of a scene.
-    ///
-    /// # Errors
-    /// A `Refusal` for invalid ranges, for a scene of an order other than 1, if no candidate is
-    /// feasible, and from `workers`. A feasible candidate is within the drive's limits and has the
-    /// least share.
+    /// Searches for feeders with the drive of a scene. Refused: invalid ranges, an order other than
+    /// 1, and if no candidate within the drive's limits has the least share.
     pub fn search(
         file: &SceneFile,
         ranges: &Ranges,
@@ -312,8 +303,7 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
     all
 }
 
-/// Axes of the table for these ranges. With tangential restitution the speed is linear in eta; with
-/// friction it is not.
+/// Axes of the table. With friction the speed is not linear in eta.
 fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
     let birth = band::birth(f64::from(settings.restitution_high).min(0.99), 1)?;
     let highest = (1.02 * birth).min(0.98);

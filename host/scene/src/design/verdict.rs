@@ -33,8 +33,7 @@ pub struct Sensitivity {
     pub restitution: [f64; 2],
 }
 
-/// Numbers of the runs of each part, for the whole front and for the shown feeders. They differ
-/// from those of the table, because selection biases the table's best nodes upwards.
+/// Numbers of the runs for the front and the shown feeders: selection biases those of the table.
 pub(super) const FRONT_RUNS: std::ops::Range<u64> = 1000..1032;
 const VERDICT_RUNS: std::ops::Range<u64> = 2000..2064;
 
@@ -127,8 +126,7 @@ pub(super) fn simulate(
     Ok(all.chunks(parts).map(mean).collect())
 }
 
-/// Share and speed of each feeder, and their derivatives: central differences with common random
-/// numbers.
+/// Share, speed and their derivatives: central differences with common random numbers.
 pub(super) fn judge(
     file: &SceneFile,
     lot: &Lot,
@@ -157,8 +155,7 @@ pub(super) fn judge(
 /// Duration of a closed-loop run, s; the statistics begin at 5 s.
 const DURATION: f64 = 30.0;
 
-/// Closed-loop run of a feeder with the parts of the lot. Without `feeder` it is the scene's own,
-/// with its own target.
+/// Closed-loop run of a feeder with the parts of the lot; without `feeder` the scene's own.
 pub(super) fn close(
     file: &SceneFile,
     lot: &Lot,

@@ -134,10 +134,7 @@ struct Record {
 }
 
 impl Record {
-    /// Opens the record in a file, or a new one if the file is missing. Any other file is refused,
-    /// because it would be overwritten.
-    ///
-    /// It does not use [`crate::file`], which forbids writing to an input: this file is both.
+    /// Opens or begins the record in a file, which is input and output, so without [`crate::file`].
     fn open(target: &Destination) -> Result<Self> {
         let path = target.path();
         target.ends_in("RECORD", &["html", "htm", "json"])?;

@@ -139,8 +139,7 @@ const WIDTHS: [usize; 1 + EVENT_COLUMN] = [
     9, 8, 9, 8, 8, 5, 8, 5, 8, 10, 17, 11, 10, 7, 13, 8, 9, 7, 6, 6, 6, 6, 7, 8, 10, 0,
 ];
 
-/// A drive cycle: its time if the frequency is known, its number, and its telemetry. The number
-/// wraps after 99 days at 500 Hz.
+/// A drive cycle: its time if the frequency is known, its number, and its telemetry.
 type Cycle = (Option<f64>, u32, Telemetry);
 
 fields! {

@@ -76,16 +76,13 @@ pub struct Arguments {
 trait Feeder: Send {
     fn name(&self) -> String;
 
-    /// Answers a request of unit, function and data. Returns whether there is an answer, which has
-    /// the same parts.
+    /// Answers a request of unit, function and data in the same form; returns whether it did.
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
 
-    /// Works between two requests; `passed` is the time since the last call. Refused if the
-    /// connection to the feeder is lost.
+    /// Works between two requests, `passed` after the last call; refused if the feeder is lost.
     fn advance(&mut self, passed: Duration) -> Result<()>;
 
-    /// The frequency, the last drive cycle, and the events since the last call. Refused if the
-    /// connection to the feeder is lost.
+    /// Frequency, last drive cycle, and new events; refused if the feeder is lost.
     fn news(&mut self) -> Result<Vec<BoardMessage>>;
 }
 

@@ -42,8 +42,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     loop {
         let status = BoardStatus::request(&mut link)?.with_causes(&mut link, &mut cache)?;
         if on_screen {
-            // Moves the cursor to the upper left and clears the screen. The next line reports a
-            // closed terminal.
+            // Moves the cursor home and clears the screen; the next line reports a closed terminal.
             let _ = write!(stdout(), "\x1b[H\x1b[J");
             report::print(&status.screen())?;
         } else {
@@ -206,8 +205,7 @@ impl BoardStatus {
         Printout::new(table).note(next).json(&self.to_json())
     }
 
-    /// The status within 23 lines of 80 columns, above the cursor. Short items are paired, limits
-    /// and active alarms share a line, and only the most likely cause is shown.
+    /// The status within 23 lines of 80 columns: short items are paired, alarms share a line.
     pub fn screen(&self) -> String {
         let alarms = self.alarms();
         let mut rows: Vec<(&str, String)> = Vec::new();

@@ -118,8 +118,7 @@ impl Kind {
 
 /// Refuses a number that no settings accept, before a port is opened.
 fn in_range(target: Target) -> Result<()> {
-    // Other limits depend on the board's settings: amplitude, mass and length of the track, length
-    // of a part.
+    // Other limits depend on the board's settings: amplitude, track, length of a part.
     let mut keys = Settings::KEYS.iter();
     let limit = keys.find(|key| key.name == "amplitude_limit");
     let settings = Settings {

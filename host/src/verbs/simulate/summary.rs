@@ -1,6 +1,4 @@
 //! Summary of a single run: motion of the track and the parts, margin to the loss, next step.
-//!
-//! Amplitudes are in mm, speeds in mm/s, rates in parts a minute, times in s.
 
 use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
@@ -14,8 +12,7 @@ const SAME_AMPLITUDE: f64 = 0.03;
 /// Share of the time in the air below which parts are reported to hop and rest.
 const MIN_TIME_IN_AIR: f64 = 0.9;
 
-/// Relative margin of the amplitude below which it is called thin. A warm coil or a hand on the
-/// bowl changes more.
+/// Relative margin of the amplitude that is called thin; a warm coil changes more.
 const THIN_MARGIN: f64 = 0.01;
 
 pub(super) struct Observed {

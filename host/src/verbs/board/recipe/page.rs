@@ -28,10 +28,7 @@ impl Entry {
         line(&self.lines, key)
     }
 
-    /// The recipes of a text.
-    ///
-    /// # Errors
-    /// Names the line and the accepted values.
+    /// The recipes of a text; a refusal names the line and the accepted values.
     pub fn parse(text: &str) -> Result<Vec<Self>> {
         let table = kband_scene::toml_table(text, NEXT)?;
         let lines = lines(text);
@@ -209,8 +206,7 @@ pub fn export(recipes: &[(u8, RecipeName, Recipe)], image: &str) -> String {
         let quoted = toml::Value::from(name.text());
         text += &format!("\n[[recipe]]\nnumber = {number}\nname = {quoted}\n");
         text += &target_lines(recipe.target);
-        // Keys that files of older versions lack come first, so that a cut file lacks a required
-        // one.
+        // Keys that older files lack come first, so that a cut file lacks a required one.
         for (key, value) in Recipe::KEYS.iter().zip(recipe.values).rev() {
             let setting = Settings::KEYS.iter().find(|setting| setting.name == *key);
             let accepted = setting.map_or("", |setting| setting.accepted);

@@ -1,6 +1,4 @@
 //! Measurements on a board with a running drive, and the settings that they propose.
-//!
-//! `--apply` sets them with the drive at rest, and saves them.
 
 use std::time::{Duration, Instant};
 
@@ -29,8 +27,7 @@ impl Commissioning<'_> {
         Ok((link, settings))
     }
 
-    /// Prints the result with notes. With `--apply` it sets and saves the proposed settings on the
-    /// board, in this order; else it prints the commands for them.
+    /// Prints the result with notes, and sets and saves the proposed settings or prints commands.
     pub fn conclude<R>(
         &self,
         (mut link, mut settings): (Link, BoardSettings),
@@ -97,8 +94,7 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>> {
     }))
 }
 
-/// Collects telemetry by `take` from now on, until `enough` or the time limit. A progress bar
-/// counts up to `required`.
+/// Collects telemetry by `take` until `enough` or the time limit; the bar counts to `required`.
 pub(super) fn gather(
     link: &mut Link,
     desk: &Desk,

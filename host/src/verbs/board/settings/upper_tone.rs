@@ -1,8 +1,6 @@
 //! `kband settings commission --second-tone`, `--third-tone`: response of the track at twice or
-//! three times the drive's frequency.
-//!
-//! The board adds a small tone to the output. The response is the ratio of the track's tone to the
-//! output's, averaged over cycles: gain in mm at full output, lag in degrees.
+//! three times the drive's frequency, as the mean ratio of the track's tone to the output's: gain
+//! in mm at full output, lag in degrees.
 
 use std::time::Duration;
 
