@@ -183,7 +183,6 @@ pub struct Range {
 }
 
 impl Range {
-    /// A range of `count` values.
     pub const fn new(low: f64, high: f64, count: usize) -> Self {
         Self { low, high, count }
     }

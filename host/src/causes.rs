@@ -192,7 +192,6 @@ pub fn describe(causes: &[Cause]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// A narrow lot that the drive can keep in gear.
     fn served() -> Settings {
         Settings {
             restitution_low: 0.19,

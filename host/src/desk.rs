@@ -155,7 +155,6 @@ impl Progress {
         Self(bar)
     }
 
-    /// Counts finished steps.
     pub fn advance(&self, steps: u64) {
         self.0.inc(steps);
     }

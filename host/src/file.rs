@@ -24,7 +24,6 @@ pub fn is_standard_output_in_use() -> bool {
     STANDARD_OUTPUT_IN_USE.load(Ordering::Relaxed)
 }
 
-/// Whether the reader has closed standard output (`| head`).
 static READER_CLOSED: AtomicBool = AtomicBool::new(false);
 
 /// Whether the reader has closed standard output; the run then ends without a message.

@@ -17,7 +17,6 @@ use kband_machines::rig::Rig;
 use kband_plant::Scene;
 use outcome::Outcome;
 
-/// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 const TIMEOUT: &str = "120";
 /// Content of the settings' sectors before the test.
 const SETTINGS: u8 = 0x5a;
@@ -53,7 +52,6 @@ fn started(chip: Chip) -> Rig {
     rig
 }
 
-/// Offsets of the settings and faults in the flash.
 fn settings() -> Range<usize> {
     let [start, end] = [STM32F405RG.settings.start, STM32F405RG.settings.end]
         .map(|at| (at - STM32F405RG.flash.start) as usize);
@@ -157,7 +155,6 @@ fn a_half_written_board_does_not_start() {
         }
         assert!(settings_are_kept(&chip), "cut after {cut}");
     }
-    // A fresh board.
     let mut chip = board();
     chip.fails_after = Some(whole / 3);
     let (outcome, probe) = flash(chip, &[]);

@@ -35,7 +35,6 @@ fn complete(recorded: &Value, command: &str) {
     assert!(recorded["seed"].is_null(), "{recorded}");
 }
 
-/// The text of a PNG's Provenance.
 fn png_text(bytes: &[u8]) -> String {
     let reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
     let texts = &reader.info().utf8_text;

@@ -5,7 +5,6 @@ mod outcome;
 use kband_host::provenance;
 use outcome::kband;
 
-/// Output of `kband`, in a temporary folder.
 fn printed(args: &str) -> String {
     kband(tempfile::tempdir().unwrap(), args).done()
 }

@@ -108,7 +108,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     };
     let (low, high) = (fastest(keys::RIGHT), fastest(keys::END));
     assert!(0.0 < low && low < high, "{low} {high}");
-    // The run from start to end.
     for (key, begin) in [(keys::HOME, "At 0 s: off"), (keys::END, "At 10 s: ")] {
         browser.press("#time", &key.to_string());
         let verdict = browser.text("#amplitude .verdict");

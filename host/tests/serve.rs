@@ -18,7 +18,6 @@ use kband_host::board::{Address, Emulated};
 use kband_machines::images;
 use outcome::image;
 
-/// Longest wait for a state of the feeder, s; sufficient on a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 mod register {
@@ -88,7 +87,6 @@ impl Drop for Server {
     }
 }
 
-/// A master of Modbus TCP.
 struct Master {
     stream: TcpStream,
     transaction: u16,

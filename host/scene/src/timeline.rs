@@ -37,21 +37,11 @@ pub fn describe(target: Target) -> String {
 const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, flow = g/s, identify = true, \
                        tones = [k, e, degrees]";
 
-const KEYS: [&str; 9] = [
-    "gear",
-    "locked",
-    "chaotic",
-    "k",
-    "amplitude",
-    "speed",
-    "flow",
-    "identify",
-    "tones",
-];
+const KEYS: &str = "gear locked chaotic k amplitude speed flow identify tones";
 
 pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut target = None;
-    for key in KEYS {
+    for key in KEYS.split(' ') {
         let Some(value) = section.take(key) else {
             continue;
         };
@@ -88,7 +78,7 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     }
     target.ok_or_else(|| {
         let misspelt = |key| section.misspelt(key, TARGETS);
-        if let Some(refusal) = KEYS.into_iter().find_map(misspelt) {
+        if let Some(refusal) = KEYS.split(' ').find_map(misspelt) {
             return refusal;
         }
         let cause = format!("{} says nothing", section.path(""));

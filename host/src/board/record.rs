@@ -11,11 +11,9 @@ use kband_link::Unsolicited;
 
 use crate::refusal::Refusal;
 
-/// One message of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BoardMessage {
     Telemetry(Telemetry),
-    /// A record of the event log.
     Event(Record),
     /// The board restarted with this image.
     Started(String),
@@ -46,7 +44,6 @@ impl From<Unsolicited> for BoardMessage {
 /// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Damage {
-    /// Number of unreadable frames.
     pub unreadable: u64,
     /// Number of bytes after the last complete frame.
     pub cut: u64,

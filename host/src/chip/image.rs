@@ -35,7 +35,6 @@ impl Piece {
         Self { address, bytes }
     }
 
-    /// Address after the last byte.
     fn end(&self) -> u32 {
         self.address + self.bytes.len() as u32
     }

@@ -16,7 +16,6 @@ pub struct Chip {
     /// Slot of the program, after the loader.
     pub slot: Range<u32>,
     pub memory: Range<u32>,
-    /// Number of entries of the vector table.
     pub vectors: usize,
     /// Family of the chip in its identity register.
     pub family: u32,
@@ -37,9 +36,7 @@ pub struct Chip {
 /// Option bytes for a feeder: highest level of the brown-out reset, watchdog from reset on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionBytes {
-    /// Register for the keys.
     pub keys: u32,
-    /// Register of the option bytes.
     pub register: u32,
     /// Bits to clear for both.
     pub clears: u32,
@@ -52,13 +49,11 @@ pub struct OptionBytes {
 impl OptionBytes {
     /// Keys that unlock the option bytes, in order (RM0090, 3.7.2).
     pub const KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
-    /// Bit that locks them.
     pub const LOCK: u32 = 1;
     /// Bit that starts their programming.
     pub const START: u32 = 1 << 1;
 }
 
-/// A flash controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Controller {
     pub keys: u32,
@@ -77,7 +72,6 @@ impl Controller {
     pub const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
     /// Status bit: an operation is in progress.
     pub const BUSY: u32 = 1 << 16;
-    /// Control bit: locked.
     pub const LOCK: u32 = 1 << 31;
 }
 

@@ -4,7 +4,6 @@ use toml::{Table, Value};
 
 use crate::refusal::Refusal;
 
-/// A key of a scene and its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axes {
     /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.

@@ -153,7 +153,6 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     Some(picture)
 }
 
-/// Mass on the track: simulated, and estimated by the board.
 fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     let mut truth: Vec<(f64, f64)> = Vec::new();
     for (from, mass) in outcome.masses() {
@@ -172,7 +171,6 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     panel.line("weighed", 0, weighed)
 }
 
-/// Flow off the track: simulated, and estimated by the board.
 fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> Panel {
     let requested = match outcome.target() {
         Target::Flow(flow) => Some(f64::from(flow)),

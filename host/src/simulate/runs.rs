@@ -10,24 +10,19 @@ use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Refusal;
 use crate::report::{Column, Table, Value, columns, fields, finite};
 
-/// Result of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Restitution drawn for the first part.
     pub restitution: f32,
     /// True sensitivity of the accelerometer over the configured one.
     pub sensitivity: f32,
-    /// Number of kicks.
     pub attempts: u8,
-    /// Simulated regime of the parts at the end.
     pub regime: String,
-    /// State at the end.
     pub state: State,
     /// Time in s at which the requested state was entered and held to the end.
     pub reached: Option<f64>,
     /// Amplitude b at the end in m.
     pub amplitude: f64,
-    /// k at the end.
     pub k: f64,
     /// Simulated share of time in gear from 5 s on, mean over the parts, if the run was longer.
     pub in_gear: Option<f64>,
@@ -40,7 +35,6 @@ pub struct Run {
 }
 
 fields! {
-    /// A run and its number.
     pub fn rows(row: (usize, Run)) {
         all RUN => row.0;
         all RESTITUTION => f64::from(row.1.restitution);
@@ -225,7 +219,6 @@ pub(super) fn table_of<'a>(
 }
 
 fields! {
-    /// Summary of the runs of one method.
     pub fn summary(runs: Runs) {
         all CONTROL.text() => runs.name;
         all RUNS => runs.runs.len();

@@ -12,7 +12,6 @@ use crate::report::{Column, Field, Printout, Table as Rows, View, counted, field
 
 const MAX_RUNS: usize = 1_000_000;
 
-/// Result of one point of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Values of the swept keys, in their order.

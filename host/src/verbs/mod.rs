@@ -108,7 +108,6 @@ struct CommandLine {
     verb: Option<Verb>,
 }
 
-/// Version of the tool and of its link protocol.
 fn version() -> &'static str {
     static WORDS: LazyLock<String> = LazyLock::new(|| {
         let version = env!("CARGO_PKG_VERSION");

@@ -47,7 +47,6 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, args: &[&str]) -> Outcome {
     }
 }
 
-/// The image of the emulated board.
 pub fn image() -> String {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     image.to_str().unwrap().to_string()

@@ -11,7 +11,6 @@ use crate::refusal::Result;
 use crate::simulate::describe;
 use crate::verbs::board::{recipe, settings};
 
-/// Settings, target and recipes of a board.
 pub struct Backup {
     image: String,
     settings: BoardSettings,

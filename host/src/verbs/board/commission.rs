@@ -228,7 +228,6 @@ impl Record {
         page
     }
 
-    /// Settings before and after: the changed ones, and all.
     fn settings(&self, cell: &dyn Fn(&Json) -> String) -> (Vec<Vec<String>>, Vec<Vec<String>>) {
         let settings =
             |step: Option<&Json>| step.map_or(Json::Null, |step| step["settings"].clone());

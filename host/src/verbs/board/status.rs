@@ -60,7 +60,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
 const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
-/// Columns of the screen of `kband status --live`.
 const SCREEN_COLUMNS: usize = 80;
 
 pub struct BoardStatus {
@@ -328,6 +327,12 @@ impl BoardStatus {
     }
 }
 
+/// Prints the present status, the last act of a verb.
+pub fn show(link: &mut Link, format: Format) -> Result<Exit> {
+    BoardStatus::request(link)?.printout()?.print(format)?;
+    Ok(Exit::Done)
+}
+
 fn row(link: &mut Link) -> Result<Telemetry> {
     let end = Instant::now() + TELEMETRY_TIMEOUT;
     while Instant::now() < end {
@@ -395,8 +400,8 @@ mod tests {
         let mut now = status();
         let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
         (now.telemetry.limits, now.telemetry.gear_band) = (limits, Some([0.392_12, 0.477_43]));
-        (now.telemetry.margin, now.telemetry.load) =
-            (Some(GearMargin::default()), Some(Load::default()));
+        now.telemetry.margin = Some(GearMargin::default());
+        now.telemetry.load = Some(Load::default());
         let inputs = &mut now.status.inputs;
         (inputs.over_temperature, inputs.over_current) = (true, true);
         (inputs.supply_low, inputs.clock_failed) = (true, true);

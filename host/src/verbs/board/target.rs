@@ -5,7 +5,7 @@ use kband_control::wire::Request;
 use kband_control::{NoSetpoint, Settings, StartCause, State, Target};
 
 use super::settings::check_flash;
-use super::status::BoardStatus;
+use super::status::{self, BoardStatus};
 use crate::arguments::{self, FormatArguments};
 use crate::board::{Address, BoardSettings, Emulated};
 use crate::desk::Desk;
@@ -193,9 +193,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         link.command(&Request::Save)?;
         eprintln!("saved: the board starts with it, and with its settings, from now on");
     }
-    let status = BoardStatus::request(&mut link)?;
-    status.printout()?.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    status::show(&mut link, arguments.printed.format)
 }
 
 #[cfg(test)]

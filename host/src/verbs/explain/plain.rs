@@ -3,7 +3,6 @@
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use textwrap::{Options as Wrap, fill};
 
-/// Largest width of a text, columns.
 pub const WIDTH: usize = 80;
 
 /// Smallest width of a table's last column; below it each row becomes a paragraph.

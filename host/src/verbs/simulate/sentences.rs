@@ -340,7 +340,6 @@ fn describe_load(outcome: &Outcome) -> Option<String> {
     }
 }
 
-/// Phase of the lock: simulated, measured, predicted.
 fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
     let Some(phase) = outcome.lock_phase() else {
         return vec![];

@@ -84,19 +84,11 @@ impl Entry {
                 Some(number)
             })?;
         }
-        let own_keys = [
-            "number",
-            "name",
-            "target",
-            "value",
-            "second_tone",
-            "third_tone",
-        ];
-        let keys = item.as_table().into_iter().flatten().map(|(key, _)| key);
-        for key in keys {
-            if !own_keys.contains(&&key[..]) && !Recipe::KEYS.contains(&&key[..]) {
-                let all: Vec<&str> = own_keys.into_iter().chain(Recipe::KEYS).collect();
-                return Err(refused(&lines, key, "a key of no recipe", all.join(", ")));
+        let own_keys = "number name target value second_tone third_tone".split(' ');
+        let known: Vec<&str> = own_keys.chain(Recipe::KEYS).collect();
+        for (key, _) in item.as_table().into_iter().flatten() {
+            if !known.contains(&&key[..]) {
+                return Err(refused(&lines, key, "a key of no recipe", known.join(", ")));
             }
         }
         Ok(Self {
@@ -173,7 +165,6 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
     })
 }
 
-/// Word and number of a target, as lines of a file.
 fn target_lines(target: Target) -> String {
     let tone = |tone: UpperTone| format!("[{:?}, {:?}]", tone.ratio, tone.phase);
     match target {

@@ -18,7 +18,6 @@ const FAREWELL_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub struct Broker {
     client: Client,
-    /// Topic with the state of the client, online or offline.
     status: String,
     connected: Arc<AtomicBool>,
 }

@@ -17,7 +17,6 @@ const TARGET_FAILED: u8 = 0x0b;
 pub struct Gateway {
     link: Link,
     failure: Option<Refusal>,
-    /// Number of the next event for [`Feeder::news`].
     next_event: u32,
     has_telemetry: bool,
 }

@@ -2,7 +2,6 @@
 
 use crate::refusal::{Refusal, Result};
 
-/// A client that cannot exist.
 pub enum Broker {}
 
 impl Broker {

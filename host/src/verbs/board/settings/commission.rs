@@ -14,7 +14,6 @@ use crate::report::{fields, shortest};
 
 /// Half-width of the narrowest proposed interval: the accuracy of the identification.
 const MIN_HALF_WIDTH: f32 = 0.02;
-/// Number of hops for a result, for the progress bar.
 const RESULT_HOPS: u64 = 64;
 
 fields! {

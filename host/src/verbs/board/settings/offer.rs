@@ -64,7 +64,6 @@ impl Commissioning<'_> {
 
 /// Time between two requests of telemetry; they also keep the link alive for the board.
 const LISTEN_INTERVAL: Duration = Duration::from_millis(300);
-/// Longest time from the command to rest.
 const REST_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The refusal for a drive that does not run, because no impact would be measured.
