@@ -202,15 +202,10 @@ mod tests {
     }
 
     #[test]
-    fn served_lot_has_no_cause() {
-        let settings = served();
-        let best = BestSetpoint::from_settings(&settings, 1);
+    fn each_bound_is_named_where_it_alone_binds_and_no_other() {
+        let best = BestSetpoint::from_settings(&served(), 1);
         assert!(best.share >= MIN_SHARE_IN_GEAR, "{best:?}");
-        assert_eq!(causes(&settings, 1, best), []);
-    }
-
-    #[test]
-    fn each_bound_is_named_where_it_alone_binds() {
+        assert_eq!(causes(&served(), 1, best), []);
         type Change = fn(&mut Settings);
         let cases: [(&str, Change); 6] = [
             ("a stronger drive", |s| s.gain = 0.15),

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 
 use kband_control::Target;
 use kband_control::wire::{
-    Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
-    SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
-    write_identity_request, write_request, write_update_request,
+    Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Refusal as Refused, Request,
+    Response, SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer,
+    write_identity, write_identity_request, write_request, write_update_request,
 };
 
 use kband_scene::refusal::Refusal;
@@ -26,13 +26,29 @@ const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 /// Largest number of queued messages without a request: over a minute at 50 Hz.
 const MAX_UNSOLICITED: usize = 4096;
 
-/// Message that a board sends without a request.
+/// One message of a board; those without a request are telemetry and starts.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Unsolicited {
+pub enum BoardMessage {
     /// A drive cycle.
     Telemetry(Telemetry),
+    /// A record of the event log.
+    Event(Record),
     /// The board restarted, with this image.
     Started(String),
+    /// Key and value of a setting.
+    Setting(String, f32),
+}
+
+impl BoardMessage {
+    /// The message in a response; `None` for other responses.
+    pub fn from_response(response: Response<'_>) -> Option<Self> {
+        match response {
+            Response::Telemetry(telemetry) => Some(Self::Telemetry(telemetry)),
+            Response::Event(event) => event.map(Self::Event),
+            Response::Setting(setting) => Some(Self::Setting(setting.key.into(), setting.value)),
+            _ => None,
+        }
+    }
 }
 
 /// Called during a wait; a refusal ends the wait.
@@ -53,7 +69,7 @@ pub struct Link {
     image: String,
     bytes_received: usize,
     unreadable: u32,
-    unsolicited: VecDeque<Unsolicited>,
+    unsolicited: VecDeque<BoardMessage>,
     record: Option<Box<dyn Write + Send>>,
     check_stop: CheckStop,
     over: bool,
@@ -195,7 +211,7 @@ impl Link {
     }
 
     /// Waits for `time`; returns the messages without a request, oldest first.
-    pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
+    pub fn listen(&mut self, time: Duration) -> Result<Vec<BoardMessage>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
         Ok(self.unsolicited.drain(..).collect())
     }
@@ -356,11 +372,11 @@ impl Link {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => Some(Unsolicited::Telemetry(telemetry)),
+                    } => Some(BoardMessage::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
-                    } => Some(Unsolicited::Started(identity.image.into())),
+                    } => Some(BoardMessage::Started(identity.image.into())),
                     _ => None,
                 };
                 self.unsolicited.extend(message);

@@ -3,43 +3,10 @@
 
 use std::io::Read;
 
-use kband_control::wire::{
-    Outgoing, Receiver, Record, Response, SCHEMA, Telemetry, VERSION, read_answer,
-};
-
-use kband_link::Unsolicited;
+use kband_control::wire::{Outgoing, Receiver, SCHEMA, VERSION, read_answer};
+use kband_link::BoardMessage;
 
 use crate::refusal::Refusal;
-
-#[derive(Clone, Debug, PartialEq)]
-pub enum BoardMessage {
-    Telemetry(Telemetry),
-    Event(Record),
-    /// The board restarted with this image.
-    Started(String),
-    Setting(String, f32),
-}
-
-impl BoardMessage {
-    /// The message in a response; `None` for other responses.
-    pub fn from_response(response: Response<'_>) -> Option<Self> {
-        match response {
-            Response::Telemetry(telemetry) => Some(Self::Telemetry(telemetry)),
-            Response::Event(event) => event.map(Self::Event),
-            Response::Setting(setting) => Some(Self::Setting(setting.key.into(), setting.value)),
-            _ => None,
-        }
-    }
-}
-
-impl From<Unsolicited> for BoardMessage {
-    fn from(message: Unsolicited) -> Self {
-        match message {
-            Unsolicited::Telemetry(telemetry) => Self::Telemetry(telemetry),
-            Unsolicited::Started(image) => Self::Started(image),
-        }
-    }
-}
 
 /// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -127,7 +94,9 @@ fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::wire::{Identity, MAX_FRAME_BYTES, write_identity, write_response};
+    use kband_control::wire::{
+        Identity, MAX_FRAME_BYTES, Response, Telemetry, write_identity, write_response,
+    };
 
     use super::*;
 

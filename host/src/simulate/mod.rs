@@ -1,7 +1,6 @@
 //! Scenes at the desk: run with progress, drawn, and varied. Each of these modules uses only
-//! earlier ones: schema; run, picture, trace, runs, axes, sweep.
+//! earlier ones: schema; run, picture, trace, runs, sweep.
 
-pub(crate) mod axes;
 mod picture;
 mod run;
 pub(crate) mod runs;

@@ -18,8 +18,8 @@ use crate::provenance;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::rows_file;
 use crate::report::{self, Format, Printout, Table};
-use crate::simulate::axes::Axes;
-use crate::simulate::sweep::Sweep;
+
+use crate::simulate::sweep::{Axes, Sweep};
 use crate::simulate::{
     DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, run_watched, runs,
     schema, trace,

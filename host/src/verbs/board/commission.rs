@@ -11,7 +11,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::status::BoardStatus;
 use crate::arguments::{self, FormatArguments};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::file::Destination;
 use crate::page::{self, Page};
@@ -92,7 +92,7 @@ fn telemetry(link: &mut Link, every: u16, seconds: f64, desk: &Desk) -> Result<V
         while start.elapsed().as_secs_f64() < seconds {
             desk.check_stop()?;
             for message in link.listen(Duration::from_millis(100))? {
-                if let Unsolicited::Telemetry(row) = message {
+                if let BoardMessage::Telemetry(row) = message {
                     rows.push(row);
                 }
             }

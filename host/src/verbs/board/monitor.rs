@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use kband_control::wire::{Record, Request, Telemetry};
 use kband_control::{Event, Fault, GearMargin, Limits, State, UpperTone};
 
-use crate::board::{Address, BoardMessage, Emulated, Link, NEXT, Unsolicited, replay};
+use crate::board::{Address, BoardMessage, Emulated, Link, NEXT, replay};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Column, Format, Value, fields, finite, number, shortest, when};
@@ -104,11 +104,11 @@ fn print_live(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<()>
                 going = false;
                 break;
             }
-            if let Unsolicited::Started(_) = message {
+            if let BoardMessage::Started(_) = message {
                 // A board starts with its telemetry off.
                 link.command(&Request::Telemetry(arguments.every as u16))?;
             }
-            going &= rows.take(message.into())?;
+            going &= rows.take(message)?;
         }
         going &= log(&mut link, rows)? && arguments.rows.is_none_or(|max| rows.cycles < max as u64);
     }

@@ -8,7 +8,7 @@ use kband_control::{Fault, Limits, State, Target};
 use serde_json::{Value as Json, json};
 
 use crate::arguments::FormatArguments;
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::causes::{self, BestSetpoint, Cause, CauseCache};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal, Result};
@@ -337,7 +337,7 @@ fn row(link: &mut Link) -> Result<Telemetry> {
     let end = Instant::now() + TELEMETRY_TIMEOUT;
     while Instant::now() < end {
         for message in link.listen(Duration::from_millis(50))? {
-            if let Unsolicited::Telemetry(telemetry) = message {
+            if let BoardMessage::Telemetry(telemetry) = message {
                 return Ok(telemetry);
             }
         }
@@ -383,19 +383,6 @@ mod tests {
     }
 
     #[test]
-    fn held_drive_names_the_remedy_of_the_first_cause() {
-        let mut now = status();
-        now.status.inputs.enable = true;
-        now.telemetry.state = State::Holding.number();
-        assert!(now.next().contains("kband explain holding"));
-        now.causes = vec![Cause {
-            remedy: "a stronger drive".into(),
-            best: BestSetpoint::default(),
-        }];
-        assert_eq!(now.next(), "a stronger drive");
-    }
-
-    #[test]
     fn the_live_view_fits_a_terminal_of_80_columns_and_24_lines() {
         let mut now = status();
         let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
@@ -432,11 +419,16 @@ mod tests {
     }
 
     #[test]
-    fn the_next_step_names_what_blocks_the_drive() {
+    fn the_next_step_names_what_blocks_the_drive_or_the_first_cause() {
         let mut now = status();
         assert!(now.next().contains("enable input has to be given"));
         now.status.inputs.enable = true;
         assert!(now.next().contains("edge"));
+        now.telemetry.state = State::Holding.number();
+        assert!(now.next().contains("kband explain holding"));
+        let cause = causes::misfit(&kband_control::Settings::default(), 0.327);
+        now.causes = vec![cause.clone()];
+        assert_eq!(now.next(), cause.remedy);
         now.status.inputs.supply_low = true;
         assert!(now.next().contains("'supply low'"));
         now.status.permitted = false;

@@ -6,7 +6,7 @@ use kband_control::State;
 use kband_control::wire::{Request, Telemetry};
 
 use super::save_if_requested;
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::{Refusal, Result};
 use crate::report::{Field, Format, View, columns};
@@ -88,8 +88,8 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>> {
     link.command(&Request::Telemetry(0))?;
     let mut received = received.into_iter().rev();
     Ok(received.find_map(|received| match received {
-        Unsolicited::Telemetry(telemetry) => Some(telemetry),
-        Unsolicited::Started(_) => None,
+        BoardMessage::Telemetry(telemetry) => Some(telemetry),
+        _ => None,
     }))
 }
 
@@ -110,7 +110,7 @@ pub(super) fn gather(
     while start.elapsed() < within && !enough(&cycles) {
         desk.check_stop()?;
         for received in link.listen(LISTEN_INTERVAL)? {
-            if let Unsolicited::Telemetry(telemetry) = received {
+            if let BoardMessage::Telemetry(telemetry) = received {
                 take(&mut cycles, telemetry);
             }
         }
