@@ -110,13 +110,11 @@ pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
     Err(Refusal::new(cause, next))
 }
 
-#[derive(Clone, Debug)]
 pub struct Output {
     format: Format,
     kind: Option<(Destination, Kind)>,
 }
 
-#[derive(Clone, Copy, Debug)]
 enum Kind {
     Picture(Look),
     Numbers(Format),

@@ -12,10 +12,8 @@ use std::slice;
 use std::sync::OnceLock;
 
 use kband::impact::{ContactTime, Impact, Kernel, Map, Orbit, PartState};
-use kband::regime::Lock;
-use kband::regime::MAX_ORDER;
 use kband::regime::classify::Regime;
-use kband::regime::exponent;
+use kband::regime::{Lock, MAX_ORDER, exponent};
 
 pub use gears::{Gears, InGear};
 use memory::JUDGED_IMPACTS;

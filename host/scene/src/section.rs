@@ -27,7 +27,6 @@ pub(crate) fn pair(value: &Value) -> Option<(f64, f64)> {
 }
 
 /// One table of a scene file; keys that remain at the end are unknown.
-#[derive(Clone, Debug)]
 pub(crate) struct Section {
     name: String,
     table: Table,

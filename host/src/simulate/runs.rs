@@ -74,11 +74,6 @@ impl Runs {
         Ok(Self { name, runs })
     }
 
-    /// Completed runs.
-    pub fn new(name: &'static str, runs: Vec<Run>) -> Self {
-        Self { name, runs }
-    }
-
     /// Number of runs that reached the requested state.
     pub fn reached(&self) -> usize {
         self.runs.iter().filter(|run| run.reached.is_some()).count()
@@ -340,11 +335,12 @@ mod tests {
             in_gear_coverage: None,
             speed: 0.0,
         };
+        let share_of = |runs| Runs { name: "", runs }.share();
         let runs = (0..100).map(|n| run((n < 90).then_some(1.0)));
-        let (share, low, high) = Runs::new("", runs.collect()).share();
+        let (share, low, high) = share_of(runs.collect());
         // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.
         assert!((share - 0.9).abs() < 1e-12);
         assert!((low - 0.8256).abs() < 1e-3 && (high - 0.9448).abs() < 1e-3);
-        assert_eq!(Runs::new("", vec![run(None)]).share().1, 0.0);
+        assert_eq!(share_of(vec![run(None)]).1, 0.0);
     }
 }

@@ -107,7 +107,6 @@ fn set_number(table: &mut Table, within: Option<&str>, key: &str, value: f64) ->
     Some(())
 }
 
-#[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Values of the swept keys, in their order.
     pub values: Vec<f64>,
@@ -125,7 +124,6 @@ fn at_point(refusal: Refusal, axes: &[Axes], values: &[f64]) -> Refusal {
     refusal.at(format!("--sweep at {}", point.join(", ")))
 }
 
-#[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     axes: Vec<Axes>,
     /// The last key varies fastest.
@@ -215,7 +213,10 @@ impl Sweep {
         let mut runs = runs.into_iter();
         let points = scenes.into_iter().map(|(values, _)| Point {
             values,
-            runs: Runs::new("sweep", runs.by_ref().take(count).collect()),
+            runs: Runs {
+                name: "sweep",
+                runs: runs.by_ref().take(count).collect(),
+            },
         });
         Ok(Self {
             points: points.collect(),

@@ -21,12 +21,10 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 use kband_control::wire::{SCHEMA, VERSION};
 
-use crate::arguments;
 use crate::desk::Desk;
-use crate::file;
-use crate::provenance;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::when;
+use crate::{arguments, file, provenance};
 
 macro_rules! verbs {
     ($($verb:ident => $($module:ident)::+,)*) => {

@@ -9,15 +9,13 @@ use kband::feeder::Restitution;
 use kband_control::Target;
 use kband_plant::{Moment, Sample};
 
-use crate::arguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES};
-use crate::provenance;
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::rows_file;
-use crate::report::{self, Format, Printout, Table};
+use crate::report::{self, Format, Printout, Table, rows_file};
+use crate::{arguments, provenance};
 
 use crate::simulate::sweep::{Axes, Sweep};
 use crate::simulate::{
@@ -293,19 +291,22 @@ fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) ->
         alone.scene.target = Target::Locked { order };
     }
     let planned = Runs::run("planned kicks", file, count, fidelity, desk)?;
+    let kicks = |target| {
+        use Target::{Chaotic, Locked, PartsPerMinute, Speed};
+        matches!(
+            target,
+            Locked { .. } | Chaotic | Speed(_) | PartsPerMinute(_)
+        )
+    };
     let alone = if alone.scene.targets().any(kicks) {
         Runs::run("band alone", &alone, count, fidelity, desk)?
     } else {
-        Runs::new("band alone", planned.runs.clone())
+        Runs {
+            name: "band alone",
+            ..planned.clone()
+        }
     };
     Ok([planned, alone])
-}
-
-fn kicks(target: Target) -> bool {
-    matches!(
-        target,
-        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_)
-    )
 }
 
 #[cfg(test)]

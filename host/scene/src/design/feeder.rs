@@ -204,8 +204,7 @@ pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::Controller;
-    use kband_control::StartCause;
+    use kband_control::{Controller, StartCause};
 
     use super::*;
 

@@ -19,7 +19,7 @@ use crate::scene::SceneFile;
 pub use feeder::Feeder;
 use table::{Axis, Lot, Table};
 pub use verdict::{Conveyed, Sensitivity};
-use verdict::{FRONT_RUNS, NOMINAL, close, closed, judge, simulate};
+use verdict::{Trial, closed};
 
 /// Called during the work; a refusal ends the work.
 pub type CheckStop<'a> = &'a dyn Fn() -> Result<(), Refusal>;
@@ -198,27 +198,29 @@ impl Design {
             scatter: settings.scatter.into(),
             seed: ranges.seed,
         };
-        let today = today(file, &lot, workers)?;
-        let table = Table::compute(&file.scene, &lot, axes(settings, ranges)?, workers)?;
+        let trial = Trial { file, lot };
+        let today = today(&trial, workers)?;
+        let table = Table::compute(&file.scene, &trial.lot, axes(settings, ranges)?, workers)?;
         let result = search::search(settings, ranges, &table, workers)?;
         if result.front.is_empty() {
             return Err(refuse_empty(&result, ranges));
         }
         let feeders: Vec<Feeder> = result.front.iter().map(|best| best.feeder).collect();
-        let simulated = simulate(file, &lot, &feeders, &[NOMINAL], FRONT_RUNS, workers)?;
+        let simulated = trial.front(&feeders, workers)?;
         let error = error(result.front.iter().zip(&simulated));
         let front = search::pareto_front(&simulated, |run| (run.share, run.speed)).into_iter();
         let front = front.map(|n| (feeders[n], simulated[n]));
         let front: Vec<(Feeder, Conveyed)> = front.collect();
         let chosen = spread(front.len(), ranges.checked).map(|n| front[n].0);
         let chosen: Vec<Feeder> = chosen.collect();
-        let judged = judge(file, &lot, &chosen, workers)?;
+        let judged = trial.judge(&chosen, workers)?;
         // The new simulation may show that another feeder is better.
         let undominated = search::pareto_front(&judged, |(run, _)| (run.share, run.speed));
         let chosen: Vec<Feeder> = undominated.iter().map(|n| chosen[*n]).collect();
         let judged = undominated.iter().map(|n| judged[*n]);
         let runs = workers.map("closed loop", chosen.len(), |n, check_stop| {
-            close(file, &lot, Some(&chosen[n]), check_stop).map(|outcome| closed(&outcome))
+            let outcome = trial.close(Some(&chosen[n]), check_stop)?;
+            Ok(closed(&outcome))
         })?;
         let all = chosen.iter().zip(judged).zip(runs);
         let best = all.map(|((feeder, (simulated, sensitivity)), closed)| Designed {
@@ -255,16 +257,15 @@ fn spread(count: usize, max_count: usize) -> impl Iterator<Item = usize> {
 }
 
 /// The scene's own feeder at its controller's amplitude, with share and speed of parts there.
-fn today(file: &SceneFile, lot: &Lot, workers: &impl Workers) -> Result<Option<Designed>, Refusal> {
-    let outcome = workers.map("closed loop", 1, |_, check_stop| {
-        close(file, lot, None, check_stop)
-    })?;
+fn today(trial: &Trial<'_>, workers: &impl Workers) -> Result<Option<Designed>, Refusal> {
+    let close = |_, check_stop: CheckStop<'_>| trial.close(None, check_stop);
+    let outcome = workers.map("closed loop", 1, close)?;
     let Some((outcome, run)) = outcome.first().and_then(|run| Some((run, closed(run)?))) else {
         return Ok(None);
     };
     let tones = outcome.last().shape.numbers();
-    let feeder = Feeder::from_settings(&file.scene.settings, outcome.k(), tones);
-    let judged = judge(file, lot, &[feeder], workers)?;
+    let feeder = Feeder::from_settings(&trial.file.scene.settings, outcome.k(), tones);
+    let judged = trial.judge(&[feeder], workers)?;
     Ok(judged.first().map(|(simulated, sensitivity)| Designed {
         feeder,
         simulated: *simulated,

@@ -40,7 +40,6 @@ impl Axis {
     }
 }
 
-#[derive(Clone, Debug)]
 pub(super) struct Lot {
     pub restitutions: Vec<f64>,
     /// Standard deviation from impact to impact.

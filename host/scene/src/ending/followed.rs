@@ -162,7 +162,6 @@ fn periodic(impacts: u32, cycles: u32) -> Regime {
 }
 
 /// A stored state, to detect the orbit's return (Brent's cycle detection, 1980).
-#[derive(Clone, Copy, Debug)]
 struct SavedState {
     state: PartState,
     count: usize,
