@@ -7,6 +7,7 @@ pub use amplitude::{AmplitudeArguments, k_of};
 
 use std::path::{Path, PathBuf};
 
+use clap::builder::ValueParser;
 use kband::arithmetic::Noise;
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{ContactTime, Scatter, Tone, Wave};
@@ -332,29 +333,23 @@ pub fn number(text: &str) -> Result<f64, String> {
 }
 
 /// A parser of numbers within `low..=high`; `unit` is named in the refusal (may be empty).
-pub fn within(
-    low: f64,
-    high: f64,
-    unit: &'static str,
-) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| {
+pub fn within(low: f64, high: f64, unit: &'static str) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let value = number(text).ok();
         let value = value.filter(|value| (low..=high).contains(value));
-        value.ok_or_else(|| {
-            let space = if unit.is_empty() { "" } else { " " };
-            format!("accepted: {low}..{high}{space}{unit}")
-        })
-    }
+        value.ok_or_else(|| format!("accepted: {}", format!("{low}..{high} {unit}").trim_end()))
+    })
 }
 
-pub fn count(
-    low: usize,
-    high: usize,
-) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
-    move |text| match text.trim().replace('_', "").parse::<usize>() {
-        Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(format!("accepted: a whole number, {low}..{high}")),
-    }
+pub fn count(low: usize, high: usize) -> ValueParser {
+    ValueParser::new(move |text: &str| {
+        let value = whole(text).filter(|value| (low..=high).contains(value));
+        value.ok_or_else(|| format!("accepted: a whole number, {low}..{high}"))
+    })
+}
+
+fn whole(text: &str) -> Option<usize> {
+    text.trim().replace('_', "").parse().ok()
 }
 
 pub fn pin(text: &str) -> Result<kband_control::wire::Pin, String> {
@@ -407,19 +402,15 @@ pub fn tone(text: &str) -> Result<Tone, String> {
 }
 
 /// A parser of one value or a range `LO..HI[:N]`, N = `count` if absent, with ends in `low..=high`.
-pub fn range_or_value(
-    accepted: (f64, f64),
-    count: usize,
-) -> impl Fn(&str) -> Result<Range, String> + Clone + Send + Sync + 'static {
-    move |text| {
-        let (low, high) = accepted;
+pub fn range_or_value((low, high): (f64, f64), count: usize) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let is_open = text.contains("..") && !text.contains(':');
         let counted = when(is_open, || format!(":{count}"));
         let range = range(&format!("{text}{counted}")).ok();
         let within = range.filter(|range| low <= range.low && range.high <= high);
         let accepted = || format!("one number or LO..HI or LO..HI:N within {low}..{high}");
         within.ok_or_else(|| format!("accepted: {}, LO < HI, N in 2..1000000", accepted()))
-    }
+    })
 }
 
 /// Parses a range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
@@ -431,7 +422,7 @@ pub fn range(text: &str) -> Result<Range, String> {
         };
         let (high, steps) = rest.split_once(':')?;
         let (low, high) = (number(low).ok()?, number(high).ok()?);
-        let steps = count(2, 1_000_000)(steps).ok()?;
+        let steps = whole(steps).filter(|steps| (2..=1_000_000).contains(steps))?;
         (low < high).then_some(Range::new(low, high, steps))
     };
     let accepted = "LO..HI:N with LO < HI and N in 2..1000000";
@@ -439,12 +430,8 @@ pub fn range(text: &str) -> Result<Range, String> {
 }
 
 /// A parser of one number or `LO..HI` within `low..=high`, as both ends.
-pub fn interval(
-    low: f64,
-    high: f64,
-    unit: &'static str,
-) -> impl Fn(&str) -> Result<[f64; 2], String> + Clone + Send + Sync + 'static {
-    move |text| {
+pub fn interval(low: f64, high: f64, unit: &'static str) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let (from, to) = text.split_once("..").unwrap_or((text, text));
         match (number(from), number(to)) {
             (Ok(from), Ok(to)) if low <= from && from <= to && to <= high => Ok([from, to]),
@@ -453,7 +440,7 @@ pub fn interval(
                 Err(format!("accepted: one number or LO..HI within {accepted}"))
             }
         }
-    }
+    })
 }
 
 #[cfg(test)]

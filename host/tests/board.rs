@@ -221,12 +221,14 @@ fn a_board_is_monitored_recorded_and_replayed() {
     let folder = folder();
     let args = "monitor --every 5 --format json --record run.kband --rows 6";
     let now = kband(&folder, args).done();
-    let lines = now.lines().skip(1);
-    let rows: Vec<Value> = lines
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    let cycles = rows.iter();
-    let cycles = cycles.filter(|row| row["k"].is_number() || row["state"].is_string());
+    let rows = now
+        .lines()
+        .skip(1)
+        .map(|line| serde_json::from_str(line).unwrap());
+    let rows: Vec<Value> = rows.collect();
+    let cycles = rows
+        .iter()
+        .filter(|row| row["k"].is_number() || row["state"].is_string());
     let cycles: Vec<u64> = cycles.map(|row| row["cycle"].as_u64().unwrap()).collect();
     assert_eq!(cycles.len(), 6, "{now}");
     let mut pairs = cycles.windows(2);
@@ -405,10 +407,9 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     let tables = browser
         .script("return [...document.querySelectorAll('table')].map((table) => table.innerText)");
     let settings = tables[0].as_str().unwrap();
-    let lines: Vec<&str> = settings.lines().collect();
-    assert_eq!(lines.len(), 3, "{settings}");
-    for (line, begin) in [(1, "scatter\t0.05\t0.07"), (2, "soft_start\t0.4\t0.5\ts")] {
-        assert!(lines[line].starts_with(begin), "{settings}");
+    assert_eq!(settings.lines().count(), 3, "{settings}");
+    for begin in ["\nscatter\t0.05\t0.07", "\nsoft_start\t0.4\t0.5\ts"] {
+        assert!(settings.contains(begin), "{settings}");
     }
     let readings = tables[2].as_str().unwrap();
     for expected in ["as found", "holding"] {

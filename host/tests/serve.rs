@@ -252,9 +252,8 @@ fn a_gateway_board_reaches_gear_and_detects_a_silent_bus() {
     let (server, _folder) = gateway(2.0, 2.0);
     let mut plc = Master::connect(&server);
     plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
-    plc.write(register::CONTROL, &[0]).unwrap();
     plc.write(register::KIND, &[1]).unwrap();
-    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.start();
     plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
     assert!(plc.read(register::SHARE_IN_GEAR) > 5000);
     // Another client shares the control word; an invalid request returns an exception of the board.

@@ -16,6 +16,6 @@ pub(crate) use kband_scene::{
     Lot, STATISTICS_START, describe, part_group, regime_text, within_reach,
 };
 pub(crate) use picture::{STATE_FILLS, draw, state_fill};
-pub(crate) use run::{SceneText, run};
+pub(crate) use run::SceneText;
 pub use run::{run_on, run_watched};
 pub use runs::Runs;

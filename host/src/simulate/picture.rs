@@ -68,12 +68,8 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let levels = [Some(k_last), band.map(|band| band.high())];
     let levels = levels.into_iter().flatten().filter(|k| k.is_finite());
     let top = levels.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
-    let mut k = sketch.k.drawn();
-    for point in &mut k {
-        if point.1 >= top {
-            point.1 = f64::NAN;
-        }
-    }
+    let visible = |(time, k)| (time, if k < top { k } else { f64::NAN });
+    let k = sketch.k.drawn().into_iter().map(visible).collect();
     let mut throw = Panel::new(time(), Axis::new("k", "", 0.0, top)).height(190.0);
     // Band and phase of the lock apply to one tone.
     let alone = outcome.last().shape.is_sine();

@@ -37,12 +37,6 @@ impl SceneText {
     }
 }
 
-/// Runs a scene to its end at its own fidelity (default: envelope), with a progress bar.
-pub fn run(file: &SceneFile, desk: &Desk) -> Result<Outcome, Refusal> {
-    let fidelity = file.fidelity.unwrap_or_default();
-    run_watched(file, fidelity, Watch::FOR_PICTURE, desk)
-}
-
 /// Runs a scene to its end at a fidelity, with observers and a progress bar.
 pub fn run_watched(
     file: &SceneFile,

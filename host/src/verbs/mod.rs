@@ -242,12 +242,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_consistent() {
+    fn the_command_line_is_consistent_with_a_help_line_and_an_example_for_each_verb() {
         command().debug_assert();
-    }
-
-    #[test]
-    fn every_verb_has_a_help_line_and_an_example() {
         for verb in command().get_subcommands() {
             let name = verb.get_name();
             assert!(verb.get_about().is_some(), "{name} has no help");

@@ -17,10 +17,8 @@ pub struct Row {
     drives: &'static [[f32; 3]],
 }
 
-/// Drives with one tone, and with two.
 const ONE_TONE: [f32; 3] = [0.0; 3];
 const TWO_TONES: [f32; 3] = [0.15, 0.0, 0.0];
-/// Tones for lots that need more, and a limit of 5 g.
 const STRONG_TWO_TONES: [f32; 3] = [0.25, 0.0, 0.0];
 const THREE_TONES: [f32; 3] = [0.3, 0.06, 5.0];
 

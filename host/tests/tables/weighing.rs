@@ -111,16 +111,12 @@ fn row(scene: &Scene) -> Result<String, OutOfRange> {
         assert!(error.abs() < 0.04, "{estimated} for {truth}: {scene:?}");
         format!("{:+.1} %", error * 100.0)
     };
-    let estimated = if result.estimated > 0.0 {
-        [
-            format!("{:.0}", result.mass),
-            percent(result.mass, mass),
-            format!("{:.1}", result.flow),
-            percent(result.flow, flow),
-        ]
-    } else {
-        ["-", "-", "-", "-"].map(String::from)
-    };
+    let mut estimated = ["-"; 4].map(String::from);
+    if result.estimated > 0.0 {
+        let [weighed, flows] = [format!("{:.0}", result.mass), format!("{:.1}", result.flow)];
+        let [off, away] = [percent(result.mass, mass), percent(result.flow, flow)];
+        estimated = [weighed, off, flows, away];
+    }
     let [weighed, off, flows, away] = estimated;
     Ok(format!(
         "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",
