@@ -220,18 +220,17 @@ impl Endings {
 
     /// The result of [`Self::stays_in_gear`] if computed; false for orders without chaos detection.
     fn known_to_stay(&self, order: u32) -> Option<bool> {
-        match order.checked_sub(1).and_then(|n| self.held.get(n as usize)) {
-            Some(held) => held.get().copied(),
-            None => Some(false),
-        }
+        let held = self.held(order);
+        held.map_or(Some(false), |held| held.get().copied())
     }
 
     fn set_stays(&self, order: u32, stays: bool) {
-        let held = order.checked_sub(1).and_then(|n| self.held.get(n as usize));
-        if let Some(held) = held {
-            // An earlier value is equal, because it was computed alike.
-            let _ = held.set(stays);
-        }
+        // An earlier value is equal, because it was computed alike.
+        let _ = self.held(order).map(|held| held.set(stays));
+    }
+
+    fn held(&self, order: u32) -> Option<&OnceLock<bool>> {
+        self.held.get(order.checked_sub(1)? as usize)
     }
 }
 

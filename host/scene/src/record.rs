@@ -280,12 +280,11 @@ impl Curve {
         if first.0 > second.0 {
             (first, second) = (second, first);
         }
-        match self.count {
-            0 => {}
-            _ if first.0 == second.0 => self.points.push(first),
-            _ => self.points.extend([first, second]),
+        if std::mem::take(&mut self.count) > 0 {
+            self.points.push(first);
+            let other = Some(second).filter(|second| second.0 != first.0);
+            self.points.extend(other);
         }
-        self.count = 0;
     }
 
     /// Points of the curve, including the present stretch.

@@ -161,23 +161,20 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
         };
         let endings = &tracks[track];
         let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
-        // Advances to the first impact: without a period-1 orbit the start is a lift-off.
-        loop {
-            match orbit.next() {
-                Some(OrbitEvent::Impact(impact)) => {
-                    if trial.add_impact(&impact) {
-                        flown.push((endings, impact.next, trial));
-                    } else {
-                        endings.set_stays(order, trial.stays);
-                    }
-                    break;
-                }
-                Some(OrbitEvent::LiftOff { .. }) if trial.flights == 0 => trial.flights += 1,
-                _ => {
-                    endings.set_stays(order, false);
-                    break;
-                }
-            }
+        let mut first = orbit.next();
+        // Without a period-1 orbit the start is a lift-off.
+        if let Some(OrbitEvent::LiftOff { .. }) = first {
+            trial.flights += 1;
+            first = orbit.next();
+        }
+        let Some(OrbitEvent::Impact(impact)) = first else {
+            endings.set_stays(order, false);
+            continue;
+        };
+        if trial.add_impact(&impact) {
+            flown.push((endings, impact.next, trial));
+        } else {
+            endings.set_stays(order, trial.stays);
         }
     }
     fly(

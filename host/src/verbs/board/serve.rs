@@ -10,6 +10,7 @@ mod network;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use kband_bus::Answer;
@@ -134,14 +135,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let now = Instant::now();
         let passed = (now - last).min(LONGEST_STEP);
         last = now;
-        end = shared.with(|served| {
-            served.feeder.advance(passed)?;
+        end = shared.with(|feeder| {
+            feeder.advance(passed)?;
             let publisher = publisher.as_mut();
-            publisher.map_or(Ok(()), |publisher| publisher.publish(&mut *served.feeder))
+            publisher.map_or(Ok(()), |publisher| publisher.publish(feeder))
         });
     }
     shared.stop();
-    let (requests, clients) = shared.with(|served| (served.requests, served.clients));
+    let [requests, clients] = [&shared.requests, &shared.clients];
+    let [requests, clients] = [requests, clients].map(|count| count.load(Ordering::Relaxed));
     println!("ended: {requests} requests of {clients} clients");
     end.map(|()| Exit::Done)
 }
