@@ -1,6 +1,5 @@
-//! Options shared by the verbs, and parsers of numbers, ranges and restitutions.
-//!
-//! An error of a parser is one line with the accepted range. clap adds the option and the value.
+//! Options shared by the verbs, and parsers of numbers, ranges and restitutions. An error of a
+//! parser is one line with the accepted range; clap adds the option and the value.
 
 mod amplitude;
 
@@ -8,6 +7,7 @@ pub use amplitude::{AmplitudeArguments, k_of};
 
 use std::path::{Path, PathBuf};
 
+use clap::builder::ValueParser;
 use kband::arithmetic::Noise;
 use kband::feeder::{OutOfRange, Restitution, STANDARD_GRAVITY, Track, TrackSettings};
 use kband::impact::{ContactTime, Scatter, Tone, Wave};
@@ -70,8 +70,7 @@ impl OutputArguments {
 }
 
 impl FileArguments {
-    /// Checked destination beside a result in this form on standard output. Numbers written
-    /// `by_rows` may also go to a .parquet file.
+    /// Checked destination; numbers written `by_rows` may also go to a .parquet file.
     pub fn check(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
         let Some(path) = &self.out else {
             return Ok(Output { format, kind: None });
@@ -112,13 +111,11 @@ pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
     Err(Refusal::new(cause, next))
 }
 
-#[derive(Clone, Debug)]
 pub struct Output {
     format: Format,
     kind: Option<(Destination, Kind)>,
 }
 
-#[derive(Clone, Copy, Debug)]
 enum Kind {
     Picture(Look),
     Numbers(Format),
@@ -185,7 +182,6 @@ pub struct Range {
 }
 
 impl Range {
-    /// A range of `count` values.
     pub const fn new(low: f64, high: f64, count: usize) -> Self {
         Self { low, high, count }
     }
@@ -337,29 +333,23 @@ pub fn number(text: &str) -> Result<f64, String> {
 }
 
 /// A parser of numbers within `low..=high`; `unit` is named in the refusal (may be empty).
-pub fn within(
-    low: f64,
-    high: f64,
-    unit: &'static str,
-) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| {
+pub fn within(low: f64, high: f64, unit: &'static str) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let value = number(text).ok();
         let value = value.filter(|value| (low..=high).contains(value));
-        value.ok_or_else(|| {
-            let space = if unit.is_empty() { "" } else { " " };
-            format!("accepted: {low}..{high}{space}{unit}")
-        })
-    }
+        value.ok_or_else(|| format!("accepted: {}", format!("{low}..{high} {unit}").trim_end()))
+    })
 }
 
-pub fn count(
-    low: usize,
-    high: usize,
-) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {
-    move |text| match text.trim().replace('_', "").parse::<usize>() {
-        Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(format!("accepted: a whole number, {low}..{high}")),
-    }
+pub fn count(low: usize, high: usize) -> ValueParser {
+    ValueParser::new(move |text: &str| {
+        let value = whole(text).filter(|value| (low..=high).contains(value));
+        value.ok_or_else(|| format!("accepted: a whole number, {low}..{high}"))
+    })
+}
+
+fn whole(text: &str) -> Option<usize> {
+    text.trim().replace('_', "").parse().ok()
 }
 
 pub fn pin(text: &str) -> Result<kband_control::wire::Pin, String> {
@@ -398,8 +388,7 @@ pub fn friction(text: &str) -> Result<(f64, f64), String> {
     Err(format!("accepted: {accepted}"))
 }
 
-/// Parses a harmonic of the track's motion, `E,TH`: amplitude over that of the first tone, and
-/// angle in rad.
+/// Parses `E,TH`: amplitude of a tone over that of the first one, and angle in rad.
 pub fn tone(text: &str) -> Result<Tone, String> {
     let read = || {
         let (amplitude, angle) = text.split_once(',')?;
@@ -413,19 +402,15 @@ pub fn tone(text: &str) -> Result<Tone, String> {
 }
 
 /// A parser of one value or a range `LO..HI[:N]`, N = `count` if absent, with ends in `low..=high`.
-pub fn range_or_value(
-    accepted: (f64, f64),
-    count: usize,
-) -> impl Fn(&str) -> Result<Range, String> + Clone + Send + Sync + 'static {
-    move |text| {
-        let (low, high) = accepted;
+pub fn range_or_value((low, high): (f64, f64), count: usize) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let is_open = text.contains("..") && !text.contains(':');
         let counted = when(is_open, || format!(":{count}"));
         let range = range(&format!("{text}{counted}")).ok();
         let within = range.filter(|range| low <= range.low && range.high <= high);
         let accepted = || format!("one number or LO..HI or LO..HI:N within {low}..{high}");
         within.ok_or_else(|| format!("accepted: {}, LO < HI, N in 2..1000000", accepted()))
-    }
+    })
 }
 
 /// Parses a range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
@@ -437,7 +422,7 @@ pub fn range(text: &str) -> Result<Range, String> {
         };
         let (high, steps) = rest.split_once(':')?;
         let (low, high) = (number(low).ok()?, number(high).ok()?);
-        let steps = count(2, 1_000_000)(steps).ok()?;
+        let steps = whole(steps).filter(|steps| (2..=1_000_000).contains(steps))?;
         (low < high).then_some(Range::new(low, high, steps))
     };
     let accepted = "LO..HI:N with LO < HI and N in 2..1000000";
@@ -445,12 +430,8 @@ pub fn range(text: &str) -> Result<Range, String> {
 }
 
 /// A parser of one number or `LO..HI` within `low..=high`, as both ends.
-pub fn interval(
-    low: f64,
-    high: f64,
-    unit: &'static str,
-) -> impl Fn(&str) -> Result<[f64; 2], String> + Clone + Send + Sync + 'static {
-    move |text| {
+pub fn interval(low: f64, high: f64, unit: &'static str) -> ValueParser {
+    ValueParser::new(move |text: &str| {
         let (from, to) = text.split_once("..").unwrap_or((text, text));
         match (number(from), number(to)) {
             (Ok(from), Ok(to)) if low <= from && from <= to && to <= high => Ok([from, to]),
@@ -459,7 +440,7 @@ pub fn interval(
                 Err(format!("accepted: one number or LO..HI within {accepted}"))
             }
         }
-    }
+    })
 }
 
 #[cfg(test)]

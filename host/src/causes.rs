@@ -1,8 +1,6 @@
-//! Causes of a share of time in gear below the best of the lot, each with its remedy.
-//!
-//! The method is relaxation of one constraint at a time. The plan of gear is repeated without one
-//! bound of the drive or the lot, in the order for checking them. The result is the predicted share
-//! in gear, 0..1, and the amplitude in mm.
+//! Causes of a share of time in gear below the best of the lot, each with its remedy. The method is
+//! relaxation of one constraint at a time: the plan of gear is repeated without one bound of drive
+//! or lot. The result is the predicted share in gear, 0..1, and the amplitude in mm.
 
 use std::f64::consts::TAU;
 
@@ -40,8 +38,7 @@ impl BestSetpoint {
     }
 }
 
-/// The controller's plan of gear of an order, and its amplitude b in mm; `None` if the drive brings
-/// no part into gear.
+/// The controller's plan of gear, and its amplitude b in mm; `None` if no part gets into gear.
 pub fn plan(settings: &Settings, order: u8) -> Option<(GearPlan, f64)> {
     let target = Target::Gear { order };
     let mut controller = Controller::build(settings, target, StartCause::Ordinary).ok()?;
@@ -136,8 +133,7 @@ pub fn causes(settings: &Settings, order: u8, now: BestSetpoint) -> Vec<Cause> {
     causes
 }
 
-/// Cause after the controller has detected that the parts do not fit the lot. `amplitude` in mm is
-/// the present one, without any share in gear.
+/// Cause after the parts were found not to fit the lot; `amplitude` in mm is the present one.
 pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
     let (low, high) = (settings.restitution_low, settings.restitution_high);
     let (share, scatter) = (0.0, settings.scatter);
@@ -150,8 +146,7 @@ pub fn misfit(settings: &Settings, amplitude: f64) -> Cause {
     }
 }
 
-/// Cache of the causes of one controller. They need up to seven plans, so they are computed only
-/// after a change of settings, order or plan.
+/// Causes of one controller; up to seven plans, repeated only for other settings, order or plan.
 #[derive(Clone, Debug, Default)]
 pub struct CauseCache {
     inputs: Option<(Settings, u8, BestSetpoint)>,
@@ -159,8 +154,7 @@ pub struct CauseCache {
 }
 
 impl CauseCache {
-    /// Causes for a target of gear, most likely first; `limits` are the active ones. Empty if the
-    /// lot stays in gear, or without a plan.
+    /// Causes for a target of gear under these limits; empty if the lot is in gear or has no plan.
     pub fn causes(
         &mut self,
         settings: &Settings,
@@ -198,7 +192,6 @@ pub fn describe(causes: &[Cause]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// A narrow lot that the drive can keep in gear.
     fn served() -> Settings {
         Settings {
             restitution_low: 0.19,
@@ -209,15 +202,10 @@ mod tests {
     }
 
     #[test]
-    fn served_lot_has_no_cause() {
-        let settings = served();
-        let best = BestSetpoint::from_settings(&settings, 1);
+    fn each_bound_is_named_where_it_alone_binds_and_no_other() {
+        let best = BestSetpoint::from_settings(&served(), 1);
         assert!(best.share >= MIN_SHARE_IN_GEAR, "{best:?}");
-        assert_eq!(causes(&settings, 1, best), []);
-    }
-
-    #[test]
-    fn each_bound_is_named_where_it_alone_binds() {
+        assert_eq!(causes(&served(), 1, best), []);
         type Change = fn(&mut Settings);
         let cases: [(&str, Change); 6] = [
             ("a stronger drive", |s| s.gain = 0.15),

@@ -11,8 +11,7 @@ use rayon::prelude::*;
 use crate::refusal::Refusal;
 
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
-/// Number of waits of 50 ms for a silent board after a request to stop; the last requests of a verb
-/// have this time.
+/// Number of waits of 50 ms for a silent board after a request to stop.
 const MAX_WAITS_AFTER_STOP: u32 = 6;
 
 /// Ends the waits for a silent board after a request to stop.
@@ -72,8 +71,8 @@ impl Desk {
         }
     }
 
-    /// Calls `work` for each of `0..count` on all cores; results are in order. A result may depend
-    /// only on its number, so any number of threads gives the same bits.
+    /// Calls `work` for each of `0..count` on all cores; results are in order, and the same for any
+    /// number of threads if each depends only on its number.
     pub fn map<T: Send>(
         &self,
         title: &str,
@@ -103,8 +102,7 @@ impl Desk {
         self.map(title, count, work)?.into_iter().collect()
     }
 
-    /// Like [`Desk::try_map`] for work on groups of `0..count`, each spread over the whole range. A
-    /// group has at most `block_size` members, and fewer if threads would be idle.
+    /// Like [`Desk::try_map`] for groups of up to `block_size` numbers, each spread over the range.
     pub fn spread<T: Send>(
         &self,
         title: &str,
@@ -157,7 +155,6 @@ impl Progress {
         Self(bar)
     }
 
-    /// Counts finished steps.
     pub fn advance(&self, steps: u64) {
         self.0.inc(steps);
     }

@@ -1,11 +1,7 @@
-//! Output files, written completely or not at all, and never over an input or output of the same
-//! run.
-//!
-//! The method is a temporary file in the same folder, renamed when complete (atomic replacement).
-//! Data of a board is also flushed to the disk. Results of a computation are not: on a busy disk
-//! that took longer than the main job, and they can be computed again.
-//! A file that the user names replaces an older one, with a message. A file with a default name
-//! replaces only a file that kband wrote.
+//! Output files, written completely or not at all, and never over a file of the same run: into a
+//! temporary file in the same folder, renamed when complete (atomic replacement). Only data of a
+//! board is also flushed to the disk. A file that the user names replaces an older one, with a
+//! message. A file with a default name replaces only a file that kband wrote.
 
 mod used;
 
@@ -28,7 +24,6 @@ pub fn is_standard_output_in_use() -> bool {
     STANDARD_OUTPUT_IN_USE.load(Ordering::Relaxed)
 }
 
-/// Whether the reader has closed standard output (`| head`).
 static READER_CLOSED: AtomicBool = AtomicBool::new(false);
 
 /// Whether the reader has closed standard output; the run then ends without a message.
@@ -81,8 +76,7 @@ pub struct Destination {
 }
 
 impl Destination {
-    /// The destination `path`, or standard output for `-` and `-.png`. The ending selects the
-    /// format; the default is `ending`.
+    /// The destination `path`, or standard output for `-` and `-.png`, with a default ending.
     pub fn output(path: &Path, ending: &str) -> Result<Self, Refusal> {
         let Some(requested) = standard(path) else {
             return Self::check(path);
@@ -101,8 +95,7 @@ impl Destination {
         })
     }
 
-    /// The destination `path`. Refused: a folder, a file in a missing folder, and a file that this
-    /// run already reads or writes under any name.
+    /// The destination `path`, unless it is a folder, in a missing folder, or a file of this run.
     pub fn check(path: &Path) -> Result<Self, Refusal> {
         let (name, folder) = (path.display(), folder(path));
         let refuse = |cause: String, next: &str| Err(Refusal::new(cause, next));
@@ -141,8 +134,7 @@ impl Destination {
         })
     }
 
-    /// The same for a default name: also refused if the file exists and kband did not write it.
-    /// `own` decides that from the file's first bytes.
+    /// The same for a default name; `own` decides by the first bytes whether kband wrote the file.
     pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
         let target = Self::check(path)?;
         if target.replaces {
@@ -202,9 +194,8 @@ impl Destination {
         self.write_by(|file| content(file).map_err(|error| self.write_refusal(&error)))
     }
 
-    /// Writes the file by `work`, which may refuse; returns its result.
-    ///
-    /// A symbolic link is followed. A pipe or a device is written directly. Neither is replaced.
+    /// Writes the file by `work`, which may refuse; returns its result. A symbolic link is
+    /// followed, a pipe or a device written directly.
     pub fn write_by<T>(
         &self,
         work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,

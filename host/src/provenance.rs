@@ -1,7 +1,5 @@
-//! Provenance of a result: version, commit, command, parameters with units, seed, arithmetic.
-//!
-//! Every file and every CSV or JSON on standard output contains it. The command line sets it once.
-//! It is equal for two runs of one command: no time, no machine, no number of threads.
+//! Provenance of a result: version, commit, command, parameters with units, seed, arithmetic. It is
+//! equal for two runs of one command: no time, no machine, no number of threads.
 
 use std::ffi::OsString;
 use std::io::Write;

@@ -1,5 +1,4 @@
-//! Rows printed one by one: aligned, as CSV, or as a JSON object a line. The provenance comes
-//! first.
+//! Rows printed one by one after the provenance: aligned, as CSV, or as a JSON object a line.
 
 use std::io::{ErrorKind, Write};
 

@@ -11,7 +11,7 @@ use kband_control::wire::{
     Identity, Incoming, MAX_FRAME_BYTES, Receiver, Refusal, Request, Response, SCHEMA, Setting,
     Telemetry, VERSION, read_request, write_identity, write_response,
 };
-use kband_control::{Identification, Identified, Settings, State, Target};
+use kband_control::{Identification, Identified, Key, Settings, State, Target};
 use kband_host::provenance;
 use kband_machines::emulator::Machine;
 use kband_machines::images;
@@ -20,7 +20,6 @@ use outcome::Outcome;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 const TIMEOUT: &str = "60";
 /// Time limit of a board's process and of a wait for a status.
 const BOARD_TIMEOUT: Duration = Duration::from_secs(600);
@@ -222,12 +221,14 @@ fn a_board_is_monitored_recorded_and_replayed() {
     let folder = folder();
     let args = "monitor --every 5 --format json --record run.kband --rows 6";
     let now = kband(&folder, args).done();
-    let lines = now.lines().skip(1);
-    let rows: Vec<Value> = lines
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect();
-    let cycles = rows.iter();
-    let cycles = cycles.filter(|row| row["k"].is_number() || row["state"].is_string());
+    let rows = now
+        .lines()
+        .skip(1)
+        .map(|line| serde_json::from_str(line).unwrap());
+    let rows: Vec<Value> = rows.collect();
+    let cycles = rows
+        .iter()
+        .filter(|row| row["k"].is_number() || row["state"].is_string());
     let cycles: Vec<u64> = cycles.map(|row| row["cycle"].as_u64().unwrap()).collect();
     assert_eq!(cycles.len(), 6, "{now}");
     let mut pairs = cycles.windows(2);
@@ -256,12 +257,11 @@ fn an_identification_that_has_no_result_yet_changes_nothing() {
     let folder = folder();
     on_flash(&folder, "settings save").done();
     let saved = flash(&folder);
-    let args = "settings commission --within 2";
-    on_flash(&folder, args).refused(&["after 2 s", "no result", "--within"]);
+    let outcome = on_flash(&folder, "settings commission --within 2");
+    outcome.refused(&["after 2 s", "no result", "--within"]);
     assert_eq!(flash(&folder), saved);
 }
 
-/// Reads a saved setting by its key.
 fn stored(folder: &TempDir) -> impl Fn(&str) -> f64 {
     let all = on_flash(folder, "settings list --format json").json();
     move |key| {
@@ -272,8 +272,7 @@ fn stored(folder: &TempDir) -> impl Fn(&str) -> f64 {
 }
 
 /// The emulated drive has one resonance: 1 mm and Q 25 at 50 Hz. At n times 50 Hz its response is
-/// `1 mm / 25 / (n^2 - 1)`, opposite in phase to the output. The configured gains and lags differ
-/// from it.
+/// `1 mm / 25 / (n^2 - 1)`, opposite in phase to the output, unlike the configured one.
 #[test]
 fn the_drive_response_at_multiples_is_measured_and_saved() {
     let folder = folder();
@@ -287,15 +286,16 @@ fn the_drive_response_at_multiples_is_measured_and_saved() {
         assert_eq!(result["applied"], true, "{result}");
         let stored = stored(&folder);
         let [gain, lag] = ["gain", "lag"].map(|what| stored(&format!("{tone}_{what}")));
-        let deviation = (gain / answer - 1.0).abs();
-        assert!(deviation < exact, "{tone}: {gain} {result}");
+        assert!(
+            (gain / answer - 1.0).abs() < exact,
+            "{tone}: {gain} {result}"
+        );
         let late = (lag.rem_euclid(360.0) - 180.0).abs();
         assert!(late < 60.0 * exact, "{tone}: {lag} {result}");
     }
 }
 
-/// The emulated sensor measures no gravity. The emulated drive has the parameters of the default
-/// settings.
+/// The emulated sensor measures no gravity; the emulated drive has the default parameters.
 #[test]
 fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     let folder = folder();
@@ -311,17 +311,11 @@ fn the_tests_of_the_sensor_are_commissioned_and_passed() {
     assert!((stored("sensor_rest") - 1.65).abs() < 1e-3, "{result}");
     assert!((stored("gain") - 1.0).abs() < 0.03, "{result}");
     assert!((stored("current_gain") - 0.5).abs() < 0.015, "{result}");
-    let tolerance = stored("gain_tolerance");
-    assert!((1.3..1.4).contains(&tolerance), "{result}");
-    let tolerance = stored("load_tolerance");
-    assert!((1.3..2.0).contains(&tolerance), "{result}");
-    // The next start passes its tests. Without --apply the measurement is repeated and no setting
-    // changes.
+    assert!((1.3..1.4).contains(&stored("gain_tolerance")), "{result}");
+    assert!((1.3..2.0).contains(&stored("load_tolerance")), "{result}");
+    // The next start passes its tests. Without --apply no setting changes.
     let outcome = on_flash(&folder, "settings commission --sensor --within 100");
-    outcome.prints(&[
-        "settings set gain_tolerance",
-        "settings set current_gain 0.",
-    ]);
+    outcome.prints(&["set gain_tolerance", "set current_gain 0."]);
 }
 
 /// An emulated board at a pseudo-terminal that keeps running between commands.
@@ -413,10 +407,9 @@ fn commissioning_writes_a_record_with_settings_and_pictures() {
     let tables = browser
         .script("return [...document.querySelectorAll('table')].map((table) => table.innerText)");
     let settings = tables[0].as_str().unwrap();
-    let lines: Vec<&str> = settings.lines().collect();
-    assert_eq!(lines.len(), 3, "{settings}");
-    for (line, begin) in [(1, "scatter\t0.05\t0.07"), (2, "soft_start\t0.4\t0.5\ts")] {
-        assert!(lines[line].starts_with(begin), "{settings}");
+    assert_eq!(settings.lines().count(), 3, "{settings}");
+    for begin in ["\nscatter\t0.05\t0.07", "\nsoft_start\t0.4\t0.5\ts"] {
+        assert!(settings.contains(begin), "{settings}");
     }
     let readings = tables[2].as_str().unwrap();
     for expected in ["as found", "holding"] {
@@ -474,13 +467,12 @@ fn identity(sequence: u8, schema: u32, image: &str) -> Vec<u8> {
     frame.unwrap().to_vec()
 }
 
-/// A board after measuring its parts: present and saved settings and target, and whether the drive
-/// runs.
+/// A board after measuring its parts: settings and target, saved ones, and whether it runs.
 #[cfg(unix)]
 struct Commissioned {
-    settings: Vec<f32>,
+    settings: Settings,
     target: Target,
-    saved: Option<(Vec<f32>, Target)>,
+    saved: Option<(Settings, Target)>,
     running: bool,
 }
 
@@ -508,64 +500,50 @@ impl Commissioned {
     }
 
     fn answer(&mut self, sequence: u8, request: &Request) -> Vec<u8> {
-        let done = || Response::Done;
-        let response = match *request {
-            Request::Setting(number) => match Settings::KEYS.get(usize::from(number)) {
-                Some(key) => Response::Setting(Setting {
+        let mut response = Response::Done;
+        match *request {
+            Request::Setting(number) => {
+                let keys = Settings::KEYS.iter().zip(self.settings.values());
+                let setting = |(key, value): (&Key, f32)| Setting {
                     number,
                     key: key.name,
                     unit: key.unit,
-                    value: self.settings[usize::from(number)],
+                    value,
                     low: key.low,
                     high: key.high,
                     default: key.default,
-                }),
-                None => Response::Refused(Refusal::Unknown),
-            },
+                };
+                let setting = keys.map(setting).nth(number.into());
+                let unknown = Response::Refused(Refusal::Unknown);
+                response = setting.map_or(unknown, Response::Setting);
+            }
             // As on the real board, no setting changes while the drive runs.
             Request::Set { .. } | Request::Save if self.running => {
-                Response::Refused(Refusal::Running)
+                response = Response::Refused(Refusal::Running);
             }
-            Request::Set { key, value } => {
-                let place = Settings::KEYS.iter().position(|known| known.name == key);
-                self.settings[place.unwrap()] = value;
-                done()
-            }
-            Request::Save => {
-                self.saved = Some((self.settings.clone(), self.target));
-                done()
-            }
-            Request::Held => Response::Held(self.target),
-            Request::Target(target) => {
-                self.target = target;
-                done()
-            }
-            Request::Enable(enable) => {
-                self.running = enable;
-                done()
-            }
+            Request::Set { key, value } => self.settings.set(key, value).unwrap(),
+            Request::Save => self.saved = Some((self.settings, self.target)),
+            Request::Held => response = Response::Held(self.target),
+            Request::Target(target) => self.target = target,
+            Request::Enable(enable) => self.running = enable,
             Request::Identification => {
-                Response::Identification(Identification::Found(Identified {
+                response = Response::Identification(Identification::Found(Identified {
                     restitution: 0.31,
                     deviation: 0.004,
                     k: 0.5,
                     scatter: 0.0,
                     hops: 64,
-                }))
+                }));
             }
-            _ => done(),
-        };
+            _ => {}
+        }
         let mut buffer = [0; MAX_FRAME_BYTES];
         let response = write_response(&mut buffer, sequence, &response);
         let mut answers = response.unwrap().to_vec();
         if let Request::Telemetry(1) = request {
-            let state = if self.running {
-                State::Holding
-            } else {
-                State::Off
-            };
+            let state = [State::Off, State::Holding][usize::from(self.running)].number();
             let telemetry = Telemetry {
-                state: state.number(),
+                state,
                 ..Telemetry::default()
             };
             let row = write_response(&mut buffer, 0, &Response::Telemetry(telemetry));
@@ -578,12 +556,11 @@ impl Commissioned {
 #[cfg(unix)]
 #[test]
 fn commissioning_saves_its_result_with_the_old_target() {
-    let before = Settings::default().values().to_vec();
     let target = Target::Speed(60.0);
     for apply in [false, true] {
         let (mut far, near, name) = outcome::port();
         let mut board = Commissioned {
-            settings: before.clone(),
+            settings: Settings::default(),
             target,
             saved: None,
             running: true,
@@ -601,14 +578,13 @@ fn commissioning_saves_its_result_with_the_old_target() {
         assert_eq!(outcome.json()["applied"], apply);
         assert!(board.running);
         assert_eq!(board.target, target);
-        let result = Settings {
-            restitution_low: 0.29,
-            restitution_high: 0.33,
-            ..Settings::default()
-        };
-        let saved = apply.then(|| (result.values().to_vec(), target));
+        let mut expected = Settings::default();
+        if apply {
+            (expected.restitution_low, expected.restitution_high) = (0.29, 0.33);
+        }
+        let saved = apply.then_some((expected, target));
         assert_eq!(board.saved, saved, "--apply saves them");
-        assert!(apply || board.settings == before);
+        assert_eq!(board.settings, expected);
     }
 }
 

@@ -17,14 +17,12 @@ use kband_machines::rig::Rig;
 use kband_plant::Scene;
 use outcome::Outcome;
 
-/// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 const TIMEOUT: &str = "120";
 /// Content of the settings' sectors before the test.
 const SETTINGS: u8 = 0x5a;
 /// Content of the rest of the flash, from an older image.
 const OLD_IMAGE_BYTE: u8 = 0x00;
-/// Time in s after power-on. By then a board without records has erased the sector of its first
-/// fault, which takes at most 2 s.
+/// Time in s after power-on by which a board without records has erased a sector.
 const ERASE_TIME: f64 = 2.5;
 
 /// Runs `kband flash` with the feeder's image on the probe of this name.
@@ -44,10 +42,8 @@ fn feeder() -> PathBuf {
     images::build("kband-firmware", "feeder", Machine::CortexM4F)
 }
 
-/// The flash of a chip in a machine, after power-on.
-///
-/// The older content of the fault sector is no record, so the sector is erased first. During the
-/// erasure the board receives nothing.
+/// The flash of a chip in a machine, after power-on. The older content of the fault sector is no
+/// record, so the sector is erased first; meanwhile the board receives nothing.
 fn started(chip: Chip) -> Rig {
     let mut rig = Rig::with(chip, &Scene::default());
     rig.chip.power_on();
@@ -56,7 +52,6 @@ fn started(chip: Chip) -> Rig {
     rig
 }
 
-/// Offsets of the settings and faults in the flash.
 fn settings() -> Range<usize> {
     let [start, end] = [STM32F405RG.settings.start, STM32F405RG.settings.end]
         .map(|at| (at - STM32F405RG.flash.start) as usize);
@@ -93,8 +88,8 @@ fn a_written_image_boots_with_the_drive_off_and_answers_the_desk() {
     assert!(contains(&chip, &image));
     assert!(settings_are_kept(&chip));
     assert!(chip.was_halted && !chip.driven_while_halted);
-    let vector = &image.pieces()[0].bytes[4..8];
-    let entry = u32::from_le_bytes([vector[0], vector[1], vector[2], vector[3]]);
+    let entry = image.pieces()[0].bytes[4..].first_chunk();
+    let entry = u32::from_le_bytes(*entry.unwrap());
     assert_eq!(chip.running(), Some(entry & !1));
     started(chip).request(&Request::SelfTest, |response| {
         assert!(matches!(response, Response::SelfTest(test) if test.sensor));
@@ -146,8 +141,7 @@ fn a_half_written_board_does_not_start() {
     outcome.done();
     let whole = probe.chip().operations();
     let near_end = [300, 3, 2, 1].map(|left| whole - left);
-    // During the erasure, the first page, the middle, after the verification, and in the last
-    // words.
+    // During erasure, first page, middle, after the verification, and in the last words.
     for cut in [1, 2, 3, 5, 8, 120, whole / 2].into_iter().chain(near_end) {
         let mut chip = board();
         chip.fails_after = Some(cut);
@@ -161,7 +155,6 @@ fn a_half_written_board_does_not_start() {
         }
         assert!(settings_are_kept(&chip), "cut after {cut}");
     }
-    // A fresh board.
     let mut chip = board();
     chip.fails_after = Some(whole / 3);
     let (outcome, probe) = flash(chip, &[]);
@@ -182,8 +175,7 @@ fn another_chip_is_neither_stopped_nor_written() {
         chip.board.identity = identity;
         let before = chip.flash().to_vec();
         let (outcome, probe) = flash(chip, &[]);
-        outcome.refused(&expected);
-        outcome.refused(&["nothing was changed", "right board"]);
+        outcome.refused(&[&expected[..], &["nothing was changed", "right board"]].concat());
         let chip = probe.chip();
         assert!(!chip.was_halted && chip.is_driven());
         assert!(chip.flash() == before);

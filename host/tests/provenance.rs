@@ -35,7 +35,6 @@ fn complete(recorded: &Value, command: &str) {
     assert!(recorded["seed"].is_null(), "{recorded}");
 }
 
-/// The text of a PNG's Provenance.
 fn png_text(bytes: &[u8]) -> String {
     let reader = png::Decoder::new(Cursor::new(bytes)).read_info().unwrap();
     let texts = &reader.info().utf8_text;
@@ -105,8 +104,7 @@ fn outputs_contain_their_whole_scene() {
     assert!(svg.contains("track.frequency"));
 }
 
-/// Another CSV reader that skips comments reads a CSV. The units in the header are those in the
-/// comments, and every number parses.
+/// Another CSV reader reads every number, and the units in header and comments agree.
 #[test]
 fn a_csv_is_read_with_its_units_by_another_program() {
     let folder = tempfile::tempdir().unwrap();

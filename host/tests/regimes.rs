@@ -5,7 +5,6 @@ mod outcome;
 use kband_host::provenance;
 use outcome::kband;
 
-/// Output of `kband`, in a temporary folder.
 fn printed(args: &str) -> String {
     kband(tempfile::tempdir().unwrap(), args).done()
 }
@@ -23,10 +22,10 @@ fn close(value: &serde_json::Value, reference: f64, tolerance: f64) {
 
 #[test]
 fn an_empty_band_is_reported_plainly() {
-    let bands = json("bands --restitution 0.1..0.3 --orders 1");
+    let args = "bands --restitution 0.1..0.3 --orders 1";
+    let bands = json(args);
     assert_eq!(bands[0]["empty"], true);
     assert!(bands[0]["setpoint"].is_null());
-    let args = "bands --restitution 0.1..0.3 --orders 1";
     let bands = kband(tempfile::tempdir().unwrap(), args);
     bands.prints(&["no band of order 1", "would allow it"]);
 }

@@ -1,5 +1,4 @@
-//! The page of a feeder in a real browser: moves the sliders and compares the values with the
-//! verbs.
+//! The page of a feeder in a real browser: moves the sliders and compares with the verbs.
 
 mod outcome;
 
@@ -53,8 +52,7 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     assert_eq!(asked, serde_json::json!([]));
     let plots = browser.script("return document.querySelectorAll('.plot svg').length");
     assert_eq!(plots, 7);
-    // Moves the lot's slider by its keys, four steps of 0.005 to the left; then the drive's
-    // frequency.
+    // Moves the lot's slider four steps of 0.005 to the left; then the drive's frequency.
     let verdict = || numbers(&browser.text("#bands .verdict"));
     let agree = |lot: &str, frequency: &str| {
         let reported = verdict();
@@ -110,7 +108,6 @@ fn the_feeder_page_shows_the_results_of_the_verbs() {
     };
     let (low, high) = (fastest(keys::RIGHT), fastest(keys::END));
     assert!(0.0 < low && low < high, "{low} {high}");
-    // The run from start to end.
     for (key, begin) in [(keys::HOME, "At 0 s: off"), (keys::END, "At 10 s: ")] {
         browser.press("#time", &key.to_string());
         let verdict = browser.text("#amplitude .verdict");

@@ -1,5 +1,4 @@
-//! The JSON that kband prints matches the schemas in docs/schemas. All its names are in the list of
-//! columns.
+//! The JSON of kband matches docs/schemas, and all its names are in the list of columns.
 
 mod outcome;
 
@@ -13,8 +12,7 @@ use kband_machines::images;
 use kband_scene::{DEFAULT, SceneFile};
 use serde_json::{Map, Value};
 
-/// Results with their own form, and the commands that print them: those of the desk, then, after a
-/// line of dashes, those of a board.
+/// Results with their own form and their commands: of the desk, a line of dashes, of a board.
 const RESULTS: &str = include_str!("schemas.txt");
 
 /// Results in one section of the list, each with its commands.

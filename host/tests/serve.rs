@@ -18,7 +18,6 @@ use kband_host::board::{Address, Emulated};
 use kband_machines::images;
 use outcome::image;
 
-/// Longest wait for a state of the feeder, s; sufficient on a busy machine.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
 mod register {
@@ -88,7 +87,6 @@ impl Drop for Server {
     }
 }
 
-/// A master of Modbus TCP.
 struct Master {
     stream: TcpStream,
     transaction: u16,
@@ -228,8 +226,7 @@ fn an_address_in_use_is_refused() {
     outcome.refused(&[&address, "--modbus"]);
 }
 
-/// The gateway to an emulated board whose bus has this authority and timeout, and the folder with
-/// its flash.
+/// The gateway to an emulated board with this bus authority and timeout, and its folder.
 fn gateway(bus: f32, timeout: f32) -> (Server, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let address = Address {
@@ -255,9 +252,8 @@ fn a_gateway_board_reaches_gear_and_detects_a_silent_bus() {
     let (server, _folder) = gateway(2.0, 2.0);
     let mut plc = Master::connect(&server);
     plc.wait(status::READY_TO_START | status::IN_CONTROL, status::RUNS);
-    plc.write(register::CONTROL, &[0]).unwrap();
     plc.write(register::KIND, &[1]).unwrap();
-    plc.write(register::CONTROL, &[1]).unwrap();
+    plc.start();
     plc.wait(status::RUNS | status::TARGET_MET, status::FAULT);
     assert!(plc.read(register::SHARE_IN_GEAR) > 5000);
     // Another client shares the control word; an invalid request returns an exception of the board.

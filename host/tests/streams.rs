@@ -21,8 +21,7 @@ fn peak(child: &Child) -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-/// Number of lines that a command prints, and its peak memory near the end, when it waits for its
-/// reader.
+/// Number of lines that a command prints, and its peak memory near the end.
 fn printed(folder: &Path, args: &str, lines: usize) -> (usize, u64) {
     let mut child = start(folder, args);
     let mut out = BufReader::new(child.stdout.take().unwrap());

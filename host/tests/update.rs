@@ -23,8 +23,7 @@ const TIMEOUT: &str = "600";
 /// Of so many pieces of bytes from the desk, and from the board, one is lost.
 const LOST_FROM_DESK: usize = 41;
 const LOST_FROM_BOARD: usize = 97;
-/// Simulated time between two reads of the line, and longest simulated time without a byte from the
-/// desk, s.
+/// Simulated time between two reads of the line, and longest one without a byte, s.
 const STEP: f64 = 0.005;
 const IDLE: f64 = 2.0;
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use kband_control::wire::{Request, Telemetry};
 use kband_control::{Fault, State};
-use kband_link::{BoardSettings, Emulated, Link, Unsolicited};
+use kband_link::{BoardMessage, BoardSettings, Emulated, Link};
 use kband_scene::describe;
 use kband_scene::refusal::Refusal;
 use pyo3::exceptions::PyConnectionError;
@@ -137,7 +137,7 @@ impl Board {
                 let remaining = end.saturating_duration_since(Instant::now());
                 let messages = link.listen(remaining.min(LISTEN))?.into_iter();
                 rows.extend(messages.filter_map(|message| match message {
-                    Unsolicited::Telemetry(telemetry) => Some(row(&telemetry)),
+                    BoardMessage::Telemetry(telemetry) => Some(row(&telemetry)),
                     _ => None,
                 }));
             }

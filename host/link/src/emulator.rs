@@ -70,8 +70,7 @@ pub fn start(
         let flash = resolve(flash)?;
         let (folder, name) = (flash.parent(), flash.file_name());
         if let (Some(folder), Some(name)) = (folder, name) {
-            // The emulated board accepts only a short command line, so it receives the name without
-            // the folder.
+            // The board accepts only a short command line, so it receives the name alone.
             command.current_dir(folder);
             option += &format!(",arg={}", name.to_string_lossy().replace(',', ",,"));
         }
@@ -93,15 +92,13 @@ pub fn start(
         })
 }
 
-/// Makes the system kill the process of `command` when the thread that starts it ends, even if that
-/// is killed.
+/// Makes the system kill the process of `command` when the thread that starts it ends.
 #[cfg(target_os = "linux")]
 fn tether(command: &mut Command) {
     use rustix::process::{Signal, set_parent_process_death_signal};
     use std::os::unix::process::CommandExt;
     let tie = || set_parent_process_death_signal(Some(Signal::KILL)).map_err(Into::into);
-    // SAFETY: between fork and exec the closure makes one system call, and uses no lock and no
-    // memory.
+    // SAFETY: between fork and exec the closure makes one system call, without lock or memory.
     unsafe { command.pre_exec(tie) };
 }
 

@@ -15,5 +15,5 @@ mod settings;
 mod update;
 
 pub use emulator::Emulated;
-pub use link::{CheckStop, Link, Unsolicited};
+pub use link::{BoardMessage, CheckStop, Link};
 pub use settings::{BoardSetting, BoardSettings, set_all};

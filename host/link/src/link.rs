@@ -1,8 +1,6 @@
-//! Requests to a board and its responses, over a serial port or to an emulated board.
-//!
-//! The method is stop-and-wait with sequence numbers. An idempotent request is repeated every 0.5 s
-//! until its response arrives or the time limit of 10 s passes. Telemetry, which a board sends
-//! without a request, is kept in a queue.
+//! Requests to a board and its responses, over a serial port or to an emulated board. The method is
+//! stop-and-wait with sequence numbers: an idempotent request is repeated every 0.5 s for up to 10
+//! s. Telemetry, which a board sends without a request, is kept in a queue.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -13,9 +11,9 @@ use std::time::{Duration, Instant};
 
 use kband_control::Target;
 use kband_control::wire::{
-    Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Refusal as Refused, Request, Response,
-    SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer, write_identity,
-    write_identity_request, write_request, write_update_request,
+    Access, Identity, MAX_FRAME_BYTES, Outgoing, Receiver, Record, Refusal as Refused, Request,
+    Response, SCHEMA, Status, Telemetry, UpdateAnswer, UpdateRequest, VERSION, read_answer,
+    write_identity, write_identity_request, write_request, write_update_request,
 };
 
 use kband_scene::refusal::Refusal;
@@ -28,13 +26,29 @@ const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 /// Largest number of queued messages without a request: over a minute at 50 Hz.
 const MAX_UNSOLICITED: usize = 4096;
 
-/// Message that a board sends without a request.
+/// One message of a board; those without a request are telemetry and starts.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Unsolicited {
+pub enum BoardMessage {
     /// A drive cycle.
     Telemetry(Telemetry),
+    /// A record of the event log.
+    Event(Record),
     /// The board restarted, with this image.
     Started(String),
+    /// Key and value of a setting.
+    Setting(String, f32),
+}
+
+impl BoardMessage {
+    /// The message in a response; `None` for other responses.
+    pub fn from_response(response: Response<'_>) -> Option<Self> {
+        match response {
+            Response::Telemetry(telemetry) => Some(Self::Telemetry(telemetry)),
+            Response::Event(event) => event.map(Self::Event),
+            Response::Setting(setting) => Some(Self::Setting(setting.key.into(), setting.value)),
+            _ => None,
+        }
+    }
 }
 
 /// Called during a wait; a refusal ends the wait.
@@ -55,15 +69,14 @@ pub struct Link {
     image: String,
     bytes_received: usize,
     unreadable: u32,
-    unsolicited: VecDeque<Unsolicited>,
+    unsolicited: VecDeque<BoardMessage>,
     record: Option<Box<dyn Write + Send>>,
     check_stop: CheckStop,
     over: bool,
 }
 
 impl Link {
-    /// Link to the emulated CPU, which runs `image`. It keeps its settings in the file `flash`;
-    /// `check_stop` is called during a wait.
+    /// Link to the emulated CPU, which runs `image` and keeps its settings in the file `flash`.
     pub fn emulate(
         [image, flash]: [Option<&Path>; 2],
         emulated: Emulated,
@@ -176,8 +189,7 @@ impl Link {
         Err(Refusal::new(cause, self.fitting_firmware()))
     }
 
-    /// From now on writes every byte from the board to `record`, after a frame with the board's
-    /// identity.
+    /// From now on writes the board's identity, and every byte from the board, to `record`.
     pub fn record(&mut self, mut record: impl Write + Send + 'static) -> Result<(), Refusal> {
         let (version, schema) = self.protocol;
         let identity = Identity {
@@ -199,7 +211,7 @@ impl Link {
     }
 
     /// Waits for `time`; returns the messages without a request, oldest first.
-    pub fn listen(&mut self, time: Duration) -> Result<Vec<Unsolicited>, Refusal> {
+    pub fn listen(&mut self, time: Duration) -> Result<Vec<BoardMessage>, Refusal> {
         self.receive(Instant::now() + time, |_| None::<()>)?;
         Ok(self.unsolicited.drain(..).collect())
     }
@@ -360,11 +372,11 @@ impl Link {
                     Outgoing::Response {
                         sequence: 0,
                         response: Response::Telemetry(telemetry),
-                    } => Some(Unsolicited::Telemetry(telemetry)),
+                    } => Some(BoardMessage::Telemetry(telemetry)),
                     Outgoing::Identity {
                         sequence: 0,
                         identity,
-                    } => Some(Unsolicited::Started(identity.image.into())),
+                    } => Some(BoardMessage::Started(identity.image.into())),
                     _ => None,
                 };
                 self.unsolicited.extend(message);

@@ -24,8 +24,7 @@ impl Link {
         })
     }
 
-    /// Sends bytes of an image from `offset` on. Returns the number of bytes that the board has
-    /// received.
+    /// Sends bytes of an image from `offset` on; returns the number that the board has received.
     pub fn send_image(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Refusal> {
         let request = UpdateRequest::Bytes { offset, bytes };
         self.updated(&request, |answer| match answer {

@@ -101,10 +101,7 @@ enum Kind<'a> {
 }
 
 impl<'a> Engine<'a> {
-    /// The loop of a scene at time 0.
-    ///
-    /// # Errors
-    /// A `Refusal` for a scene out of range.
+    /// The loop of a scene at time 0; refused if the scene is out of range.
     pub fn build(scene: &Scene, fidelity: Fidelity) -> Result<Self, Refusal> {
         // A run does not use the READY output.
         let kind = match fidelity {
@@ -232,8 +229,7 @@ impl<'a> Engine<'a> {
         }
     }
 
-    /// The lot of the present plan for gear; `None` without a plan, for other targets, and for
-    /// given cycles.
+    /// The lot of the present plan for gear; `None` without a plan and for given cycles.
     pub fn gear_lot(&self) -> Option<Lot> {
         let settings = &self.controller()?.gear_planned()?.settings;
         let lot = settings.restitution;
@@ -255,8 +251,7 @@ pub struct Lot {
 
 const MAX_CACHED_PLANS: usize = 256;
 
-/// Cache of search results, shared by the controllers of this process. A result depends on its
-/// settings alone, so the cache changes no bit of a run.
+/// Cache of search results for the controllers of this process; it changes no bit of a run.
 pub(crate) struct Plans {
     kicks: Vec<KickResult>,
     gear: Vec<GearPlanned>,
@@ -285,8 +280,7 @@ impl Plans {
         }
     }
 
-    /// Supplies a controller with the strike count that it has begun, computed once for each
-    /// settings.
+    /// Supplies a controller with its strike count, computed once for each settings.
     #[cold]
     fn count(controller: &mut Controller) {
         let Some(requested) = controller.strikes_search().copied() else {

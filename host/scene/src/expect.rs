@@ -16,7 +16,7 @@ pub struct Expectation {
     pub(crate) regime: Option<String>,
     /// Lower and upper bounds of k, speed (mm/s), share in gear and restitution.
     pub(crate) ranges: [Option<(f64, f64)>; 4],
-    pub(crate) limits: Option<Vec<String>>,
+    pub(crate) limits: Option<Vec<&'static str>>,
     pub(crate) within: Option<f64>,
 }
 
@@ -33,30 +33,23 @@ impl Expectation {
             });
         }
         if let Some(value) = section.take("events") {
-            let Value::Array(list) = &value else {
-                return Err(section.refuse("events", &value, "a list of names of events"));
-            };
+            let refused = || section.refuse("events", &value, "a list of names of events");
+            let list = value.as_array().ok_or_else(refused)?.iter();
             let event = |item| section.choice("events", item, Event::ALL, Event::name);
-            expected.events = Some(list.iter().map(event).collect::<Result<_, _>>()?);
+            expected.events = Some(list.map(event).collect::<Result<_, _>>()?);
         }
         if let Some(value) = section.take("regime") {
-            let Value::String(text) = &value else {
-                return Err(section.refuse("regime", &value, "a regime in words"));
-            };
-            expected.regime = Some(text.clone());
+            let refused = || section.refuse("regime", &value, "a regime in words");
+            expected.regime = Some(value.as_str().ok_or_else(refused)?.into());
         }
         if let Some(value) = section.take("limits") {
-            let names = &Limits::ALL.map(Limits::name)[..];
-            let limit = |item: &Value| {
-                let name = item.as_str().filter(|name| names.contains(name));
-                name.map(String::from)
-            };
+            let names = Limits::ALL.map(Limits::name);
+            let accepted = format!("a list of {}", names.join(", "));
+            let limit = |item: &Value| names.into_iter().find(|name| item.as_str() == Some(name));
             let list = value.as_array();
-            let list = list.and_then(|list| list.iter().map(limit).collect::<Option<Vec<_>>>());
-            let list = list.ok_or_else(|| {
-                section.refuse("limits", &value, &format!("a list of {}", names.join(", ")))
-            })?;
-            expected.limits = Some(list);
+            let list = list.and_then(|list| list.iter().map(limit).collect());
+            let refused = || section.refuse("limits", &value, &accepted);
+            expected.limits = Some(list.ok_or_else(refused)?);
         }
         let keys = ["k", "speed", "in_gear", "restitution"];
         for (key, range) in keys.into_iter().zip(&mut expected.ranges) {

@@ -144,72 +144,46 @@ flags! {
     "brown_out" "Whether the board's supply sags: it starts anew, its drive off until enabled anew." BrownOut;
 }
 
-/// Sections of a scene file: name, keys of settings, and how many of the first keys are required.
-pub const SECTIONS: [(&str, &[&str], usize); 2] = [
+/// Tables of a scene file with settings: name, keys, and how many of the first keys are required.
+const SETTINGS: [(&str, &str, usize); 4] = [
     (
         "track",
-        &[
-            "frequency",
-            "incline",
-            "amplitude_ratio",
-            "phase_lead",
-            "gravity",
-            "track_length",
-        ],
+        "frequency incline amplitude_ratio phase_lead gravity track_length",
         3,
     ),
     (
         "drive",
-        &[
-            "resonance",
-            "quality",
-            "gain",
-            "output_maximum",
-            "amplitude_limit",
-            "acceleration_limit",
-            "safe_amplitude",
-            "second_tone",
-            "second_gain",
-            "second_lag",
-            "third_tone",
-            "third_gain",
-            "third_lag",
-            "track_mass",
-            "gain_tolerance",
-            "load_tolerance",
-            "current_sensitivity",
-            "current_gain",
-        ],
+        "resonance quality gain output_maximum amplitude_limit acceleration_limit safe_amplitude \
+         second_tone second_gain second_lag third_tone third_gain third_lag track_mass \
+         gain_tolerance load_tolerance current_sensitivity current_gain",
         3,
+    ),
+    (
+        "sensor",
+        "sensitivity sensor_zero sensor_rest converter_reference converter_bits",
+        0,
+    ),
+    (
+        "controller",
+        "soft_start soft_stop envelope amplitude_error capture_attempts link_timeout tracking \
+         scatter contact",
+        0,
     ),
 ];
 
-/// Settings in `[sensor]`.
-pub const SENSOR_SETTINGS: [&str; 5] = [
-    "sensitivity",
-    "sensor_zero",
-    "sensor_rest",
-    "converter_reference",
-    "converter_bits",
-];
-
-/// Settings in `[controller]`.
-pub const CONTROLLER: [&str; 9] = [
-    "soft_start",
-    "soft_stop",
-    "envelope",
-    "amplitude_error",
-    "capture_attempts",
-    "link_timeout",
-    "tracking",
-    "scatter",
-    "contact",
-];
+/// Settings in a table, each with whether it is required.
+pub fn settings(table: &str) -> impl Iterator<Item = (&'static str, bool)> {
+    let own = SETTINGS
+        .into_iter()
+        .filter(move |(name, ..)| *name == table);
+    own.flat_map(|(_, keys, required)| {
+        let keys = keys.split(' ').enumerate();
+        keys.map(move |(n, key)| (key, n < required))
+    })
+}
 
 pub(crate) fn section_with(key: &str) -> Option<&'static str> {
-    let sections = SECTIONS.into_iter().map(|(name, keys, _)| (name, keys));
-    let others: [(&str, &[&str]); 2] = [("sensor", &SENSOR_SETTINGS), ("controller", &CONTROLLER)];
-    let mut tables = sections.chain(others);
-    let table = tables.find(|(_, keys)| keys.contains(&key));
-    table.map(|(name, _)| name)
+    let mut tables = SETTINGS.into_iter();
+    let table = tables.find(|(_, keys, _)| keys.split(' ').any(|own| own == key));
+    table.map(|(name, ..)| name)
 }

@@ -29,9 +29,7 @@ pub use engine::{Engine, Fidelity, Glance, Lot};
 pub use expect::Expectation;
 pub use outcome::{Outcome, ProgressCheck, cycles, regime_text};
 pub use parts::{Distribution, PartGroup, part_group, restitutions};
-pub use record::{
-    Curve, Record, STATISTICS_START, Sketch, SketchImpact, Take, TimedEvent, Watch, add_strike,
-};
+pub use record::{Curve, Record, STATISTICS_START, Sketch, Take, TimedEvent, Watch, add_strike};
 pub use scene::{
     DEFAULT, DEFAULT_DURATION, DEFAULT_PART_LENGTH, SceneFile, at_line, table, toml_table,
     within_reach,

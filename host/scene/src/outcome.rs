@@ -42,12 +42,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Runs a scene to its end at the given fidelity.
-    ///
-    /// `check_stop` is called every 256 cycles with that number. Its refusal ends the run.
-    ///
-    /// # Errors
-    /// A `Refusal` for a scene out of range, and those of `watch` and `check_stop`.
+    /// Runs a scene to its end. `check_stop` is called every 256 cycles with that number. Refused:
+    /// a scene out of range, and as by `watch` and `check_stop`.
     pub fn run(
         file: &SceneFile,
         fidelity: Fidelity,
@@ -58,10 +54,7 @@ impl Outcome {
         Self::gather(file, engine, watch, check_stop)
     }
 
-    /// Evaluates a scene whose cycles and impacts are given by `cycle`.
-    ///
-    /// # Errors
-    /// Those of `cycle`, `watch` and `check_stop`.
+    /// Evaluates a scene whose cycles and impacts come from `cycle`; refused as by its callbacks.
     pub fn from_cycles(
         file: &SceneFile,
         mut cycle: impl FnMut() -> Result<(Moment, Vec<Strike>), Refusal> + Send,
@@ -82,8 +75,7 @@ impl Outcome {
         let order = order(last_target(file));
         let mut record = Record::new(file.duration, cycles, parts, order, &watch);
         let is_planned = |event| matches!(event, Event::KickPlanned | Event::KickUncertain);
-        // An observer of every cycle receives complete cycles. Without one, only the end is
-        // computed completely.
+        // Only an observer of every cycle needs complete cycles before the end.
         let mut watched = watch.cycle.is_some() || watch.all_cycles;
         let mut moving = watched;
         engine.watch(watched);
@@ -192,15 +184,13 @@ impl Outcome {
         sum / count
     }
 
-    /// k at the end, from the mean acceleration, so it is valid at a varying frequency; infinite at
-    /// rest.
+    /// k at the end, by the mean acceleration, also at a varying frequency; infinite at rest.
     pub fn k(&self) -> f64 {
         let (sum, count) = self.sum_at_end(|report| f64::from(report.k).recip());
         count / sum
     }
 
-    /// Mass of the parts on the track: pairs of start time in s and mass in g, in the order of
-    /// time.
+    /// Mass of the parts on the track: pairs of start time in s and mass in g, by time.
     pub fn masses(&self) -> Vec<(f64, f64)> {
         let (file, scene) = (self.file(), &self.file().scene);
         let parts = || 0..scene.parts.len();
@@ -318,9 +308,8 @@ impl Outcome {
         }
     }
 
-    /// Whether the irregular flights of a part at the end persist, by
-    /// [`Endings::stays_in_gear`]. False for a long transient, and on two tones, where it is
-    /// unknown.
+    /// Whether irregular flights of a part at the end persist, by [`Endings::stays_in_gear`]. False
+    /// for a long transient, and on two tones, where it is unknown.
     fn stays_chaotic(&self, part: u8) -> bool {
         let (mut time, mut flights) = (0.0, 0.0);
         for strike in self.late(part, IMPACT_WINDOWS[0]) {
@@ -343,8 +332,7 @@ impl Outcome {
             .is_ok_and(|endings| endings.stays_in_gear(order))
     }
 
-    /// Simulated regime of one part at the end, from its impacts alone. The longest window that
-    /// decides is used: a part may have entered its regime recently.
+    /// Simulated regime of one part at the end, by the longest window of its impacts that decides.
     fn regime_of(&self, part: u8) -> Regime {
         for window in IMPACT_WINDOWS {
             let Ok(mut classifier) = Classifier::<256>::build(JITTER) else {
@@ -472,8 +460,7 @@ impl Outcome {
         limits.map(Limits::name).collect()
     }
 
-    /// Unmet expectations of the scene, one in each line; `None` for a scene without an
-    /// expectation.
+    /// Unmet expectations of the scene, one in each line; `None` without an expectation.
     pub fn unmet(&self) -> Option<Vec<String>> {
         let expectation = self.file().expectation.as_ref()?;
         let mut unmet = Vec::new();
@@ -531,8 +518,7 @@ impl Outcome {
     }
 }
 
-/// Time in s at which a part enters the track, by the disturbances up to `time`. Infinite for a
-/// part in the hopper or off the track.
+/// Time in s at which a part enters the track, by the disturbances up to `time`, else infinite.
 fn arrival(scene: &Scene, part: usize, time: f64) -> f64 {
     let mut first_waiting = scene.parts.len() - usize::from(scene.waiting);
     let mut arrives = if part < first_waiting {

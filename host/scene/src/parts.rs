@@ -139,8 +139,7 @@ pub(crate) fn read_friction(part: &Section, value: &Value) -> Result<[f32; 2], R
         .ok_or_else(|| part.refuse("friction", value, accepted))
 }
 
-/// One number for all parts, or a list with one for each. `words` follow the accepted range and the
-/// end of a refusal.
+/// One number for all parts, or a list with one for each; two phrases complete a refusal.
 pub(crate) fn one_or_each<T: FromIterator<f32>>(
     part: &Section,
     field: &Field,
@@ -227,8 +226,7 @@ mod tests {
         let drawn: Vec<f64> = drawn.collect();
         let mean = drawn.iter().sum::<f64>() / 2e4;
         let square = drawn.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / 2e4;
-        // Standard errors are 1.4e-4 for the mean and 0.5 % for the deviation; the tolerance is
-        // five of each.
+        // The tolerances are five standard errors: 1.4e-4 of the mean, 0.5 % of the deviation.
         assert!((mean - 0.2).abs() < 7e-4, "{mean}");
         assert!((square.sqrt() - 0.02).abs() < 5e-4);
         let edge = Distribution::Normal {

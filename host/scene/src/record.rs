@@ -10,14 +10,12 @@ use kband_plant::{Moment, PARTS, Sample, Strike};
 use super::engine::{Glance, Lot};
 use crate::refusal::Refusal;
 
-/// Start of the statistics of gear and speed, in s. By then the drive has reached its setpoint and
-/// the first kicks are over.
+/// Start of the statistics of gear and speed, in s; the first kicks are over by then.
 pub const STATISTICS_START: f64 = 5.0;
 /// Duration of the evaluated end of a scene, s.
 pub(crate) const END_PERIOD: f64 = 1.0;
-/// Windows before the end for the regime of a part, s. In 6 s there are enough impacts to detect
-/// chaos. In 3 s rest differs from the slowest hopping. In 1.5 s a lock of order 8 repeats often
-/// enough.
+/// Windows before the end for the regime of a part, s. 6 s have enough impacts to detect chaos.
+/// In 3 s rest differs from the slowest hopping. In 1.5 s a lock of order 8 repeats enough.
 pub(crate) const IMPACT_WINDOWS: [f64; 3] = [6.0, 3.0, 1.5];
 
 /// Receives an item; a refusal ends the run.
@@ -28,8 +26,7 @@ pub type Take<'a, T> = &'a mut dyn FnMut(&T) -> Result<(), Refusal>;
 pub struct Watch<'a> {
     /// Whether a picture is drawn.
     pub drawn: bool,
-    /// Whether the regime estimated at the end is reported, even if the controller does not act on
-    /// it.
+    /// Whether the controller estimates the regime at the end even if it does not act on it.
     pub regime: bool,
     /// Whether every cycle is kept.
     pub all_cycles: bool,
@@ -52,10 +49,8 @@ impl Watch<'_> {
     /// With every cycle and the estimated regime.
     pub const ALL_CYCLES: Self = Self {
         drawn: false,
-        regime: true,
         all_cycles: true,
-        cycle: None,
-        sample: None,
+        ..Self::FOR_PICTURE
     };
 }
 
@@ -94,8 +89,7 @@ pub struct Record {
     /// Time in gear of each part, and the start of the statistics.
     gear: Vec<GearWatch>,
     settled: Option<StatisticsStart>,
-    /// Sums of the estimated shares of time in gear since that start, and of their errors; number
-    /// of cycles with an estimate.
+    /// Sums of the estimated shares of time in gear and of their errors; cycles with an estimate.
     shares: f64,
     errors: f64,
     estimated_cycles: u32,
@@ -145,8 +139,7 @@ impl Record {
         }
     }
 
-    /// Whether the displacement is needed for the speed at the end. That is twice the evaluated
-    /// time: in the first half the speed along the track settles.
+    /// Whether the displacement is needed for the speed at the end, which settles meanwhile.
     pub(crate) fn ends(&self, time: f64) -> bool {
         time > self.duration - 2.0 * END_PERIOD
     }
@@ -165,10 +158,9 @@ impl Record {
             self.held = Some((glance.state, time));
         }
         for strike in strikes {
-            let Some(gear) = self.gear.get_mut(usize::from(strike.part)) else {
-                continue;
-            };
-            add_strike(gear, strike);
+            if let Some(gear) = self.gear.get_mut(usize::from(strike.part)) {
+                add_strike(gear, strike);
+            }
         }
         if self.settled.is_some() {
             if glance.error.is_finite() {
@@ -186,8 +178,8 @@ impl Record {
             self.gear.iter_mut().for_each(|gear| gear.begin(now));
         }
         if time > self.duration - IMPACT_WINDOWS[0] {
-            let stamped = strikes.iter().map(|strike| (time, *strike));
-            self.late.extend(stamped);
+            self.late
+                .extend(strikes.iter().map(|strike| (time, *strike)));
         }
         if let Some(sketch) = &mut self.sketch {
             sketch.take(glance, strikes);
@@ -201,14 +193,14 @@ impl Record {
     }
 
     fn retain(&mut self, moment: &Moment) {
-        let (time, report) = (moment.time, moment.report);
-        let timed = |event| TimedEvent {
+        let Moment { time, report, .. } = *moment;
+        let events = report.events.iter();
+        self.events.extend(events.map(|event| TimedEvent {
             time,
             event,
             report,
-        };
-        self.events.extend(report.events.iter().map(timed));
-        if moment.time > self.duration - END_PERIOD {
+        }));
+        if time > self.duration - END_PERIOD {
             self.end.push(*moment);
         }
         if let Some(all_cycles) = &mut self.all_cycles {
@@ -217,8 +209,7 @@ impl Record {
         self.last = Some(*moment);
     }
 
-    /// Whether the displacement is needed for the speed from [`STATISTICS_START`] on. That begins 1
-    /// s earlier, in which the speed along the track settles.
+    /// The same for the speed from [`STATISTICS_START`] on, which settles in the 1 s before.
     pub(crate) fn needs_motion(&self, time: f64) -> bool {
         self.duration > STATISTICS_START && time >= STATISTICS_START - END_PERIOD
     }
@@ -230,8 +221,7 @@ impl Record {
         self.gear[..counted].iter().map(move |gear| gear.share(now))
     }
 
-    /// Estimated share of time in gear, mean over the cycles with an estimate from
-    /// [`STATISTICS_START`] on; `None` without one.
+    /// Estimated share of time in gear from [`STATISTICS_START`] on, mean over cycles with one.
     pub fn in_gear_estimated(&self) -> Option<f64> {
         (self.estimated_cycles > 0).then(|| self.shares / f64::from(self.estimated_cycles))
     }
@@ -245,15 +235,13 @@ impl Record {
         self.gear_lot = lot.or(self.gear_lot);
     }
 
-    /// Share of the cycles from [`STATISTICS_START`] on with an estimate; `None` after a shorter
-    /// run.
+    /// Share of the cycles from [`STATISTICS_START`] on with an estimate, if the run was longer.
     pub fn in_gear_coverage(&self) -> Option<f64> {
         let cycles = self.cycles - self.settled?.cycles;
         (cycles > 0).then(|| f64::from(self.estimated_cycles) / f64::from(cycles))
     }
 
-    /// Mean conveying speed from [`STATISTICS_START`] on in m/s, positive upwards; `None` after a
-    /// shorter run.
+    /// Mean conveying speed from [`STATISTICS_START`] on in m/s, positive upwards; none before.
     pub fn speed(&self) -> Option<f64> {
         let (from, to) = (self.settled?, self.last?);
         let time = to.time - from.time;
@@ -261,8 +249,7 @@ impl Record {
     }
 }
 
-/// Largest number of stretches of a sketched curve, about one for 1.5 pixels; each has a low and a
-/// high point.
+/// Largest number of stretches of a sketched curve, about one for 1.5 pixels.
 const MAX_SKETCH_STRETCHES: usize = 450;
 const MAX_SKETCH_IMPACTS: usize = 4096;
 
@@ -293,12 +280,11 @@ impl Curve {
         if first.0 > second.0 {
             (first, second) = (second, first);
         }
-        match self.count {
-            0 => {}
-            _ if first.0 == second.0 => self.points.push(first),
-            _ => self.points.extend([first, second]),
+        if std::mem::take(&mut self.count) > 0 {
+            self.points.push(first);
+            let other = Some(second).filter(|second| second.0 != first.0);
+            self.points.extend(other);
         }
-        self.count = 0;
     }
 
     /// Points of the curve, including the present stretch.
@@ -307,19 +293,6 @@ impl Curve {
         whole.end_stretch();
         whole.points
     }
-}
-
-/// An impact in the sketch.
-#[derive(Clone, Copy, Debug)]
-pub struct SketchImpact {
-    /// End of its cycle in s.
-    pub time: f64,
-    /// Phase of the track in rad.
-    pub phase: f64,
-    /// Speed normal to the track in m/s.
-    pub speed: f64,
-    /// Number of the part, from 0.
-    pub part: u8,
 }
 
 /// A run, reduced for a picture.
@@ -345,11 +318,10 @@ pub struct Sketch {
     pub states: Vec<(f64, State)>,
     /// Time at the end in s.
     pub time: f64,
-    /// Every `stride`-th impact of each part.
-    pub impacts: Vec<SketchImpact>,
+    /// Every `stride`-th impact of each part, with the end of its cycle in s.
+    pub impacts: Vec<(f64, Strike)>,
     stride: usize,
-    /// Impacts of each part left out since its last one in the sketch. Counting by part keeps parts
-    /// that strike in turn.
+    /// Impacts of each part since its last one in the sketch: parts may strike in turn.
     skipped: [usize; PARTS],
 }
 
@@ -366,29 +338,22 @@ impl Sketch {
 
     fn take(&mut self, glance: &Glance, strikes: &[Strike]) {
         let time = glance.time;
-        self.amplitude.take(time, f64::from(glance.amplitude));
-        self.reference.take(time, f64::from(self.ahead[1]));
-        self.ahead = [glance.reference, self.ahead[0]];
-        self.k.take(time, f64::from(glance.k));
-        self.in_gear.take(time, f64::from(glance.in_gear));
-        let weighed =
-            |value: fn(Load) -> f32| glance.load.map_or(f64::NAN, |load| value(load).into());
-        self.mass.take(time, weighed(|load| load.mass));
-        self.flow.take(time, weighed(|load| load.flow));
-        self.within += 1;
-        if self.within == self.stretch {
-            self.within = 0;
-            for curve in [
-                &mut self.amplitude,
-                &mut self.reference,
-                &mut self.k,
-                &mut self.in_gear,
-                &mut self.mass,
-                &mut self.flow,
-            ] {
+        let weighed = |value: fn(Load) -> f32| glance.load.map_or(f32::NAN, value);
+        self.within = (self.within + 1) % self.stretch;
+        for (curve, value) in [
+            (&mut self.amplitude, glance.amplitude),
+            (&mut self.reference, self.ahead[1]),
+            (&mut self.k, glance.k),
+            (&mut self.in_gear, glance.in_gear),
+            (&mut self.mass, weighed(|load| load.mass)),
+            (&mut self.flow, weighed(|load| load.flow)),
+        ] {
+            curve.take(time, value.into());
+            if self.within == 0 {
                 curve.end_stretch();
             }
         }
+        self.ahead = [glance.reference, self.ahead[0]];
         let last = self.states.last();
         if last.is_none_or(|(_, state)| *state != glance.state) {
             self.states.push((self.time, glance.state));
@@ -403,16 +368,11 @@ impl Sketch {
                 continue;
             }
             *skipped = 0;
-            self.impacts.push(SketchImpact {
-                time,
-                phase: strike.phase,
-                speed: strike.speed,
-                part: strike.part,
-            });
+            self.impacts.push((time, *strike));
             if self.impacts.len() == MAX_SKETCH_IMPACTS {
                 let mut retain = [false; PARTS];
-                self.impacts.retain(|impact| {
-                    let retain = &mut retain[usize::from(impact.part)];
+                self.impacts.retain(|(_, strike)| {
+                    let retain = &mut retain[usize::from(strike.part)];
                     *retain = !*retain;
                     *retain
                 });

@@ -6,8 +6,7 @@ use std::path::Path;
 
 use kband::feeder::OutOfRange;
 
-/// Refusal of a request: cause, accepted range, next step. The exit status is 2, or 130 after an
-/// interruption.
+/// Refusal of a request: cause, accepted range, next step. Exit status 2, or 130 if interrupted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
     cause: String,

@@ -7,9 +7,7 @@ use toml::{Table, Value};
 
 use super::engine::Fidelity;
 use super::expect::Expectation;
-use super::fields::{
-    CONTROLLER, MASS, PLANT, SCATTER, SECTIONS, SENSOR, SENSOR_SETTINGS, section_with,
-};
+use super::fields::{MASS, Model, PLANT, SCATTER, SENSOR, section_with, settings};
 use super::parts::{self, Distribution};
 use super::section::{Section, line_of};
 use super::timeline::{describe, read_disturbances, read_target};
@@ -81,12 +79,8 @@ impl SceneFile {
         if let Some(start) = root.take("start") {
             (_, scene.start) = root.choice("start", &start, &STARTS, |(name, _)| name)?;
         }
-        for (name, keys, required) in SECTIONS {
-            let mut section = root.section(name)?;
-            for (n, key) in keys.iter().enumerate() {
-                section.setting(&mut settings, key, n < required)?;
-            }
-            section.finish()?;
+        for name in ["track", "drive"] {
+            read_table(root.section(name)?, name, &mut settings, &[], &mut scene)?;
         }
         let mut part = root.section("part")?;
         if let Some(value) = part.take("friction") {
@@ -127,20 +121,10 @@ impl SceneFile {
             DEFAULT_PART_LENGTH
         };
         part.finish()?;
-        if let Some(mut sensor) = root.optional("sensor")? {
-            for key in SENSOR_SETTINGS {
-                sensor.setting(&mut settings, key, false)?;
+        for (name, fields) in [("sensor", SENSOR), ("controller", &[])] {
+            if let Some(table) = root.optional(name)? {
+                read_table(table, name, &mut settings, fields, &mut scene)?;
             }
-            for (field, slot) in SENSOR {
-                sensor.field(field, slot(&mut scene))?;
-            }
-            sensor.finish()?;
-        }
-        if let Some(mut controller) = root.optional("controller")? {
-            for key in CONTROLLER {
-                controller.setting(&mut settings, key, false)?;
-            }
-            controller.finish()?;
         }
         if !safe_given {
             let max_amplitude = MAX_SAFE_SHARE * settings.largest_safe_amplitude();
@@ -167,11 +151,8 @@ impl SceneFile {
             scene.drive.third_gain = settings.third_gain;
             scene.drive.third_lag = settings.third_lag;
         }
-        if let Some(mut plant) = root.optional("plant")? {
-            for (field, slot) in PLANT {
-                plant.field(field, slot(&mut scene))?;
-            }
-            plant.finish()?;
+        if let Some(table) = root.optional("plant")? {
+            read_table(table, "plant", &mut settings, PLANT, &mut scene)?;
         }
         let mut target = root.section("target")?;
         scene.target = read_target(&mut target)?;
@@ -201,8 +182,7 @@ impl SceneFile {
             || changes.any(|changed| matches!(changed.change, Change::Scatter(s) if s > 0.0))
     }
 
-    /// Refuses a target that no amplitude of this drive reaches; that needs both controller and
-    /// drive.
+    /// Refuses a target that no amplitude of this drive reaches.
     pub fn check(&self) -> Result<(), Refusal> {
         let named = |refused: OutOfRange| {
             let key = refused.parameter;
@@ -247,6 +227,23 @@ impl SceneFile {
     }
 }
 
+/// Reads a table of settings and of numbers of the plant, and nothing else.
+fn read_table(
+    mut table: Section,
+    name: &str,
+    into: &mut Settings,
+    fields: &[Model],
+    scene: &mut Scene,
+) -> Result<(), Refusal> {
+    for (key, required) in settings(name) {
+        table.setting(into, key, required)?;
+    }
+    for (field, slot) in fields {
+        table.field(field, slot(scene))?;
+    }
+    table.finish()
+}
+
 /// Refuses a target beyond the reach of the controller's drive.
 pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     let needed = match controller.no_setpoint() {
@@ -270,8 +267,7 @@ pub fn within_reach(controller: &Controller) -> Result<(), Refusal> {
     Err(Refusal::value(key, value, accepted, next))
 }
 
-/// Advice for a drive so far from its resonance that its response is below a tenth; `None` for
-/// others.
+/// Advice for a drive so far from its resonance that its response is below a tenth.
 pub(crate) fn describe_detuning(settings: &Settings) -> Option<String> {
     let x = f64::from(settings.frequency / settings.resonance);
     let q = f64::from(settings.quality);

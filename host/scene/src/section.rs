@@ -27,7 +27,6 @@ pub(crate) fn pair(value: &Value) -> Option<(f64, f64)> {
 }
 
 /// One table of a scene file; keys that remain at the end are unknown.
-#[derive(Clone, Debug)]
 pub(crate) struct Section {
     name: String,
     table: Table,
@@ -219,8 +218,7 @@ impl Section {
     }
 }
 
-/// Line of a key in a scene's text, from 1; tables of an array are `disturbance 1`, `disturbance
-/// 2`.
+/// Line of a key in a scene's text, from 1; a table of an array is `disturbance 1`.
 pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
     let whole = toml::de::DeTable::parse(text).ok()?;
     let mut table = whole.get_ref();

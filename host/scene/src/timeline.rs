@@ -37,21 +37,11 @@ pub fn describe(target: Target) -> String {
 const TARGETS: &str = "exactly one of gear = 1..8, locked = 1..8, chaotic = true, k = 0.02..10, amplitude = mm, speed = mm/s, flow = g/s, identify = true, \
                        tones = [k, e, degrees]";
 
-const KEYS: [&str; 9] = [
-    "gear",
-    "locked",
-    "chaotic",
-    "k",
-    "amplitude",
-    "speed",
-    "flow",
-    "identify",
-    "tones",
-];
+const KEYS: &str = "gear locked chaotic k amplitude speed flow identify tones";
 
 pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     let mut target = None;
-    for key in KEYS {
+    for key in KEYS.split(' ') {
         let Some(value) = section.take(key) else {
             continue;
         };
@@ -88,7 +78,7 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     }
     target.ok_or_else(|| {
         let misspelt = |key| section.misspelt(key, TARGETS);
-        if let Some(refusal) = KEYS.into_iter().find_map(misspelt) {
+        if let Some(refusal) = KEYS.split(' ').find_map(misspelt) {
             return refusal;
         }
         let cause = format!("{} says nothing", section.path(""));
@@ -96,8 +86,7 @@ pub(crate) fn read_target(section: &mut Section) -> Result<Target, Refusal> {
     })
 }
 
-/// A track of two or three tones: k of the first tone. Each other tone has its amplitude over the
-/// first (e) and its phase (th) in degrees.
+/// A track of two or three tones: k of the first, then amplitude (e) and phase (th) in degrees.
 fn read_tones(value: &Value) -> Result<Target, String> {
     let accepted = "[k, e, degrees] or [k, e, degrees, e3, degrees]: k 0.02..10, e 0..0.5, and the tone's phase, -360..360 degrees";
     let list = value.as_array();
@@ -153,11 +142,8 @@ pub(crate) fn read_disturbances(
     Ok(read.into_iter().collect())
 }
 
-/// The change of one key of a `[[disturbance]]`, without its time, such as `gain = 0.8` or `target
-/// = { k = 0.4 }`.
-///
-/// # Errors
-/// A `Refusal` with the key, the value and the accepted range.
+/// The change of one key of a `[[disturbance]]`, without its time, such as `gain = 0.8`; refused
+/// with the key, the value and the accepted range.
 pub fn change(mut table: Table) -> Result<Change, Refusal> {
     table.insert("at".into(), Value::Float(0.0));
     let mut section = Section::new("change", table);

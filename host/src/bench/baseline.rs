@@ -1,5 +1,4 @@
-//! Baseline: the impact map by a textbook method, in f64 with the platform's sine, independent of the
-//! kernels' code.
+//! Baseline, independent of the kernels: the impact map by a textbook method in f64.
 
 use std::f64::consts::{PI, TAU};
 
@@ -50,10 +49,8 @@ impl Kernel for Textbook {
     }
 }
 
-/// Flight and arrival speed by Newton's method, segment by segment.
-///
-/// Between the phases with `sin t = k` the gap is convex or concave, so the method converges
-/// monotonically from an end of the segment.
+/// Flight and arrival speed by Newton's method. Between the phases with `sin t = k` the gap is
+/// convex or concave, so the method converges from an end of such a segment.
 fn newton(k: f64, [s, c]: [f64; 2], launch: PartState) -> [f64; 2] {
     let PartState { phase, velocity } = launch;
     let v = velocity + c;
@@ -96,8 +93,7 @@ fn newton(k: f64, [s, c]: [f64; 2], launch: PartState) -> [f64; 2] {
             low += turns * TAU;
             high += turns * TAU;
         }
-        // Starts at the right end of a concave segment that ends below 0, or at the left end of a
-        // convex one.
+        // Starts at the right end of a concave segment below 0, or at the left of a convex one.
         let (from, side) = if convex { (low, 1.0) } else { (high, -1.0) };
         let (u, slope) = (at_end(from), v - k * from - lift_off_cosine);
         let open = if convex {
@@ -123,8 +119,7 @@ fn newton(k: f64, [s, c]: [f64; 2], launch: PartState) -> [f64; 2] {
     [d, -gap(d).1]
 }
 
-/// The falling zero of the gap, up to `high`, by Newton steps from one side. Before the zero the
-/// gap times `side` is above 0.
+/// The zero of the gap up to `high`, by Newton steps from the side with `side` times the gap > 0.
 fn monotone(gap: impl Fn(f64) -> (f64, f64), mut d: f64, side: f64, high: f64) -> Option<f64> {
     for _ in 0..200 {
         let (u, slope) = gap(d);

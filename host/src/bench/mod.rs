@@ -1,7 +1,5 @@
-//! Run time against error of the impact map, in each arithmetic and by a baseline.
-//!
-//! The kernels alternate, so a busy machine slows them equally. The times are CPU times of the
-//! thread. Errors are relative to the f64 impact of the state that the kernel represents.
+//! Run time against error of the impact map, in each arithmetic and by a baseline. The kernels
+//! alternate; times are CPU times of the thread. Errors are relative to f64.
 
 pub mod baseline;
 pub mod workload;
@@ -15,8 +13,7 @@ use kband::impact::batch::{Block, LANES};
 use kband::impact::{Integer, Kernel, Map, Single};
 use workload::Launch;
 
-/// Relative flight difference (in rad, over 1 + flight) above which a flight is another root. The
-/// coarsest arithmetic has errors of 3e-4.
+/// Relative flight difference (rad, over 1 + flight) of another root; coarse errors are 3e-4.
 const WRONG_ROOT_THRESHOLD: f64 = 1e-3;
 
 /// A launch as the kernel represents it; flight and phase of its impact in rad.
@@ -169,8 +166,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Compares impacts with those in f64. Grazing impacts are excluded, because there rounding
-    /// decides the first root.
+    /// Errors against f64. Grazing impacts are left out: rounding decides their first root.
     pub fn from_impacts(impacts: &[ComputedImpact]) -> Self {
         let (mut errors, mut wrong_roots) = (Vec::new(), 0);
         for (launch, flight, phase) in impacts {

@@ -13,16 +13,14 @@ pub struct Launch {
     pub state: PartState,
 }
 
-/// A workload: its name in tables and JSON, and a function of the approximate number of launches.
-/// They are equal in every run.
+/// A workload: its name, and a function of the approximate number of launches.
 pub type Workload = (&'static str, fn(usize) -> Vec<Launch>);
 
 /// Every workload.
 ///
 /// - high, low: velocities up to 20 and up to 3, k from 0.02 to 0.98.
 /// - chatter: velocities from 1e-6 to 1, log-uniform: hops on the way to rest.
-/// - sweep: orbits over a grid of k (0.02 to 0.98) and restitution (0.5 to 0.99), after their
-///   transients.
+/// - sweep: settled orbits over a grid of k (0.02 to 0.98) and restitution (0.5 to 0.99).
 pub const WORKLOADS: [Workload; 4] = [
     ("high", |count| draw(count, |part| 20.0 * part)),
     ("low", |count| draw(count, |part| 3.0 * part)),
@@ -33,8 +31,7 @@ pub const WORKLOADS: [Workload; 4] = [
 ];
 
 fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
-    // Random order: from an evenly spaced sequence a CPU would learn to predict the branches of the
-    // slowest kernel.
+    // Random order: a CPU would learn to predict the branches of an evenly spaced sequence.
     let mut random = SplitMix(1);
     let launch = || {
         let restitution = 0.5 + 0.49 * random.uniform();
@@ -56,8 +53,7 @@ fn draw(count: usize, velocity: fn(f64) -> f64) -> Vec<Launch> {
     launches.take(count).collect()
 }
 
-/// Every third launch of settled orbits. The flight after lift-off is left out, because it is
-/// precomputed without a search.
+/// Every third launch of settled orbits, without the precomputed flight after lift-off.
 fn sweep(count: usize) -> Vec<Launch> {
     const RESTITUTIONS: [f64; 8] = [0.5, 0.57, 0.64, 0.71, 0.78, 0.85, 0.92, 0.99];
     const TRACKS: usize = 64;

@@ -9,24 +9,15 @@ use crate::refusal::Refusal;
 
 const CHUNK_BYTES: usize = 240;
 
-/// The closed loop of a scene with its controller on a board.
-///
-/// The board receives every reading and runs its own signal path and controller. The outputs of a
-/// cycle are fixed at its start, so the desk computes them as well. At the end of each cycle the
-/// board confirms them bit for bit, and sends its next decision.
+/// The closed loop of a scene with its controller on a board, which receives every reading and runs
+/// its own signal path. The desk computes the outputs of a cycle as well. At the end of each cycle
+/// the board confirms them bit for bit, and sends its next decision.
 pub struct BoardLoop {
     link: Link,
     bench: Bench,
     signal: Signal,
     before: u16,
     scene: Scene,
-}
-
-/// Unsent readings of a cycle, and the checksum of its outputs.
-struct Run {
-    bytes: [u8; CHUNK_BYTES + 8],
-    used: usize,
-    check: u32,
 }
 
 impl BoardLoop {
@@ -60,12 +51,12 @@ impl BoardLoop {
     /// Runs to the end of the next drive cycle; returns it and its impacts.
     pub fn cycle(&mut self) -> Result<(Moment, Vec<Strike>), Refusal> {
         self.bench.forget_strikes();
-        let mut run = self.samples()?;
+        let (mut codes, mut check) = self.samples()?;
         if self.bench.sagged() {
             self.restart()?;
-            run = self.samples()?;
+            (codes, check) = self.samples()?;
         }
-        let report = self.end(&run)?;
+        let report = self.end(&codes, check)?;
         self.signal.command(report.command);
         Ok((self.bench.moment(report), self.bench.strikes().to_vec()))
     }
@@ -79,13 +70,9 @@ impl BoardLoop {
         })
     }
 
-    /// Samples of one cycle, all sent except the last.
-    fn samples(&mut self) -> Result<Run, Refusal> {
-        let mut run = Run {
-            bytes: [0; CHUNK_BYTES + 8],
-            used: 0,
-            check: 0,
-        };
+    /// Unsent readings of one cycle, the last ones, and the checksum of its outputs.
+    fn samples(&mut self) -> Result<(Vec<u8>, u32), Refusal> {
+        let (mut codes, mut check) = (Vec::new(), 0);
         for _ in 0..2 * SAMPLE_RATE {
             let code = self.bench.sample();
             if let Some(target) = self.bench.new_target() {
@@ -96,29 +83,29 @@ impl BoardLoop {
             let sampled = self.signal.sample(code);
             self.bench
                 .hold(sampled.output, (self.signal.phase() - before).bits());
-            run.check = update_output_check(run.check, sampled.output);
-            run.used += write_reading(&mut run.bytes[run.used..], self.before, code.0);
+            check = update_output_check(check, sampled.output);
+            let mut reading = [0; 3];
+            let length = write_reading(&mut reading, self.before, code.0);
+            codes.extend_from_slice(&reading[..length]);
             self.before = code.0;
             if sampled.wrapped {
                 break;
             }
-            if run.used >= CHUNK_BYTES {
-                self.link.command(&Request::Samples {
-                    codes: &run.bytes[..run.used],
+            if codes.len() >= CHUNK_BYTES {
+                let request = Request::Samples {
+                    codes: &codes,
                     end: None,
-                })?;
-                run.used = 0;
+                };
+                self.link.command(&request)?;
+                codes.clear();
             }
         }
-        Ok(run)
+        Ok((codes, check))
     }
 
-    fn end(&mut self, run: &Run) -> Result<Report, Refusal> {
-        let check = run.check;
-        let request = Request::Samples {
-            codes: &run.bytes[..run.used],
-            end: Some(self.bench.inputs()),
-        };
+    fn end(&mut self, codes: &[u8], check: u32) -> Result<Report, Refusal> {
+        let end = Some(self.bench.inputs());
+        let request = Request::Samples { codes, end };
         let time = self.bench.time();
         self.link.request(&request, |response| match response {
             Response::Cycle { outputs, report } if outputs == check => Ok(report),

@@ -7,6 +7,6 @@ mod record;
 pub use address::Address;
 pub(crate) use closed_loop::BoardLoop;
 pub use kband_link::Emulated;
-pub(crate) use kband_link::{BoardSetting, BoardSettings, Link, Unsolicited};
+pub(crate) use kband_link::{BoardMessage, BoardSetting, BoardSettings, Link};
+pub(crate) use record::NEXT;
 pub use record::replay;
-pub(crate) use record::{BoardMessage, NEXT};

@@ -1,54 +1,16 @@
-//! Recording of a board's messages in a file, and its replay.
-//!
-//! A record has the bytes from the board, after a frame with its identity. The reader
-//! resynchronizes at the next frame after damaged bytes, so damage loses only the affected frames.
+//! Recording of a board's messages in a file, and its replay. A record has the bytes from the
+//! board, after a frame with its identity. Damage loses only the affected frames.
 
 use std::io::Read;
 
-use kband_control::wire::{
-    Outgoing, Receiver, Record, Response, SCHEMA, Telemetry, VERSION, read_answer,
-};
-
-use kband_link::Unsolicited;
+use kband_control::wire::{Outgoing, Receiver, SCHEMA, VERSION, read_answer};
+use kband_link::BoardMessage;
 
 use crate::refusal::Refusal;
-
-/// One message of a board.
-#[derive(Clone, Debug, PartialEq)]
-pub enum BoardMessage {
-    Telemetry(Telemetry),
-    /// A record of the event log.
-    Event(Record),
-    /// The board restarted with this image.
-    Started(String),
-    Setting(String, f32),
-}
-
-impl BoardMessage {
-    /// The message in a response; `None` for other responses.
-    pub fn from_response(response: Response<'_>) -> Option<Self> {
-        match response {
-            Response::Telemetry(telemetry) => Some(Self::Telemetry(telemetry)),
-            Response::Event(event) => event.map(Self::Event),
-            Response::Setting(setting) => Some(Self::Setting(setting.key.into(), setting.value)),
-            _ => None,
-        }
-    }
-}
-
-impl From<Unsolicited> for BoardMessage {
-    fn from(message: Unsolicited) -> Self {
-        match message {
-            Unsolicited::Telemetry(telemetry) => Self::Telemetry(telemetry),
-            Unsolicited::Started(image) => Self::Started(image),
-        }
-    }
-}
 
 /// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Damage {
-    /// Number of unreadable frames.
     pub unreadable: u64,
     /// Number of bytes after the last complete frame.
     pub cut: u64,
@@ -132,7 +94,9 @@ fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::wire::{Identity, MAX_FRAME_BYTES, write_identity, write_response};
+    use kband_control::wire::{
+        Identity, MAX_FRAME_BYTES, Response, Telemetry, write_identity, write_response,
+    };
 
     use super::*;
 

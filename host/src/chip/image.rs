@@ -1,7 +1,5 @@
-//! An image for the board (ELF), checked before the board is touched.
-//!
-//! Checks: chip, address ranges, RAM with the stack, vector table. The last word of the flash gets
-//! the CRC-32 of the program before it.
+//! An image for the board (ELF), checked before the board is touched: chip, address ranges, RAM
+//! with the stack, vector table. Its last word gets the CRC-32 of the program before it.
 
 use std::ops::Range;
 use std::path::Path;
@@ -37,7 +35,6 @@ impl Piece {
         Self { address, bytes }
     }
 
-    /// Address after the last byte.
     fn end(&self) -> u32 {
         self.address + self.bytes.len() as u32
     }
@@ -183,10 +180,7 @@ impl Image {
         pieces.map(|piece| piece.bytes.len() as u32).sum()
     }
 
-    /// The program for the chip's slot, a multiple of 4 bytes.
-    ///
-    /// # Errors
-    /// A `Refusal` if the program is linked for another address or too large.
+    /// The program for the chip's slot, a multiple of 4 bytes; refused if it does not fit there.
     pub fn update(&self) -> Result<Vec<u8>, Refusal> {
         let slot = &self.chip.slot;
         let mut bytes = Vec::new();
@@ -245,9 +239,8 @@ impl Image {
     }
 }
 
-/// Fills the last word of an image with the CRC-32 of the program before it, which begins at the
-/// address `program`. The build leaves it erased, and the board checks it at each start. A loader
-/// before the program is not checked: an update does not replace it.
+/// Fills the last word of an image with the CRC-32 of the program from the address `program` on,
+/// which the board checks at each start. An update does not replace a loader before it.
 fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
     let mut flash = Vec::new();
     for piece in pieces.iter().filter(|piece| program <= piece.address) {
@@ -418,12 +411,19 @@ mod tests {
     }
 
     #[test]
-    fn a_fitting_image_is_accepted() {
+    fn a_fitting_image_is_accepted_for_the_chip_that_it_names() {
         let image = Image::parse(&elf()).unwrap();
         assert_eq!((image.size(), image.memory()), (98 * 4 + 64, 0x8000));
         let bytes = STM32F405RG.sectors();
         let bytes: Vec<u32> = bytes.map(|sector| image.bytes_in(&sector)).collect();
         assert_eq!(bytes, [456, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(image.chip(), &STM32F405RG);
+        let second = elf_with(second_chip);
+        assert_eq!(Image::parse(&second).unwrap().chip(), &STM32G474RE);
+        let mixed = refused(&elf_with(larger_table));
+        for expected in ["118", "98 on the STM32F405RG"] {
+            assert!(mixed.contains(expected), "{mixed}");
+        }
     }
 
     #[test]
@@ -466,17 +466,6 @@ mod tests {
         assert_eq!(with[1..], without);
         let before = [[2; 8], [0xff; 8], [3; 8]].concat();
         assert_eq!(with[2].bytes[8..], crc32(&before).to_le_bytes());
-    }
-
-    #[test]
-    fn an_image_is_for_the_chip_that_it_names() {
-        let second = elf_with(second_chip);
-        assert_eq!(Image::parse(&second).unwrap().chip(), &STM32G474RE);
-        assert_eq!(Image::parse(&elf()).unwrap().chip(), &STM32F405RG);
-        let mixed = refused(&elf_with(larger_table));
-        for expected in ["118", "98 on the STM32F405RG"] {
-            assert!(mixed.contains(expected), "{mixed}");
-        }
     }
 
     #[test]

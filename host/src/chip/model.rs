@@ -16,19 +16,16 @@ pub struct Chip {
     /// Slot of the program, after the loader.
     pub slot: Range<u32>,
     pub memory: Range<u32>,
-    /// Number of entries of the vector table.
     pub vectors: usize,
     /// Family of the chip in its identity register.
     pub family: u32,
     /// Address of the half word with the size of the flash in KiB.
     pub flash_size: u32,
-    /// Address and bit that must be set for the division into `sectors`; `None` without such an
-    /// option.
+    /// Address and bit that must be set for the division into `sectors`, if there is an option.
     pub divided: Option<(u32, u32)>,
     /// Address and bit that stop the bridge's timer with the core and switch its outputs off.
     pub stops: (u32, u32),
-    /// Address and bits that stop both watchdogs with the core, so that none resets it while the
-    /// flash is written.
+    /// Address and bits that stop both watchdogs with the core, so that none resets it.
     pub rests: (u32, u32),
     /// Address and bit that enable the outputs of the bridge's timer.
     pub drives: (u32, u32),
@@ -36,13 +33,10 @@ pub struct Chip {
     pub options: Option<OptionBytes>,
 }
 
-/// Option bytes for a feeder: brown-out reset at its highest level, and independent watchdog from
-/// reset on.
+/// Option bytes for a feeder: highest level of the brown-out reset, watchdog from reset on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OptionBytes {
-    /// Register for the keys.
     pub keys: u32,
-    /// Register of the option bytes.
     pub register: u32,
     /// Bits to clear for both.
     pub clears: u32,
@@ -55,13 +49,11 @@ pub struct OptionBytes {
 impl OptionBytes {
     /// Keys that unlock the option bytes, in order (RM0090, 3.7.2).
     pub const KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
-    /// Bit that locks them.
     pub const LOCK: u32 = 1;
     /// Bit that starts their programming.
     pub const START: u32 = 1 << 1;
 }
 
-/// A flash controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Controller {
     pub keys: u32,
@@ -80,7 +72,6 @@ impl Controller {
     pub const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
     /// Status bit: an operation is in progress.
     pub const BUSY: u32 = 1 << 16;
-    /// Control bit: locked.
     pub const LOCK: u32 = 1 << 31;
 }
 
@@ -198,8 +189,7 @@ mod tests {
         }
     }
 
-    /// Start and end of a memory in the linker script of a board's image; with a slot, those of the
-    /// slot.
+    /// Ends of a memory in a board's linker script; with a slot, those of the slot.
     fn described(description: &str, memory: &str) -> Range<u32> {
         let mut lines = description.lines();
         let line = lines.find(|line| line.trim().starts_with(memory)).unwrap();

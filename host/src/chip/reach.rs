@@ -24,8 +24,7 @@ pub struct ConnectedChip {
 }
 
 impl ConnectedChip {
-    /// Connects to the chip on the named probe, or on the only one. Refuses another family or
-    /// another size of the flash.
+    /// Connects to the chip on the named or only probe; refuses another family or flash size.
     pub fn connect(requested: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
         let info = find(requested)?;
         let name = name(&info);
@@ -95,8 +94,7 @@ impl ConnectedChip {
         Err(Refusal::new(cause, next))
     }
 
-    /// Switches the drive off, and keeps it off while the core is stopped. A stopped core also
-    /// stops its watchdogs.
+    /// Switches the drive off, and stops both it and the watchdogs with the core.
     pub fn drive_off(&mut self) -> Result<(), Refusal> {
         for (address, bits) in [self.chip.rests, self.chip.stops] {
             let stops = self.word(address)?;

@@ -17,23 +17,18 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 const THREAD_NAME: &str = "probe";
 const HALT_TIMEOUT: Duration = Duration::from_millis(500);
-/// Bytes of the initial stack pointer and entry of the image; while they are erased, the core does
-/// not start.
+/// Bytes of stack pointer and entry of the image; while they are erased, the core does not start.
 const STACK_AND_ENTRY_BYTES: usize = 8;
-/// Largest number of status reads of the flash controller before a timeout: for a word, and for the
-/// option bytes, whose sector is erased.
+/// Largest number of status reads of the flash controller: for a word, and for option bytes.
 const MAX_STATUS_POLLS: usize = 1_000;
 const MAX_OPTION_POLLS: usize = 100_000;
 const RETRY_STEP: &str =
     "run kband flash again: until it succeeds the board does not start; its settings are kept";
 
-/// Writes an image through a probe, verifies it and starts it; `written` receives the number of
-/// bytes written so far.
-///
-/// The order is: identify the chip, switch the drive off, stop the core. The sector of the vector
-/// table is erased first, and its first words are written last, after all else is verified. So an
-/// interrupted board does not start, and its drive stays off. Requested option bytes are set at the
-/// end. A protected chip is refused before anything is written.
+/// Writes an image through a probe, verifies it and starts it; `written` gets the bytes so far.
+/// First the chip is identified, the drive switched off and the core stopped. The sector of the
+/// vector table is erased first, and its first words are written last. So an interrupted board does
+/// not start, and its drive stays off. A protected chip is refused before anything is written.
 pub fn write(
     image: Image,
     probe: Option<&str>,
@@ -67,8 +62,7 @@ enum WriteReport {
     Ended(Result<(), Refusal>),
 }
 
-/// Starts work with a probe in a separate thread, because a probe may not answer, and its driver may
-/// panic. Its messages arrive in the channel, which closes at its end.
+/// Starts work with a probe in its own thread: the probe may not answer, its driver may panic.
 fn start(
     work: impl FnOnce(Sender<WriteReport>) + Send + 'static,
 ) -> Result<Receiver<WriteReport>, Refusal> {
@@ -90,8 +84,7 @@ fn start(
     Ok(received)
 }
 
-/// The next message of the work. Refuses after a long silence, a panic, or an interruption by the
-/// user.
+/// The next message of the work. Refuses after a long silence, a panic, or Ctrl-C.
 fn next(received: &Receiver<WriteReport>, desk: &Desk) -> Result<WriteReport, Refusal> {
     let start = Instant::now();
     loop {
@@ -188,8 +181,7 @@ fn refuse_unwritten(why: &str) -> Refusal {
     Refusal::new(format!("the flash was not written: {why}"), RETRY_STEP)
 }
 
-/// Writes the first words, stack before entry, through the flash controller's registers. A loader
-/// writes whole pages, and some flashes accept no second write of a word, even of an erased value.
+/// Writes the first words, stack before entry, by register: a loader writes whole pages.
 fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
     let its = chip.controller;
     let written = session.core(0).and_then(|mut core| {

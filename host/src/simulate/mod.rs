@@ -1,8 +1,6 @@
-//! Scenes at the desk: run with progress, drawn, and varied.
-//!
-//! Each of these modules uses only earlier ones: schema; run, picture, trace, runs, axes, sweep.
+//! Scenes at the desk: run with progress, drawn, and varied. Each of these modules uses only
+//! earlier ones: schema; run, picture, trace, runs, sweep.
 
-pub(crate) mod axes;
 mod picture;
 mod run;
 pub(crate) mod runs;
@@ -18,6 +16,6 @@ pub(crate) use kband_scene::{
     Lot, STATISTICS_START, describe, part_group, regime_text, within_reach,
 };
 pub(crate) use picture::{STATE_FILLS, draw, state_fill};
-pub(crate) use run::{SceneText, run};
+pub(crate) use run::SceneText;
 pub use run::{run_on, run_watched};
 pub use runs::Runs;

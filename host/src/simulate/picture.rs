@@ -2,7 +2,7 @@
 
 use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
-use kband_scene::{Curve, Outcome, Sketch, SketchImpact, describe, part_group};
+use kband_scene::{Curve, Outcome, Sketch, describe, part_group};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::report::when;
@@ -30,9 +30,7 @@ pub fn state_fill(state: State) -> Fill {
     }
 }
 
-/// Draws b, k with the band, the impact phases and the controller's state, over time.
-///
-/// `None` if the run has no sketch.
+/// Draws b, k with the band, impact phases and state over time; `None` if the run has no sketch.
 pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let sketch = outcome.record().sketch.as_ref()?;
     let end = if sketch.time > 0.0 { sketch.time } else { 1.0 };
@@ -70,12 +68,8 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let levels = [Some(k_last), band.map(|band| band.high())];
     let levels = levels.into_iter().flatten().filter(|k| k.is_finite());
     let top = levels.reduce(f64::max).map_or(2.0, |highest| 1.6 * highest);
-    let mut k = sketch.k.drawn();
-    for point in &mut k {
-        if point.1 >= top {
-            point.1 = f64::NAN;
-        }
-    }
+    let visible = |(time, k)| (time, if k < top { k } else { f64::NAN });
+    let k = sketch.k.drawn().into_iter().map(visible).collect();
     let mut throw = Panel::new(time(), Axis::new("k", "", 0.0, top)).height(190.0);
     // Band and phase of the lock apply to one tone.
     let alone = outcome.last().shape.is_sine();
@@ -94,10 +88,11 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     throw = throw.line("k measured", 0, k);
     // The short hops of chatter are left out; of the other impacts every `stride`-th is drawn.
     let impacts = sketch.impacts.iter();
-    let speeds = impacts.clone().map(|impact| impact.speed);
+    let speeds = impacts.clone().map(|(_, strike)| strike.speed);
     let fastest = speeds.fold(0.0, f64::max);
-    let marked = impacts.filter(|impact| impact.speed > 0.05 * fastest);
-    let marked: Vec<&SketchImpact> = marked.collect();
+    let marked: Vec<_> = impacts
+        .filter(|(_, strike)| strike.speed > 0.05 * fastest)
+        .collect();
     let phase = Axis::new("phase at impact", "rad", 0.0, std::f64::consts::TAU).in_pi();
     let mut phases = Panel::new(time(), phase).height(190.0);
     let stride = marked.len().div_ceil(MAX_MARKERS).max(1);
@@ -105,12 +100,12 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     for (series, part_group) in groups.into_iter().enumerate() {
         // Counted part by part, because parts may strike in turn.
         let mut counts = [0_usize; PARTS];
-        let chosen = marked.iter().filter(|impact| {
-            let count = &mut counts[usize::from(impact.part)];
+        let chosen = marked.iter().filter(|(_, strike)| {
+            let count = &mut counts[usize::from(strike.part)];
             *count += 1;
-            part_group.parts.contains(&impact.part) && (*count - 1).is_multiple_of(stride)
+            part_group.parts.contains(&strike.part) && (*count - 1).is_multiple_of(stride)
         });
-        let struck: Vec<(f64, f64)> = chosen.map(|impact| (impact.time, impact.phase)).collect();
+        let struck: Vec<_> = chosen.map(|(time, strike)| (*time, strike.phase)).collect();
         if !struck.is_empty() {
             phases = phases.markers(&part_group.name, series, struck);
         }
@@ -154,7 +149,6 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     Some(picture)
 }
 
-/// Mass on the track: simulated, and estimated by the board.
 fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     let mut truth: Vec<(f64, f64)> = Vec::new();
     for (from, mass) in outcome.masses() {
@@ -173,7 +167,6 @@ fn mass(outcome: &Outcome, sketch: &Sketch, time: Axis) -> Panel {
     panel.line("weighed", 0, weighed)
 }
 
-/// Flow off the track: simulated, and estimated by the board.
 fn flow(outcome: &Outcome, weighed: Vec<(f64, f64)>, truth: f64, time: Axis) -> Panel {
     let requested = match outcome.target() {
         Target::Flow(flow) => Some(f64::from(flow)),

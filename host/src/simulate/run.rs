@@ -1,5 +1,4 @@
-//! Runs of a scene with progress and Ctrl-C. The controller runs in this process or on a board
-//! (processor in the loop); the plant always runs here.
+//! Runs of a scene with progress and Ctrl-C, with the controller here or on a board.
 
 use std::path::Path;
 
@@ -38,12 +37,6 @@ impl SceneText {
     }
 }
 
-/// Runs a scene to its end at its own fidelity (default: envelope), with a progress bar.
-pub fn run(file: &SceneFile, desk: &Desk) -> Result<Outcome, Refusal> {
-    let fidelity = file.fidelity.unwrap_or_default();
-    run_watched(file, fidelity, Watch::FOR_PICTURE, desk)
-}
-
 /// Runs a scene to its end at a fidelity, with observers and a progress bar.
 pub fn run_watched(
     file: &SceneFile,
@@ -56,8 +49,7 @@ pub fn run_watched(
     })
 }
 
-/// Runs a scene to its end with its controller on the board at `link`, sample by sample, with a
-/// progress bar.
+/// Runs a scene to its end with its controller on the board at `link`, sample by sample.
 pub fn run_on(
     link: Link,
     file: &SceneFile,

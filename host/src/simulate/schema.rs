@@ -3,16 +3,14 @@
 use kband_control::{Event, Fault, Key, Limits, Settings, State};
 use kband_plant::{DISTURBANCES, PARTS};
 use kband_scene::fields::{
-    ACTUAL_RESTITUTION, CHANGES, CONTROLLER, FLAGS, Field, MASS, PLANT, SCATTER, SECTIONS, SENSOR,
-    SENSOR_SETTINGS,
+    ACTUAL_RESTITUTION, CHANGES, FLAGS, Field, MASS, PLANT, SCATTER, SENSOR, settings,
 };
 use kband_scene::{DEFAULT_DURATION, DEFAULT_PART_LENGTH, Fidelity};
 use serde_json::{Map, Value, json};
 
 use crate::report::shortest;
 
-/// The schema, in which `"@name"` is a placeholder for a value, and the key `"@name"` for several
-/// properties.
+/// The schema; `"@name"` is a placeholder for a value, or as a key for several properties.
 const TEMPLATE: &str = include_str!("scene.schema.json");
 
 fn setting(name: &str) -> Option<&'static Key> {
@@ -48,36 +46,23 @@ fn of_field(field: &Field) -> Value {
 }
 
 fn properties(name: &str) -> Map<String, Value> {
-    let of_settings = |names: &[&'static str]| -> Map<String, Value> {
-        let keys = names.iter().filter_map(|name| setting(name));
-        keys.map(|key| (key.name.into(), of_setting(key))).collect()
-    };
-    let of_fields = |fields: &mut dyn Iterator<Item = &Field>| -> Map<String, Value> {
-        let pair = |field: &Field| (field.key.into(), of_field(field));
-        fields.map(pair).collect()
-    };
-    match name {
-        "sensor" => {
-            let mut all = of_settings(&SENSOR_SETTINGS);
-            all.extend(of_fields(&mut SENSOR.iter().map(|(field, _)| field)));
-            all
-        }
-        "controller" => of_settings(&CONTROLLER),
-        "plant" => of_fields(&mut PLANT.iter().map(|(field, _)| field)),
-        "changes" => of_fields(&mut CHANGES.iter().map(|(field, _)| field)),
+    let fields: Vec<&Field> = match name {
+        "sensor" => SENSOR.iter().map(|(field, _)| field).collect(),
+        "plant" => PLANT.iter().map(|(field, _)| field).collect(),
+        "changes" => CHANGES.iter().map(|(field, _)| field).collect(),
         "flags" => {
             let flag = |meaning| json!({"type": "boolean", "description": meaning});
             let pair = |&(key, meaning, _): &(&str, _, _)| (key.into(), flag(meaning));
-            FLAGS.iter().map(pair).collect()
+            return FLAGS.iter().map(pair).collect();
         }
-        section => of_settings(section_of(section).0),
-    }
-}
-
-/// Settings of a section, and how many of them are required.
-fn section_of(name: &str) -> (&'static [&'static str], usize) {
-    let section = SECTIONS.into_iter().find(|(section, ..)| *section == name);
-    section.map_or((&[], 0), |(_, keys, required)| (keys, required))
+        _ => vec![],
+    };
+    let keys = settings(name).filter_map(|(key, _)| setting(key));
+    let keys = keys.map(|key| (key.name.into(), of_setting(key)));
+    let fields = fields
+        .into_iter()
+        .map(|field| (field.key.into(), of_field(field)));
+    keys.chain(fields).collect()
 }
 
 fn value(name: &str, template: &Value) -> Value {
@@ -90,8 +75,8 @@ fn value(name: &str, template: &Value) -> Value {
         ("field", key) => of_field(&field(key)),
         ("meaning", key) => field(key).meaning.into(),
         ("required", section) => {
-            let (keys, required) = section_of(section);
-            json!(keys[..required])
+            let required = settings(section).filter(|(_, required)| *required);
+            required.map(|(key, _)| key).collect()
         }
         ("actual", end) => json!(ACTUAL_RESTITUTION[usize::from(end == "high")]),
         ("part", _) => DEFAULT_PART_LENGTH.into(),

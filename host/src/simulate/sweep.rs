@@ -1,9 +1,8 @@
 //! Many runs of one scene at each combination of values of its keys.
 
 use kband_scene::{Fidelity, SceneFile};
-use toml::Table;
+use toml::{Table, Value as Toml};
 
-use super::axes::{Axes, set};
 use super::runs::{self, Run, Runs};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
@@ -12,8 +11,102 @@ use crate::report::{Column, Field, Printout, Table as Rows, View, counted, field
 
 const MAX_RUNS: usize = 1_000_000;
 
-/// Result of one point of a sweep.
 #[derive(Clone, Debug, PartialEq)]
+pub struct Axes {
+    /// The key with its tables, such as `drive.gain` or `disturbance.1.at`.
+    pub key: String,
+    pub values: Vec<f64>,
+}
+
+impl Axes {
+    /// Parses `key=a..b:n` or `key=a`; the error states the accepted form.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let accepted = "KEY=VALUE or KEY=LOW..HIGH:COUNT with a COUNT of 1..100000";
+        Self::read(text).ok_or_else(|| format!("{accepted}, such as drive.gain=0.5..1.5:11"))
+    }
+
+    fn read(text: &str) -> Option<Self> {
+        let (key, range) = text.split_once('=')?;
+        let number = |text: &str| {
+            let number: f64 = text.trim().parse().ok()?;
+            number.is_finite().then_some(number)
+        };
+        let values = match range.split_once("..") {
+            None => vec![number(range)?],
+            Some((low, rest)) => {
+                let (high, count) = rest.rsplit_once(':')?;
+                let (low, high) = (number(low)?, number(high)?);
+                let count: usize = count.trim().parse().ok()?;
+                if !(1..=100_000).contains(&count) {
+                    return None;
+                }
+                let step = (high - low) / (count.max(2) - 1) as f64;
+                let value = |n: usize| match n {
+                    0 => low,
+                    // The typed value, because a rounded one may be out of range.
+                    _ if n + 1 == count => high,
+                    _ => low + step * n as f64,
+                };
+                (0..count).map(value).collect()
+            }
+        };
+        let key = key.trim();
+        (!key.is_empty()).then(|| Self {
+            key: key.into(),
+            values,
+        })
+    }
+}
+
+/// Sets a key of a scene's table, and creates missing tables on its path.
+fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
+    let unknown = |part: &str| {
+        let accepted =
+            "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at";
+        let next = format!("correct {part}; docs/scenes.md lists every key");
+        Refusal::value("--sweep", key, accepted, next)
+    };
+    let mut parts: Vec<&str> = key.split('.').collect();
+    let last = parts.pop().unwrap_or_default();
+    let within = parts.last().copied();
+    let mut inner = table;
+    let mut parts = parts.into_iter();
+    while let Some(part) = parts.next() {
+        let entry = inner.entry(part);
+        inner = match entry.or_insert_with(|| Toml::Table(Table::new())) {
+            Toml::Table(table) => table,
+            Toml::Array(list) => {
+                // The next part is the number of a table in the list, from 1.
+                let number = parts.next().ok_or_else(|| unknown(last))?;
+                let index = number.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+                match index.and_then(|index| list.get_mut(index)) {
+                    Some(Toml::Table(table)) => table,
+                    _ => return Err(unknown(number)),
+                }
+            }
+            _ => return Err(unknown(part)),
+        };
+    }
+    set_number(inner, within, last, value).ok_or_else(|| unknown(last))
+}
+
+/// Sets a number at a key; `None` if the key is a table.
+fn set_number(table: &mut Table, within: Option<&str>, key: &str, value: f64) -> Option<()> {
+    if matches!(table.get(key), Some(Toml::Table(_))) {
+        return None;
+    }
+    if within == Some("target") {
+        // A target has only one of several keys.
+        table.clear();
+    }
+    let value = match key {
+        "seed" | "locked" | "count" if value.fract() == 0.0 => Toml::Integer(value as i64),
+        _ => Toml::Float(value),
+    };
+    table.insert(key.into(), value);
+    Some(())
+}
+
 pub struct Point {
     /// Values of the swept keys, in their order.
     pub values: Vec<f64>,
@@ -31,7 +124,6 @@ fn at_point(refusal: Refusal, axes: &[Axes], values: &[f64]) -> Refusal {
     refusal.at(format!("--sweep at {}", point.join(", ")))
 }
 
-#[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     axes: Vec<Axes>,
     /// The last key varies fastest.
@@ -69,9 +161,8 @@ impl Point {
 }
 
 impl Sweep {
-    /// Runs the scene of `table` `count` times at each point; `prepare` changes it before it is
-    /// checked. With `drawn`, each run has its own parts and noise. Runs of the same number share
-    /// their random numbers at all points (common random numbers), to compare points.
+    /// Runs the scene of `table` `count` times at each point, after `prepare`. With `drawn`, each
+    /// run has its own parts and noise, equal at all points (common random numbers).
     pub fn run(
         table: &Table,
         axes: &[Axes],
@@ -122,7 +213,10 @@ impl Sweep {
         let mut runs = runs.into_iter();
         let points = scenes.into_iter().map(|(values, _)| Point {
             values,
-            runs: Runs::new("sweep", runs.by_ref().take(count).collect()),
+            runs: Runs {
+                name: "sweep",
+                runs: runs.by_ref().take(count).collect(),
+            },
         });
         Ok(Self {
             points: points.collect(),
@@ -130,8 +224,7 @@ impl Sweep {
         })
     }
 
-    /// One row for each point: share of runs that reached the requested state, and averages over
-    /// the runs.
+    /// One row for each point: share of runs that reached the requested state, and averages.
     pub fn summary(&self) -> Printout {
         let key = |(n, column)| Field::all(column, move |point: &Point| point.values[n]);
         let keys = self.key_columns().into_iter().enumerate().map(key);
@@ -274,5 +367,14 @@ mod tests {
             // A count alone defines no distribution.
             assert_eq!(swept.is_ok(), !key.contains("count"), "{key}");
         }
+    }
+
+    #[test]
+    fn the_ends_of_a_range_are_the_typed_ones() {
+        let axes = Axes::parse("part.restitution=0.1..0.7:7").unwrap();
+        assert_eq!(axes.key, "part.restitution");
+        assert_eq!((axes.values[0], axes.values[6]), (0.1, 0.7));
+        assert_eq!(Axes::parse("seed=3").unwrap().values, [3.0]);
+        assert_eq!(Axes::parse("seed=3..9:1").unwrap().values, [3.0]);
     }
 }

@@ -125,8 +125,7 @@ fn scatter_warning(lines: &[Line]) -> Option<String> {
     })
 }
 
-/// Error over time, both in decades; lower left is better. Each kernel has its marker. A line joins
-/// the kernels that no other exceeds in both.
+/// Error over time in decades; a line joins the kernels that no other exceeds in both.
 fn picture(lines: &[Line]) -> Picture {
     // Errors of 0 are drawn at this level.
     const MIN_DRAWN_ERROR: f64 = 1e-18;

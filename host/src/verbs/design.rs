@@ -108,39 +108,33 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     let file = read.scene(&table)?;
     let design = Design::search(&file, &arguments.ranges(&file), desk)?;
-    let converted = Conversion {
-        gravity: file.scene.settings.gravity.into(),
-        part_length: file.part_length,
-    };
-    let report = report(&converted, &file, &design)?;
-    output.show(&report, || picture(&converted, &design))
+    let report = report(&file, &design)?;
+    output.show(&report, || picture(&file, &design))
 }
 
-struct Conversion {
-    gravity: f64,
-    part_length: f64,
+fn parts_a_minute(file: &SceneFile, conveyed: Conveyed) -> f64 {
+    60.0 * conveyed.speed / file.part_length
 }
 
-impl Conversion {
-    fn rate(&self, conveyed: Conveyed) -> f64 {
-        60.0 * conveyed.speed / self.part_length
-    }
+/// Amplitude b in mm.
+fn amplitude(file: &SceneFile, feeder: &Feeder) -> f64 {
+    feeder.amplitude(file.scene.settings.gravity.into())
+}
 
-    fn amplitude(&self, feeder: &Feeder) -> f64 {
-        feeder.amplitude(self.gravity)
-    }
-
-    fn describe(&self, feeder: &Feeder) -> String {
-        let values = [feeder.frequency, self.amplitude(feeder), feeder.throw_angle];
-        let [frequency, b, angle] = numbers(values, 3);
-        format!("{frequency} Hz, b = {b} mm, angle of throw {angle} degrees")
-    }
+fn describe(file: &SceneFile, feeder: &Feeder) -> String {
+    let values = [
+        feeder.frequency,
+        amplitude(file, feeder),
+        feeder.throw_angle,
+    ];
+    let [frequency, b, angle] = numbers(values, 3);
+    format!("{frequency} Hz, b = {b} mm, angle of throw {angle} degrees")
 }
 
 fields! {
-    fn designed(row: Designed, converted: Conversion) {
+    fn designed(row: Designed, file: SceneFile) {
         all FREQUENCY.titled("Hz").digits(3) => row.feeder.frequency;
-        all B.digits(3) => converted.amplitude(&row.feeder);
+        all B.digits(3) => amplitude(file, &row.feeder);
         all THROW_ANGLE.titled("throw (deg)").digits(3) => row.feeder.throw_angle;
         all PHASE_LEAD.titled("lead (deg)").digits(3) => row.feeder.phase_lead;
         all INCLINE.titled("incline (deg)").digits(3) => row.feeder.incline;
@@ -150,10 +144,10 @@ fields! {
         all E3.titled("e3").digits(2) => row.feeder.tones[1][0];
         data TH3 => row.feeder.tones[1][1];
         all IN_GEAR.titled("in gear").digits(3) => row.simulated.share;
-        all PARTS_A_MINUTE.titled("parts/min").digits(4) => converted.rate(row.simulated);
+        all PARTS_A_MINUTE.titled("parts/min").digits(4) => parts_a_minute(file, row.simulated);
         data SPEED => row.simulated.speed;
         all IN_GEAR_CLOSED_LOOP.titled("in gear, closed loop").digits(3) => row.closed.map(|closed| closed.share);
-        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => row.closed.map(|closed| converted.rate(closed));
+        all PARTS_A_MINUTE_CLOSED_LOOP.titled("parts/min, closed loop").digits(4) => row.closed.map(|closed| parts_a_minute(file, closed));
         all PARTS_BY_B.titled("% parts by 1 % b").digits(2) => finite(100.0 * row.sensitivity.amplitude[0]);
         all IN_GEAR_BY_B.titled("in gear by 1 % b").digits(2) => finite(row.sensitivity.amplitude[1]);
         all PARTS_BY_FREQUENCY.titled("% parts by 1 % Hz").digits(2) => finite(100.0 * row.sensitivity.frequency[0]);
@@ -163,19 +157,19 @@ fields! {
     }
 }
 
-fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
+fn comparison(file: &SceneFile, design: &Design) -> Option<String> {
     let today = design.today?;
     let closed = today.closed?;
     let [frequency, share] = numbers([today.feeder.frequency, closed.share], 3);
-    let (rate, feeder) = (converted.rate(closed), converted.describe(&today.feeder));
+    let (rate, feeder) = (parts_a_minute(file, closed), describe(file, &today.feeder));
     let now = format!(
         "Your feeder at {frequency} Hz: {rate:.0} parts a minute at share {share} in gear ({feeder})."
     );
     let better = design.better().and_then(|best| Some((best, best.closed?)));
     let then = match better {
         Some((best, run)) if run.speed > closed.speed => {
-            let (rate, share) = (converted.rate(run), number(run.share, 3));
-            let feeder = converted.describe(&best.feeder);
+            let (rate, share) = (parts_a_minute(file, run), number(run.share, 3));
+            let feeder = describe(file, &best.feeder);
             let gain = 100.0 * (run.speed / closed.speed - 1.0);
             format!(
                 "With the same drive and about this share: {rate:.0} parts a minute at share {share} ({feeder}), {gain:+.0} %."
@@ -187,8 +181,8 @@ fn comparison(converted: &Conversion, design: &Design) -> Option<String> {
     Some(format!("{now} {then}"))
 }
 
-fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<Printout> {
-    let all = designed(converted);
+fn report(file: &SceneFile, design: &Design) -> Result<Printout> {
+    let all = designed(file);
     let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
     let varies = |value: fn(&Feeder) -> f64| {
         let mut values = design.best.iter().map(|best| value(&best.feeder));
@@ -203,16 +197,16 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
     ];
     let hidden = optional.into_iter().filter(|(shown, _)| !shown);
     let hidden = hidden.map(|(_, column)| column);
-    let view = hidden.fold(designed(converted), View::without);
+    let view = hidden.fold(designed(file), View::without);
     let error = &design.error;
     let front = design.front.iter().map(|(feeder, simulated)| {
         json!({
             "frequency": feeder.frequency,
-            "b": converted.amplitude(feeder),
+            "b": amplitude(file, feeder),
             "throw_angle": feeder.throw_angle,
             "k": feeder.k,
             "in_gear": simulated.share,
-            "parts_a_minute": converted.rate(*simulated),
+            "parts_a_minute": parts_a_minute(file, *simulated),
         })
     });
     let document = json!({
@@ -241,7 +235,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
             settings.restitution_low,
             settings.restitution_high,
             settings.scatter,
-            converted.part_length,
+            file.part_length,
             design.within,
             design.tried
         ))
@@ -250,7 +244,7 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
     let held = design.held_by.join(", ");
     let held = || format!("Most of these feeders are held by: {held}.");
     report
-        .note(comparison(converted, design).unwrap_or_else(none))
+        .note(comparison(file, design).unwrap_or_else(none))
         .notes((!design.held_by.is_empty()).then(held))
         .note(format!(
             "The search took shares and speeds from a table. Its front differs from simulated parts by {share_rms} rms, at most {share_max}, in \
@@ -259,8 +253,8 @@ fn report(converted: &Conversion, file: &SceneFile, design: &Design) -> Result<P
         .json(&document)
 }
 
-fn picture(converted: &Conversion, design: &Design) -> Picture {
-    let simulated = |run: &Conveyed| (run.share, converted.rate(*run));
+fn picture(file: &SceneFile, design: &Design) -> Picture {
+    let simulated = |run: &Conveyed| (run.share, parts_a_minute(file, *run));
     let front: Vec<(f64, f64)> = design.front.iter().map(|(_, run)| simulated(run)).collect();
     let runs = |all: &[Designed]| -> Vec<(f64, f64)> {
         let closed = all.iter().filter_map(|row| row.closed);
@@ -292,6 +286,6 @@ fn picture(converted: &Conversion, design: &Design) -> Picture {
                 .markers("the scene's own feeder", 2, today),
         )
         .panel(panel("drive frequency", "Hz", &|f| f.frequency))
-        .panel(panel("amplitude b", "mm", &|f| converted.amplitude(f)))
+        .panel(panel("amplitude b", "mm", &|f| amplitude(file, f)))
         .panel(panel("angle of throw", "degrees", &|f| f.throw_angle))
 }

@@ -53,7 +53,6 @@ idle! {
 
 /// Verbs whose `--seed` only affects the scatter.
 const SCATTER_VERBS: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
-/// Verb that draws a picture without the name of a file, too.
 const DRAWING_VERB: &str = "simulate";
 
 struct Args<'a>(&'a ArgMatches);

@@ -1,8 +1,7 @@
 //! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
 //!
-//! A verb is a module with `Arguments` and `run(arguments, desk) -> Result<Exit>`. The
-//! arguments are clap's `Args`: the doc comment is the help, `after_help` the example. A line in
-//! the list below names the verb.
+//! A verb is a module with `Arguments` (clap's: the doc comment is the help, `after_help` the
+//! example) and `run(arguments, desk) -> Result<Exit>`. A line in the list below names it.
 
 mod bench;
 pub mod board;
@@ -22,12 +21,10 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{CommandFactory, FromArgMatches, Parser};
 use kband_control::wire::{SCHEMA, VERSION};
 
-use crate::arguments;
 use crate::desk::Desk;
-use crate::file;
-use crate::provenance;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::when;
+use crate::{arguments, file, provenance};
 
 macro_rules! verbs {
     ($($verb:ident => $($module:ident)::+,)*) => {
@@ -109,7 +106,6 @@ struct CommandLine {
     verb: Option<Verb>,
 }
 
-/// Version of the tool and of its link protocol.
 fn version() -> &'static str {
     static WORDS: LazyLock<String> = LazyLock::new(|| {
         let version = env!("CARGO_PKG_VERSION");
@@ -130,8 +126,7 @@ pub fn main() -> ExitCode {
     let (line, matches) = match line {
         Ok(parsed) => parsed,
         Err(message) => {
-            // Help and version go to standard output with status 0, a bad option to standard error
-            // with status 2. A failure to print has no remedy.
+            // Help and version have status 0, a bad option 2. A failure to print has no remedy.
             match refused(&message) {
                 Some(refusal) => eprintln!("{refusal}"),
                 None => {
@@ -247,12 +242,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_is_consistent() {
+    fn the_command_line_is_consistent_with_a_help_line_and_an_example_for_each_verb() {
         command().debug_assert();
-    }
-
-    #[test]
-    fn every_verb_has_a_help_line_and_an_example() {
         for verb in command().get_subcommands() {
             let name = verb.get_name();
             assert!(verb.get_about().is_some(), "{name} has no help");

@@ -17,7 +17,9 @@ use crate::picture::Fill;
 use crate::provenance;
 use crate::refusal::{Exit, Result};
 use crate::report::{counted, number};
-use crate::simulate::{self, Outcome, STATE_FILLS, SceneText, part_group, state_fill};
+use crate::simulate::{
+    Outcome, STATE_FILLS, SceneText, Watch, part_group, run_watched, state_fill,
+};
 use crate::verbs::map::gear::{Lot, LotSettings};
 use crate::verbs::map::{basins, transport};
 
@@ -53,7 +55,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
     };
     target.ends_in("--out", &["html", "htm"])?;
-    let outcome = simulate::run(&scene, desk)?;
+    let fidelity = scene.fidelity.unwrap_or_default();
+    let outcome = run_watched(&scene, fidelity, Watch::FOR_PICTURE, desk)?;
     let feeder = Feeder::from_outcome(&outcome)?;
     let written = toml::to_string(&read.table).unwrap_or_default();
     let page = page(&feeder, &outcome, &written, desk)?;
@@ -421,10 +424,11 @@ fn traced(outcome: &Outcome) -> Json {
     let stride = impacts.len().div_ceil(MAX_DRAWN_IMPACTS).max(1);
     let kinds = part_group(&outcome.file().scene.parts);
     let parts = kinds.iter().map(|part_group| {
-        let chosen = impacts.iter();
-        let chosen = chosen.filter(|impact| part_group.parts.contains(&impact.part));
-        let chosen = chosen.step_by(stride);
-        let chosen = chosen.map(|impact| [impact.time, impact.phase, impact.speed].map(short));
+        let own = impacts
+            .iter()
+            .filter(|(_, strike)| part_group.parts.contains(&strike.part));
+        let chosen = own.step_by(stride);
+        let chosen = chosen.map(|(time, strike)| [*time, strike.phase, strike.speed].map(short));
         json!({"name": part_group.name, "impacts": chosen.collect::<Vec<_>>()})
     });
     json!({

@@ -9,17 +9,15 @@ use kband::feeder::Restitution;
 use kband_control::Target;
 use kband_plant::{Moment, Sample};
 
-use crate::arguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES};
-use crate::provenance;
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::rows_file;
-use crate::report::{self, Format, Printout, Table};
-use crate::simulate::axes::Axes;
-use crate::simulate::sweep::Sweep;
+use crate::report::{self, Format, Printout, Table, rows_file};
+use crate::{arguments, provenance};
+
+use crate::simulate::sweep::{Axes, Sweep};
 use crate::simulate::{
     DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, run_watched, runs,
     schema, trace,
@@ -258,8 +256,7 @@ fn sweep(
         &arguments.sweep,
         &|file| arguments.apply_to(file),
         arguments.runs.unwrap_or(1),
-        // A single run per point uses the scene unchanged. Of several, each draws its own parts and
-        // noise.
+        // A single run per point uses the scene unchanged. Of several, each has its own draws.
         arguments.runs.is_some(),
         arguments.fidelity,
         desk,
@@ -286,10 +283,7 @@ fn print_runs(
     Ok(Exit::Done)
 }
 
-/// Runs of the controller, and runs of an amplitude set from the band alone.
-///
-/// For a target of gear that is the lock's band, which does not depend on the scatter. Without a
-/// target that kicks, both are the same.
+/// Runs of the controller, and of an amplitude set from the lock's band alone.
 fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) -> Result<[Runs; 2]> {
     let mut alone = file.clone();
     alone.scene.settings.capture_attempts = 0.0;
@@ -297,19 +291,22 @@ fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) ->
         alone.scene.target = Target::Locked { order };
     }
     let planned = Runs::run("planned kicks", file, count, fidelity, desk)?;
+    let kicks = |target| {
+        use Target::{Chaotic, Locked, PartsPerMinute, Speed};
+        matches!(
+            target,
+            Locked { .. } | Chaotic | Speed(_) | PartsPerMinute(_)
+        )
+    };
     let alone = if alone.scene.targets().any(kicks) {
         Runs::run("band alone", &alone, count, fidelity, desk)?
     } else {
-        Runs::new("band alone", planned.runs.clone())
+        Runs {
+            name: "band alone",
+            ..planned.clone()
+        }
     };
     Ok([planned, alone])
-}
-
-fn kicks(target: Target) -> bool {
-    matches!(
-        target,
-        Target::Locked { .. } | Target::Chaotic | Target::Speed(_) | Target::PartsPerMinute(_)
-    )
 }
 
 #[cfg(test)]

@@ -47,7 +47,6 @@ pub fn run(folder: impl AsRef<Path>, limit: &str, args: &[&str]) -> Outcome {
     }
 }
 
-/// The image of the emulated board.
 pub fn image() -> String {
     let image = images::build("kband-firmware", "virtual_feeder", Machine::CortexM4F);
     image.to_str().unwrap().to_string()
@@ -69,8 +68,7 @@ pub fn start(folder: impl AsRef<Path>, args: &str) -> Child {
     command.stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// A pseudo-terminal without translation of bytes: its far end, its near end, which stays open, and
-/// its name.
+/// A raw pseudo-terminal: its far end, its near end, which stays open, and its name.
 #[cfg(unix)]
 pub fn port() -> (File, File, String) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

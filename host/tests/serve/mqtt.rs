@@ -46,8 +46,7 @@ fn broker(folder: &Path, port: u16) -> Program {
     program
 }
 
-/// A subscriber to all topics, for which the broker stores messages, and its received pairs of
-/// topic and message.
+/// A subscriber with a stored session to all topics, and its pairs of topic and message.
 fn subscriber(port: u16) -> (Program, Receiver<(String, String)>) {
     let port = port.to_string();
     let mut child = Command::new("mosquitto_sub")
@@ -97,9 +96,11 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     let mut plc = Master::connect(&server);
     plc.wait(status::READY_TO_START, status::RUNS);
     plc.start();
-    next(&received, "event", |message| {
-        message.contains("\"event\":\"started\"")
-    });
+    let is = |event: &str| {
+        let event = format!("\"event\":\"{event}\"");
+        move |message: &str| message.contains(&event)
+    };
+    next(&received, "event", is("started"));
     let running = reading(&received, "holding");
     assert!(running["b"].as_f64().unwrap() > 0.05, "{running}");
     assert!(running["cycle"].as_u64() > at_rest["cycle"].as_u64());
@@ -111,9 +112,7 @@ fn readings_and_events_survive_a_broker_that_is_killed() {
     let _second = broker(folder.path(), port);
     let (_reader, received) = subscriber(port);
     next(&received, "status", |message| message == "online");
-    next(&received, "event", |message| {
-        message.contains("\"event\":\"stopped\"")
-    });
+    next(&received, "event", is("stopped"));
     reading(&received, "off");
     server.child.kill().unwrap();
     next(&received, "status", |message| message == "offline");

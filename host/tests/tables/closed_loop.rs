@@ -13,15 +13,12 @@ pub struct Row {
     restitution: (f32, f32),
     scatter: f32,
     parts: u8,
-    /// Largest second and third tones that the drive affords, and the hard limit of the
-    /// acceleration in g; 0: none.
+    /// Second and third tone that the drive affords, and limit of the acceleration in g; 0: none.
     drives: &'static [[f32; 3]],
 }
 
-/// Drives with one tone, and with two.
 const ONE_TONE: [f32; 3] = [0.0; 3];
 const TWO_TONES: [f32; 3] = [0.15, 0.0, 0.0];
-/// Tones for lots that need more, and a limit of 5 g.
 const STRONG_TWO_TONES: [f32; 3] = [0.25, 0.0, 0.0];
 const THREE_TONES: [f32; 3] = [0.3, 0.06, 5.0];
 
@@ -49,8 +46,7 @@ pub const ROWS: [Row; 7] = [
     },
 ];
 
-/// Rows for these lots: `count` runs of 60 s each, with the target of lock (middle of the band) and
-/// of gear.
+/// Rows for these lots: `count` runs of 60 s each, with the targets of lock and of gear.
 pub fn table(lots: &[Row], count: usize) -> Vec<String> {
     let desk = Desk::new(None).unwrap();
     let mut rows = Vec::new();
@@ -143,8 +139,7 @@ fn scene(row: &Row, target: Target, drive: [f32; 3]) -> SceneFile {
     file
 }
 
-/// The controller's plan for a scene: expected share, k, tones, and largest acceleration of the
-/// track in g.
+/// The controller's plan: expected share, k, tones, and peak acceleration in g.
 fn planned(scene: &Scene) -> (Option<f64>, f64, Shape, f64) {
     let settings = &scene.settings;
     let mut controller = Controller::build(settings, scene.target, StartCause::Ordinary).unwrap();

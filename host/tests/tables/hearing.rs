@@ -1,8 +1,4 @@
-//! Errors of the estimated share of time in gear, for one and for several parts
-//! (docs/theory-real-parts.md#t10.7).
-//!
-//! It runs lots at fixed amplitudes. The configured amplitude has an error of up to 2 %, different
-//! in each run.
+//! Errors of the estimated share of time in gear (docs/theory-real-parts.md#t10.7).
 
 use std::f64::consts::TAU;
 

@@ -1,6 +1,5 @@
-//! Accuracy of identification for lots with random restitution (docs/commissioning.md).
-//!
-//! A result is false if its error exceeds three of its estimated standard errors.
+//! Accuracy of identification for lots with random restitution (docs/commissioning.md). A result is
+//! false if its error exceeds three of its estimated standard errors.
 
 use std::ops::Range;
 
@@ -41,9 +40,7 @@ fn identify(lot: Lot, track: [f32; 2], seed: u64) -> Identification {
     ended.expect("an identification ends")
 }
 
-/// A cell of the manual's tables: the largest error, and the number of results if some are missing.
-///
-/// It panics on a false result, whose error exceeds three of its estimated standard errors.
+/// The largest error, and the number of results if some are missing; panics on a false result.
 pub fn cell(lot: Lot, track: [f32; 2], seeds: Range<u64>) -> String {
     let runs = seeds.end - seeds.start;
     let (mut answers, mut largest) = (0, 0.0_f32);

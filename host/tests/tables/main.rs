@@ -1,15 +1,10 @@
 //! Checks that the tables of the manual agree with the output of the commands.
 //!
-//! `<!-- table: NAME -->`: this test computes the table after it by `kband` and compares every row.
-//! `KBAND_ACCEPT=1 cargo test -p kband-host --test tables` writes the computed rows into the pages.
-//!
-//! `<!-- long: NAME, SUM -->`: the ignored test of that name computes the table, in minutes. SUM is
-//! a checksum of the table's text and of a short computation by the same code. Each test run
-//! repeats the short computation. So it detects changed code and a table changed by hand.
-//!
-//! `<!-- reference: WHERE -->`: the values are from independent programs, and the tests in that
-//! place compare the code with them. `<!-- test: NAME -->`: that unit test compares the table.
-//! `docs/numbers.sh` computes all tables and pictures again.
+//! `<!-- table: NAME -->`: this test computes the table; with `KBAND_ACCEPT=1` it writes the rows.
+//! `<!-- long: NAME, SUM -->`: an ignored test computes the table, in minutes. SUM is a checksum
+//! of its text and of a short computation by the same code, which each test run repeats.
+//! `<!-- reference: WHERE -->`: tests there compare the code with values of independent programs.
+//! `<!-- test: NAME -->`: that unit test compares the table. `docs/numbers.sh` computes all anew.
 
 mod closed_loop;
 mod hearing;

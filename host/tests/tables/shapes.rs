@@ -1,8 +1,5 @@
-//! Track shape with the largest share in gear for parts with random restitution, under one peak
-//! acceleration.
-//!
-//! The method is random search over shapes of one, two and three tones, then local random
-//! refinement of the best ones. Fresh runs estimate their shares in gear.
+//! Track shape with the largest share in gear under one peak acceleration, with scatter, by random
+//! search over shapes of one, two and three tones and local refinement.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -42,9 +39,7 @@ fn share(
     Ok(sum.share())
 }
 
-/// Best shape of `tones` tones under a peak acceleration, by random search.
-///
-/// `moves` random moves refine each of the best of `tries` random shapes.
+/// Best of `tries` random shapes of `tones` tones under a peak acceleration, after `moves`.
 fn best(
     tones: usize,
     lot: [f64; 2],

@@ -1,9 +1,5 @@
 //! Mass flow in g/s of random feeders without a scale: estimated and simulated
-//! (docs/theory-real-parts.md#t10.5).
-//!
-//! Each feeder has its own frequency, Q, restitution, scatter, incline, friction and number of
-//! parts. The mass of the parts is 2 to 20 % of the track's. They fall onto it within 1 s; the
-//! controller brings them into gear.
+//! (docs/theory-real-parts.md#t10.5). The parts have 2 to 20 % of the track's mass.
 
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;
@@ -115,16 +111,12 @@ fn row(scene: &Scene) -> Result<String, OutOfRange> {
         assert!(error.abs() < 0.04, "{estimated} for {truth}: {scene:?}");
         format!("{:+.1} %", error * 100.0)
     };
-    let estimated = if result.estimated > 0.0 {
-        [
-            format!("{:.0}", result.mass),
-            percent(result.mass, mass),
-            format!("{:.1}", result.flow),
-            percent(result.flow, flow),
-        ]
-    } else {
-        ["-", "-", "-", "-"].map(String::from)
-    };
+    let mut estimated = ["-"; 4].map(String::from);
+    if result.estimated > 0.0 {
+        let [weighed, flows] = [format!("{:.0}", result.mass), format!("{:.1}", result.flow)];
+        let [off, away] = [percent(result.mass, mass), percent(result.flow, flow)];
+        estimated = [weighed, off, flows, away];
+    }
     let [weighed, off, flows, away] = estimated;
     Ok(format!(
         "| {:.1} | {:.1} | {:.2} | {:.3} | {} | {:.1} % | {:.3} | {:.2} | {mass:.0} | {weighed} | {off} | {flow:.1} | {flows} | {away} |",

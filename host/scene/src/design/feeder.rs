@@ -22,8 +22,7 @@ pub struct Feeder {
     pub incline: f64,
     /// k, normal gravity over b w^2.
     pub k: f64,
-    /// Amplitude over the first (symbol e) and angle in rad (symbol th) of the second and third
-    /// tone.
+    /// Amplitude over the first (symbol e) and angle in rad (symbol th) of the upper tones.
     pub tones: [[f64; 2]; 2],
 }
 
@@ -108,18 +107,15 @@ pub(super) fn map(wave: Wave, k: f64) -> Result<WaveMap, OutOfRange> {
     WaveMap::on(wave, k, 0.5)
 }
 
-/// Largest displacement in any direction over that normal to the track. It is the larger half axis
-/// of the ellipse of two motions, with amplitudes 1 and eta and phase gamma.
+/// Largest displacement over that normal to the track: the larger half axis of an ellipse.
 fn stroke(amplitude_ratio: f64, phase_lead: f64) -> f64 {
     let square = 1.0 + amplitude_ratio * amplitude_ratio;
     let area = 2.0 * amplitude_ratio * phase_lead.to_radians().sin();
     (0.5 * (square + (square * square - area * area).max(0.0).sqrt())).sqrt()
 }
 
-/// The scene's settings for a feeder with the same drive.
-///
-/// Force, quality, swinging mass, and the limits of stroke and acceleration along the motion are
-/// the scene's. The springs differ: the ratio of resonance to frequency is constant.
+/// The scene's settings for a feeder with the same drive: force, quality, swinging mass, and limits
+/// of stroke and acceleration along the motion. The ratio of resonance to frequency is constant.
 pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
     let factors = factors(base, feeder);
     let mut settings = Settings {
@@ -146,8 +142,7 @@ pub(super) fn settings_of(base: &Settings, feeder: &Feeder) -> Settings {
 
 struct Factors {
     frequency: f32,
-    /// Factor for amplitudes normal to the track at full output: at constant force the stroke is
-    /// inversely proportional to the frequency squared.
+    /// Factor for amplitudes normal to the track at full output, at constant force.
     gain: f32,
     /// Factor for the limits of amplitude and acceleration normal to the track.
     limit: f32,
@@ -198,8 +193,7 @@ pub(super) fn limit_reached(base: &Settings, feeder: &Feeder) -> Option<&'static
     Some(limit.0)
 }
 
-/// Lowest k of a feeder within the limits of the scene's drive; infinite if its settings are out of
-/// range.
+/// Lowest k within the limits of the scene's drive; infinite if the settings are out of range.
 pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
     let settings = settings_of(base, feeder);
     if settings.check().is_err() {
@@ -210,8 +204,7 @@ pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::Controller;
-    use kband_control::StartCause;
+    use kband_control::{Controller, StartCause};
 
     use super::*;
 

@@ -19,15 +19,14 @@ use crate::scene::SceneFile;
 pub use feeder::Feeder;
 use table::{Axis, Lot, Table};
 pub use verdict::{Conveyed, Sensitivity};
-use verdict::{FRONT_RUNS, NOMINAL, close, closed, judge, simulate};
+use verdict::{Trial, closed};
 
 /// Called during the work; a refusal ends the work.
 pub type CheckStop<'a> = &'a dyn Fn() -> Result<(), Refusal>;
 
 /// Threads that execute numbered tasks.
 pub trait Workers {
-    /// Calls `work` for each of `0..count`; returns the results in order, or the first refusal in
-    /// order. A result may depend only on its number.
+    /// Results of `work` for each of `0..count`, in order; each may depend only on its number.
     fn map<T: Send + Sync>(
         &self,
         title: &str,
@@ -119,8 +118,7 @@ const OF_FIRST: &str = "of the first";
 const LOT_PARTS: usize = 5;
 
 impl Ranges {
-    /// Ranges by the drive of a scene: half to twice its frequency, every amplitude, its tones, and
-    /// its own incline and phase lead.
+    /// Half to twice the scene's frequency, every amplitude, its tones, incline and phase lead.
     pub fn from_scene(file: &SceneFile) -> Self {
         let settings = &file.scene.settings;
         let [frequency, lead, incline] =
@@ -139,10 +137,7 @@ impl Ranges {
         }
     }
 
-    /// Refuses a value out of range.
-    ///
-    /// # Errors
-    /// A `Refusal` that names the range.
+    /// Refuses a value out of range, with the range.
     pub fn check(&self) -> Result<(), Refusal> {
         let intervals = [
             ("frequency", self.frequency, [5.0, 500.0], "Hz"),
@@ -182,12 +177,8 @@ impl Ranges {
 }
 
 impl Design {
-    /// Searches for feeders with the drive of a scene.
-    ///
-    /// # Errors
-    /// A `Refusal` for invalid ranges, for a scene of an order other than 1, if no candidate is
-    /// feasible, and from `workers`. A feasible candidate is within the drive's limits and has the
-    /// least share.
+    /// Searches for feeders with the drive of a scene. Refused: invalid ranges, an order other than
+    /// 1, and if no candidate within the drive's limits has the least share.
     pub fn search(
         file: &SceneFile,
         ranges: &Ranges,
@@ -207,27 +198,29 @@ impl Design {
             scatter: settings.scatter.into(),
             seed: ranges.seed,
         };
-        let today = today(file, &lot, workers)?;
-        let table = Table::compute(&file.scene, &lot, axes(settings, ranges)?, workers)?;
+        let trial = Trial { file, lot };
+        let today = today(&trial, workers)?;
+        let table = Table::compute(&file.scene, &trial.lot, axes(settings, ranges)?, workers)?;
         let result = search::search(settings, ranges, &table, workers)?;
         if result.front.is_empty() {
             return Err(refuse_empty(&result, ranges));
         }
         let feeders: Vec<Feeder> = result.front.iter().map(|best| best.feeder).collect();
-        let simulated = simulate(file, &lot, &feeders, &[NOMINAL], FRONT_RUNS, workers)?;
+        let simulated = trial.front(&feeders, workers)?;
         let error = error(result.front.iter().zip(&simulated));
         let front = search::pareto_front(&simulated, |run| (run.share, run.speed)).into_iter();
         let front = front.map(|n| (feeders[n], simulated[n]));
         let front: Vec<(Feeder, Conveyed)> = front.collect();
         let chosen = spread(front.len(), ranges.checked).map(|n| front[n].0);
         let chosen: Vec<Feeder> = chosen.collect();
-        let judged = judge(file, &lot, &chosen, workers)?;
+        let judged = trial.judge(&chosen, workers)?;
         // The new simulation may show that another feeder is better.
         let undominated = search::pareto_front(&judged, |(run, _)| (run.share, run.speed));
         let chosen: Vec<Feeder> = undominated.iter().map(|n| chosen[*n]).collect();
         let judged = undominated.iter().map(|n| judged[*n]);
         let runs = workers.map("closed loop", chosen.len(), |n, check_stop| {
-            close(file, &lot, Some(&chosen[n]), check_stop).map(|outcome| closed(&outcome))
+            let outcome = trial.close(Some(&chosen[n]), check_stop)?;
+            Ok(closed(&outcome))
         })?;
         let all = chosen.iter().zip(judged).zip(runs);
         let best = all.map(|((feeder, (simulated, sensitivity)), closed)| Designed {
@@ -264,16 +257,15 @@ fn spread(count: usize, max_count: usize) -> impl Iterator<Item = usize> {
 }
 
 /// The scene's own feeder at its controller's amplitude, with share and speed of parts there.
-fn today(file: &SceneFile, lot: &Lot, workers: &impl Workers) -> Result<Option<Designed>, Refusal> {
-    let outcome = workers.map("closed loop", 1, |_, check_stop| {
-        close(file, lot, None, check_stop)
-    })?;
+fn today(trial: &Trial<'_>, workers: &impl Workers) -> Result<Option<Designed>, Refusal> {
+    let close = |_, check_stop: CheckStop<'_>| trial.close(None, check_stop);
+    let outcome = workers.map("closed loop", 1, close)?;
     let Some((outcome, run)) = outcome.first().and_then(|run| Some((run, closed(run)?))) else {
         return Ok(None);
     };
     let tones = outcome.last().shape.numbers();
-    let feeder = Feeder::from_settings(&file.scene.settings, outcome.k(), tones);
-    let judged = judge(file, lot, &[feeder], workers)?;
+    let feeder = Feeder::from_settings(&trial.file.scene.settings, outcome.k(), tones);
+    let judged = trial.judge(&[feeder], workers)?;
     Ok(judged.first().map(|(simulated, sensitivity)| Designed {
         feeder,
         simulated: *simulated,
@@ -312,8 +304,7 @@ fn held_by(settings: &Settings, ranges: &Ranges, feeders: &[Feeder]) -> Vec<Stri
     all
 }
 
-/// Axes of the table for these ranges. With tangential restitution the speed is linear in eta; with
-/// friction it is not.
+/// Axes of the table. With friction the speed is not linear in eta.
 fn axes(settings: &Settings, ranges: &Ranges) -> Result<table::Axes, Refusal> {
     let birth = band::birth(f64::from(settings.restitution_high).min(0.99), 1)?;
     let highest = (1.02 * birth).min(0.98);

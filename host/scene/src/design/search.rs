@@ -25,8 +25,7 @@ const MIN_TONE: f64 = 0.01;
 /// Step of the share; the front has at most one candidate in each.
 const STEP: f64 = 0.002;
 
-/// Rounds of the search: share of the candidates, and their largest distance from the present
-/// front, over the range of a coordinate. The first round draws from all ranges.
+/// Rounds of the search: share of the candidates, and largest distance from the present front.
 const ROUNDS: [(f64, f64); 5] = [
     (0.5, 0.0),
     (0.15, 0.2),
@@ -146,8 +145,7 @@ fn front(candidates: Vec<Candidate>) -> Vec<Candidate> {
     front.into_iter().map(|n| best[n]).collect()
 }
 
-/// Indices of the pairs that no other pair equals or exceeds in both numbers, by falling second
-/// number.
+/// Indices of the pairs that no other equals or exceeds in both numbers, by falling second one.
 pub(super) fn pareto_front<T>(all: &[T], numbers: impl Fn(&T) -> (f64, f64)) -> Vec<usize> {
     let mut order: Vec<usize> = (0..all.len()).collect();
     order.sort_by(|a, b| {

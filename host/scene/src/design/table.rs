@@ -1,7 +1,5 @@
-//! Table of share in gear and conveying speed on a grid, with interpolation.
-//!
-//! The share depends on k and the tones, for one lot. The speed in `b w` also depends on eta,
-//! the phase lead and the incline. Each node is simulated once for all of these.
+//! Table of share in gear and conveying speed on a grid, with interpolation. The share of one lot
+//! depends on k and the tones, the speed in `b w` also on eta, phase lead and incline.
 
 use kband::feeder::{OutOfRange, Track, TrackSettings};
 use kband::impact::Scatter;
@@ -30,8 +28,7 @@ impl Axis {
         self.low + (self.high - self.low) * n as f64 / (self.count.max(2) - 1) as f64
     }
 
-    /// The node below a value, and the fraction of the distance to the next; beyond the ends, the
-    /// end.
+    /// The node below a value, and the fraction of the distance to the next; clamped to the ends.
     fn place(&self, value: f64) -> (usize, f64) {
         if self.count < 2 {
             return (0, 0.0);
@@ -43,7 +40,6 @@ impl Axis {
     }
 }
 
-#[derive(Clone, Debug)]
 pub(super) struct Lot {
     pub restitutions: Vec<f64>,
     /// Standard deviation from impact to impact.
@@ -55,8 +51,7 @@ pub(super) struct Lot {
 pub(super) const PERIODS: f64 = 250.0;
 
 impl Lot {
-    /// Random restitutions of one part in the runs `runs`, each with its own seed. All points have
-    /// the same draws, to compare them.
+    /// Random restitutions of one part, a seed for each of `runs`. All points have the same draws.
     pub fn draws(
         &self,
         part: usize,
@@ -78,8 +73,7 @@ const SHARE_AXES: usize = 4;
 /// Runs of each part at a node; fewer for many laws of motion along the track.
 const RUNS: [u64; 2] = [12, 4];
 const MANY_LAWS: usize = 10;
-/// Angle of the third tone in rad, the best one of a random search
-/// (docs/theory-real-parts.md#t10.3).
+/// Angle of the third tone in rad, by a random search (docs/theory-real-parts.md#t10.3).
 pub(super) const THIRD_TONE_ANGLE: f64 = 5.3;
 
 /// Shares and speeds at the nodes, the last axis fastest.

@@ -1,12 +1,14 @@
 //! Evaluation of a feeder: by simulated parts on the map, and in the closed loop.
 
+use std::ops::Range;
+
 use kband::feeder::OutOfRange;
 use kband::transport::convey_from_rest;
 use kband_plant::Parts;
 
-use super::Workers;
 use super::feeder::{Feeder, map, scene_of};
 use super::table::{Lot, PERIODS};
+use super::{CheckStop, Workers};
 use crate::engine::Fidelity;
 use crate::outcome::Outcome;
 use crate::record::Watch;
@@ -33,20 +35,19 @@ pub struct Sensitivity {
     pub restitution: [f64; 2],
 }
 
-/// Numbers of the runs of each part, for the whole front and for the shown feeders. They differ
-/// from those of the table, because selection biases the table's best nodes upwards.
-pub(super) const FRONT_RUNS: std::ops::Range<u64> = 1000..1032;
-const VERDICT_RUNS: std::ops::Range<u64> = 2000..2064;
+/// Numbers of the runs for the front and the shown feeders: selection biases those of the table.
+const FRONT_RUNS: Range<u64> = 1000..1032;
+const VERDICT_RUNS: Range<u64> = 2000..2064;
 
 /// A small change of a feeder: factors of b and of frequency, and a shift of restitution.
 #[derive(Clone, Copy)]
-pub(super) struct Variation {
+struct Variation {
     amplitude: f64,
     frequency: f64,
     restitution: f64,
 }
 
-pub(super) const NOMINAL: Variation = Variation {
+const NOMINAL: Variation = Variation {
     amplitude: 1.0,
     frequency: 1.0,
     restitution: 0.0,
@@ -76,109 +77,109 @@ impl Variation {
     }
 }
 
-fn part(
-    file: &SceneFile,
-    lot: &Lot,
-    feeder: &Feeder,
-    number: usize,
-    runs: std::ops::Range<u64>,
-    shift: f64,
-) -> Result<Conveyed, OutOfRange> {
-    let weight = 1.0 / (runs.end - runs.start) as f64;
-    let draws = lot.draws(number, runs, shift)?;
-    let map = map(feeder.wave()?, feeder.k)?;
-    let amplitude = feeder.amplitude(file.scene.settings.gravity.into());
-    let unit = amplitude * std::f64::consts::TAU * feeder.frequency;
-    let mut sum = Conveyed::default();
-    let laws = [feeder.law(&file.scene)?];
-    convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, share, speeds| {
-        sum.share += weight * share.share();
-        sum.speed += weight * unit * speeds[0];
-    })?;
-    Ok(sum)
-}
-
-/// Share and speed of each feeder with each variation, mean over the parts.
-pub(super) fn simulate(
-    file: &SceneFile,
-    lot: &Lot,
-    feeders: &[Feeder],
-    variations: &[Variation],
-    runs: std::ops::Range<u64>,
-    workers: &impl Workers,
-) -> Result<Vec<Conveyed>, Refusal> {
-    let parts = lot.restitutions.len();
-    let count = feeders.len() * variations.len() * parts;
-    let all = workers.map("front", count, |n, check_stop| {
-        check_stop()?;
-        let (point, number) = (n / parts, n % parts);
-        let variation = variations[point % variations.len()];
-        let feeder = variation.apply(&feeders[point / variations.len()]);
-        let (runs, shift) = (runs.clone(), variation.restitution);
-        Ok(part(file, lot, &feeder, number, runs, shift)?)
-    })?;
-    let mean = |parts: &[Conveyed]| {
-        let weight = 1.0 / parts.len() as f64;
-        parts.iter().fold(Conveyed::default(), |sum, run| Conveyed {
-            share: sum.share + weight * run.share,
-            speed: sum.speed + weight * run.speed,
-        })
-    };
-    Ok(all.chunks(parts).map(mean).collect())
-}
-
-/// Share and speed of each feeder, and their derivatives: central differences with common random
-/// numbers.
-pub(super) fn judge(
-    file: &SceneFile,
-    lot: &Lot,
-    feeders: &[Feeder],
-    workers: &impl Workers,
-) -> Result<Vec<(Conveyed, Sensitivity)>, Refusal> {
-    let variations = variations();
-    let all = simulate(file, lot, feeders, &variations, VERDICT_RUNS, workers)?;
-    let judged = all.chunks(variations.len()).map(|points| {
-        let by = |n: usize, steps: f64| {
-            let (less, more) = (points[n], points[n + 1]);
-            let changes = [(more.speed / less.speed).ln(), more.share - less.share];
-            changes.map(|change| change / (2.0 * steps))
-        };
-        let percent = 100.0 * RELATIVE_STEP;
-        let sensitivity = Sensitivity {
-            amplitude: by(1, percent),
-            frequency: by(3, percent),
-            restitution: by(5, 1.0),
-        };
-        (points[0], sensitivity)
-    });
-    Ok(judged.collect())
-}
-
 /// Duration of a closed-loop run, s; the statistics begin at 5 s.
 const DURATION: f64 = 30.0;
 
-/// Closed-loop run of a feeder with the parts of the lot. Without `feeder` it is the scene's own,
-/// with its own target.
-pub(super) fn close(
-    file: &SceneFile,
-    lot: &Lot,
-    feeder: Option<&Feeder>,
-    check_stop: &dyn Fn() -> Result<(), Refusal>,
-) -> Result<Outcome, Refusal> {
-    let mut run = file.clone();
-    if let Some(feeder) = feeder {
-        run.scene = scene_of(&file.scene, feeder);
+/// The lot of a scene, simulated on feeders.
+pub(super) struct Trial<'a> {
+    pub file: &'a SceneFile,
+    pub lot: Lot,
+}
+
+impl Trial<'_> {
+    /// Share and speed of each feeder with each variation, mean over the parts.
+    fn simulate(
+        &self,
+        feeders: &[Feeder],
+        variations: &[Variation],
+        runs: Range<u64>,
+        workers: &impl Workers,
+    ) -> Result<Vec<Conveyed>, Refusal> {
+        let scene = &self.file.scene;
+        let parts = self.lot.restitutions.len();
+        let weight = 1.0 / (runs.end - runs.start) as f64;
+        let part = |n: usize| -> Result<Conveyed, OutOfRange> {
+            let (point, number) = (n / parts, n % parts);
+            let variation = variations[point % variations.len()];
+            let feeder = variation.apply(&feeders[point / variations.len()]);
+            let draws = (self.lot).draws(number, runs.clone(), variation.restitution)?;
+            let map = map(feeder.wave()?, feeder.k)?;
+            let amplitude = feeder.amplitude(scene.settings.gravity.into());
+            let unit = amplitude * std::f64::consts::TAU * feeder.frequency;
+            let mut sum = Conveyed::default();
+            let laws = [feeder.law(scene)?];
+            convey_from_rest(&map, &laws, &draws, 1, PERIODS, |_, share, speeds| {
+                sum.share += weight * share.share();
+                sum.speed += weight * unit * speeds[0];
+            })?;
+            Ok(sum)
+        };
+        let count = feeders.len() * variations.len() * parts;
+        let all = workers.map("front", count, |n, check_stop| {
+            check_stop()?;
+            Ok(part(n)?)
+        })?;
+        let mean = |parts: &[Conveyed]| {
+            let weight = 1.0 / parts.len() as f64;
+            parts.iter().fold(Conveyed::default(), |sum, run| Conveyed {
+                share: sum.share + weight * run.share,
+                speed: sum.speed + weight * run.speed,
+            })
+        };
+        Ok(all.chunks(parts).map(mean).collect())
     }
-    let of_each = |value: f32| lot.restitutions.iter().map(|_| value).collect::<Parts>();
-    let scene = &mut run.scene;
-    scene.parts = lot.restitutions.iter().map(|r| *r as f32).collect();
-    scene.scatter = of_each(lot.scatter as f32);
-    scene.masses = of_each(scene.masses.first().copied().unwrap_or(0.0));
-    scene.waiting = 0;
-    scene.disturbances.clear();
-    (run.duration, run.distribution, run.expectation) = (DURATION, None, None);
-    let mut check = |_| check_stop();
-    Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut check)
+
+    /// Share and speed of each feeder of a front.
+    pub fn front(
+        &self,
+        feeders: &[Feeder],
+        workers: &impl Workers,
+    ) -> Result<Vec<Conveyed>, Refusal> {
+        self.simulate(feeders, &[NOMINAL], FRONT_RUNS, workers)
+    }
+
+    /// Share, speed and their derivatives: central differences with common random numbers.
+    pub fn judge(
+        &self,
+        feeders: &[Feeder],
+        workers: &impl Workers,
+    ) -> Result<Vec<(Conveyed, Sensitivity)>, Refusal> {
+        let variations = variations();
+        let all = self.simulate(feeders, &variations, VERDICT_RUNS, workers)?;
+        let judged = all.chunks(variations.len()).map(|points| {
+            let by = |n: usize, steps: f64| {
+                let (less, more) = (points[n], points[n + 1]);
+                let changes = [(more.speed / less.speed).ln(), more.share - less.share];
+                changes.map(|change| change / (2.0 * steps))
+            };
+            let percent = 100.0 * RELATIVE_STEP;
+            let sensitivity = Sensitivity {
+                amplitude: by(1, percent),
+                frequency: by(3, percent),
+                restitution: by(5, 1.0),
+            };
+            (points[0], sensitivity)
+        });
+        Ok(judged.collect())
+    }
+
+    /// Closed-loop run of a feeder with the parts of the lot; without `feeder` the scene's own.
+    pub fn close(&self, feeder: Option<&Feeder>, stop: CheckStop<'_>) -> Result<Outcome, Refusal> {
+        let mut run = self.file.clone();
+        if let Some(feeder) = feeder {
+            run.scene = scene_of(&self.file.scene, feeder);
+        }
+        let lot = &self.lot;
+        let of_each = |value: f32| lot.restitutions.iter().map(|_| value).collect::<Parts>();
+        let scene = &mut run.scene;
+        scene.parts = lot.restitutions.iter().map(|r| *r as f32).collect();
+        scene.scatter = of_each(lot.scatter as f32);
+        scene.masses = of_each(scene.masses.first().copied().unwrap_or(0.0));
+        scene.waiting = 0;
+        scene.disturbances.clear();
+        (run.duration, run.distribution, run.expectation) = (DURATION, None, None);
+        Outcome::run(&run, Fidelity::Envelope, Watch::default(), &mut |_| stop())
+    }
 }
 
 /// Share and speed of a run; `None` if the drive did not run.

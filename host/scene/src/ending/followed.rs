@@ -97,10 +97,7 @@ impl Followed {
         verdict
     }
 
-    /// Judgement by the last impacts.
-    ///
-    /// Without repeats it is chaos if flights are proven to stay in its gear. Otherwise it may
-    /// still come to rest, and is undecided.
+    /// Judgement by the last impacts: chaos only if flights are proven to stay in gear.
     pub(super) fn judge(&mut self, endings: &Endings) -> Verdict {
         let end = match self.memory.verdict() {
             Regime::Chaotic if self.gear_run.count < JUDGED_IMPACTS => Regime::Undecided,
@@ -165,9 +162,6 @@ fn periodic(impacts: u32, cycles: u32) -> Regime {
 }
 
 /// A stored state, to detect the orbit's return (Brent's cycle detection, 1980).
-///
-/// It is replaced at powers of two of the number of impacts, and so leaves the transient behind.
-#[derive(Clone, Copy, Debug)]
 struct SavedState {
     state: PartState,
     count: usize,
@@ -188,11 +182,9 @@ impl SavedState {
         shortest: None,
     };
 
-    /// Impacts and time of one period, after the state has returned twice.
-    ///
-    /// Both returns must agree to the last bits, after the same number of impacts: in chaos a
-    /// single return may occur by chance. On its approach to a periodic orbit an orbit alternates.
-    /// It is nearer after two periods than after one, so shorter periods have a larger tolerance.
+    /// Impacts and time of one period. Two returns must agree to the last bits: in chaos one may
+    /// occur by chance. An approaching orbit is nearer after two periods than after one, so shorter
+    /// periods have a larger tolerance.
     #[inline]
     fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
         let Some((impacts, first_time)) = self.first else {
@@ -215,9 +207,8 @@ impl SavedState {
 
 /// Largest distance, in rad and `b w`, of a return that agrees to the last bits.
 const RETURN_TOLERANCE: f64 = 1e-9;
-/// The same after a shorter period during the approach: a thousand times as large, sufficient for a
-/// multiplier down to -0.999. With a multiplier nearer to -1 no orbit returns within
-/// [`MAX_ORBIT_IMPACTS`](super::MAX_ORBIT_IMPACTS) impacts.
+/// The same after a shorter period during the approach, for a multiplier down to -0.999. Nearer to
+/// -1 no orbit returns within [`MAX_ORBIT_IMPACTS`](super::MAX_ORBIT_IMPACTS) impacts.
 const APPROACH_TOLERANCE: f64 = 1e-6;
 
 #[inline]

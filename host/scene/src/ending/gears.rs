@@ -25,9 +25,8 @@ impl InGear {
         all.reduce(larger)
     }
 
-    /// For several orbits: the order with the largest total share, and the mean share in it.
-    ///
-    /// `None` if one orbit has no share.
+    /// For several orbits: the order with the largest total share, and the mean share in it. `None`
+    /// if one orbit has no share.
     pub fn from_orbits(orbits: impl Iterator<Item = Option<Self>>) -> Option<Self> {
         let all: Vec<Self> = orbits.collect::<Option<_>>()?;
         let sum = |order| {
@@ -105,8 +104,7 @@ mod tests {
 
     #[test]
     fn a_scattering_orbit_has_the_share_of_the_gear_map() {
-        // docs/theory-real-parts.md#t10.1: 0.81 and 0.94 by an independent program
-        // (regime/gear/mod.rs).
+        // docs/theory-real-parts.md#t10.1: by an independent program (regime/gear/mod.rs).
         for (k, restitution, expected) in [(0.45, 0.3, 0.811), (0.41, 0.2, 0.935)] {
             let map = Map::build(k, restitution).unwrap();
             let runs = (0..20).map(|seed| {

@@ -7,9 +7,8 @@ use kband::regime::classify::{Classifier, Regime, TimingAccuracy};
 pub(super) const JUDGED_IMPACTS: usize = 512;
 /// A drive cycle in steps of time, 2^-32 cycles.
 const CYCLE: f64 = 4_294_967_296.0;
-/// Largest deviation of two impacts from whole cycles that counts as a repetition, in 2^-32 cycles.
-/// It is 1.5e-6 rad, wider than the classifier's tolerance, so the classifier finds no further
-/// repetitions.
+/// Largest deviation of two impacts from whole cycles that counts as a repetition, in 2^-32 cycles:
+/// 1.5e-6 rad, wider than the classifier's tolerance.
 const RETURN_TOLERANCE: u32 = 1024;
 /// The same on the approach to a cycle of one impact: 2e-4 rad. Cycles of more impacts are followed
 /// for fewer periods, and found from a smaller distance.
@@ -27,8 +26,7 @@ impl Memory {
         self.flights.push(flight);
     }
 
-    /// Verdict of the classifier on these flights; in most cases it is chaos, which needs no
-    /// classifier.
+    /// Verdict of the classifier; in most cases it is chaos, which needs no classifier.
     pub(super) fn verdict(&self) -> Regime {
         if self.flights.len() >= JUDGED_IMPACTS && !self.may_repeat() {
             return Regime::Chaotic;
@@ -47,8 +45,8 @@ impl Memory {
         }
     }
 
-    /// The orbit with the fewest doublings that the impacts approach. During the approach they
-    /// alternate about it, and are nearer after two of its periods than after one.
+    /// The orbit with the fewest doublings that the impacts approach, while they alternate about
+    /// it.
     fn least_doubled(&self, order: u32, doublings: u32) -> Regime {
         let times = self.times();
         let approaches = |fewer: u32| {
@@ -65,10 +63,8 @@ impl Memory {
         }
     }
 
-    /// Whether half of the impacts repeat after some number of impacts.
-    ///
-    /// With fewer the classifier's verdict is chaos. Times within a cycle suffice; a CPU compares
-    /// four at once.
+    /// Whether half of the impacts repeat after some number of impacts; with fewer the verdict is
+    /// chaos. Times within a cycle suffice; a CPU compares four at once.
     fn may_repeat(&self) -> bool {
         let times = self.times();
         (1..=times.len() / 3)
@@ -131,8 +127,7 @@ mod tests {
 
     #[test]
     fn half_of_the_impacts_repeated_may_be_a_pattern() {
-        // Alternately an arbitrary time and a whole cycle, so each second impact repeats the
-        // previous one.
+        // Alternately an arbitrary time and a whole cycle: each second impact repeats the last.
         let mut memory = Memory::default();
         for n in 0..JUDGED_IMPACTS {
             let any = 0.3 + 0.7 * (n as f64 * 0.618_034).fract();

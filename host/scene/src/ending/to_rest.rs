@@ -1,5 +1,4 @@
-//! States that certainly chatter to rest, by a bound on the hops. It applies much earlier than the
-//! closed form.
+//! States that certainly chatter to rest, by a bound on the hops, long before the closed form.
 
 use std::f64::consts::TAU;
 
@@ -11,12 +10,11 @@ const PHASE_STRETCHES: usize = 256;
 const DURATIONS: [usize; 12] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64];
 const ROUNDING_MARGIN: f64 = 1e-9;
 
-/// Velocities below which a launched part rests before it is thrown again, by phase.
-///
-/// While the pull, `k - sin t`, is within `a` to `A`, a part launched at psi falls back to the
-/// track. It rises for at most psi/a, to at most psi^2/(2a), and falls for at most psi/a, to at
-/// most psi sqrt(A/a). So each hop starts with at most q = R sqrt(A/a) times the previous velocity.
-/// All hops together last at most 2 psi / (a (1 - q)).
+/// Velocities below which a launched part rests before it is thrown again, by phase. While the
+/// pull, `k - sin t`, is within `a` to `A`, a part launched at psi falls back to the track. It
+/// rises for at most psi/a, to at most psi^2/(2a), and falls for at most psi/a, to at most psi
+/// sqrt(A/a). So each hop starts with at most q = R sqrt(A/a) times the previous velocity. All hops
+/// together last at most 2 psi / (a (1 - q)).
 #[derive(Clone, Debug)]
 pub(super) struct ToRest([f64; PHASE_STRETCHES]);
 

@@ -1,7 +1,4 @@
-//! Final regimes of many orbits at once, on one track or on many.
-//!
-//! Blocks of orbits are several times faster than single ones. The results are those of single
-//! orbits.
+//! Final regimes of many orbits at once: in blocks, several times faster than single ones.
 
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
@@ -14,11 +11,9 @@ use kband::regime::gear;
 use super::followed::{Followed, Verdict};
 use super::{Endings, MAX_ORBIT_IMPACTS};
 
-/// Number of impacts for which irregular flights must stay in gear to count as chaos.
-///
-/// The orbits start next to the period-1 orbit. 89 000 orbits below the flips were tried (orders 1
-/// to 3, R 0.025 to 0.925). The latest exit was after 29 640 impacts; 6500 orbits stayed for 100
-/// 000.
+/// Number of impacts for which irregular flights must stay in gear to count as chaos. Of 89 000
+/// orbits below the flips (orders 1 to 3, R 0.025 to 0.925), from next to the period-1 orbit, the
+/// last left after 29 640 impacts; 6500 stayed for 100 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
 const SETTLING_IMPACTS: usize = 1000;
 
@@ -38,9 +33,7 @@ pub fn of_each(
     ends
 }
 
-/// Final regimes of parts that are thrown from rest, on each track.
-///
-/// For a return to rest the regime contains the drive cycles from one lift-off to the next.
+/// Final regimes of parts from rest; one that rests again has the cycles between lift-offs.
 pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
     let mut ends = vec![Regime::Rest; tracks.len()];
     let mut thrown = Vec::new();
@@ -116,9 +109,7 @@ impl Query {
     }
 }
 
-/// Follows orbits to their final regimes; `rested` gives that of an orbit that came to rest.
-///
-/// Orbits that depend on whether flights stay in gear wait until that is computed for all.
+/// Follows orbits to their final regimes, those that depend on gear once it is computed for all.
 fn follow(
     tracks: &[Endings],
     queries: impl Iterator<Item = (PartState, Query)>,
@@ -157,10 +148,8 @@ fn follow(
     }
 }
 
-/// Computes whether flights stay in gear, for pairs of a track and an order.
-///
-/// A gear has one attractor at a time, so one orbit from near the period-1 orbit decides. Long
-/// transients count as lost, because all of them leave gear at some time.
+/// Computes whether flights stay in gear, for pairs of a track and an order. A gear has one
+/// attractor at a time, so one orbit from near the period-1 orbit decides.
 pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
     let mut flown = Vec::new();
     for (track, order) in gears.iter().copied() {
@@ -172,23 +161,20 @@ pub(super) fn hold(tracks: &[Endings], gears: &BTreeSet<(usize, u32)>) {
         };
         let endings = &tracks[track];
         let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
-        // Advances to the first impact: without a period-1 orbit the start is a lift-off.
-        loop {
-            match orbit.next() {
-                Some(OrbitEvent::Impact(impact)) => {
-                    if trial.add_impact(&impact) {
-                        flown.push((endings, impact.next, trial));
-                    } else {
-                        endings.set_stays(order, trial.stays);
-                    }
-                    break;
-                }
-                Some(OrbitEvent::LiftOff { .. }) if trial.flights == 0 => trial.flights += 1,
-                _ => {
-                    endings.set_stays(order, false);
-                    break;
-                }
-            }
+        let mut first = orbit.next();
+        // Without a period-1 orbit the start is a lift-off.
+        if let Some(OrbitEvent::LiftOff { .. }) = first {
+            trial.flights += 1;
+            first = orbit.next();
+        }
+        let Some(OrbitEvent::Impact(impact)) = first else {
+            endings.set_stays(order, false);
+            continue;
+        };
+        if trial.add_impact(&impact) {
+            flown.push((endings, impact.next, trial));
+        } else {
+            endings.set_stays(order, trial.stays);
         }
     }
     fly(
@@ -219,8 +205,7 @@ impl Trial {
     }
 }
 
-/// Smallest number of orbits in a block. Below it, registers are not full and single orbits are as
-/// fast.
+/// Smallest number of orbits in a block. Below it single orbits are as fast.
 const MIN_BLOCK_ORBITS: usize = 16;
 
 struct Flying<'m, W> {
@@ -230,10 +215,7 @@ struct Flying<'m, W> {
     watch: W,
 }
 
-/// Flies orbits side by side, each from its state just after an impact.
-///
-/// An orbit ends when `add_impact` returns false or when it rests; `done` gets its observer and its
-/// last state.
+/// Flies orbits side by side, each until `add_impact` returns false or it rests; then `done`.
 fn fly<'m, W>(
     mut orbits: impl Iterator<Item = (&'m Endings, PartState, W)>,
     mut add_impact: impl FnMut(&mut W, &Impact<PartState>) -> bool,
@@ -346,8 +328,7 @@ mod tests {
 
     #[test]
     fn many_tracks_side_by_side_end_as_each_alone() {
-        // The range covers the cascade, chaos in and out of gear, hopping and resting, and k above
-        // the limit of lift-off.
+        // The cascade, chaos in and out of gear, hopping and resting, and k above 1.
         let places: Vec<(f64, f64)> = (0..40)
             .map(|n| 0.31 + 0.02 * f64::from(n))
             .flat_map(|k| [(k, 0.2), (k, 0.0), (k, 0.6)])
@@ -400,8 +381,7 @@ mod tests {
                 }
             }
             let cycles = (time / TAU).round() as u32;
-            // The table of states that certainly come to rest, used for many starts, changes no
-            // result.
+            // The table of states that certainly come to rest, for many starts, changes no result.
             let many = Endings::new(k, restitution, 1500).unwrap();
             many.classify_all([start; 64].into_iter());
             for endings in [endings, many] {

@@ -1,5 +1,4 @@
-//! Backup of a board's settings, target and recipes before a change of its firmware, and comparison
-//! after it.
+//! Backup of settings, target and recipes before a change of firmware, and comparison after it.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +11,6 @@ use crate::refusal::Result;
 use crate::simulate::describe;
 use crate::verbs::board::{recipe, settings};
 
-/// Settings, target and recipes of a board.
 pub struct Backup {
     image: String,
     settings: BoardSettings,
@@ -38,8 +36,7 @@ impl Backup {
         })
     }
 
-    /// Selects the former recipe, and compares a board with this backup. Returns the differences in
-    /// words; refused as by [`Backup::read`].
+    /// Selects the former recipe, and compares a board with this backup; returns the differences.
     pub fn differences(&self, link: &mut Link) -> Result<Vec<String>> {
         if self.recipe > 0 {
             link.command(&Request::UseRecipe(self.recipe))?;
@@ -66,8 +63,7 @@ impl Backup {
         Ok(changes)
     }
 
-    /// Writes settings and recipes to files in `folder`, for `kband settings import` and `kband
-    /// recipe import`. Their names end with `_before_` and `change`; no file is overwritten.
+    /// Writes files for `kband settings import` and `kband recipe import`; none is overwritten.
     pub fn write(&self, folder: &Path, change: &str) -> Result<Vec<PathBuf>> {
         let recipes = (1..).zip(&self.recipes);
         let recipes = recipes.filter_map(|(number, stored)| match stored {

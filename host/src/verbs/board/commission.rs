@@ -11,7 +11,7 @@ use serde_json::{Map, Value as Json, json};
 
 use super::status::BoardStatus;
 use crate::arguments::{self, FormatArguments};
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::file::Destination;
 use crate::page::{self, Page};
@@ -92,7 +92,7 @@ fn telemetry(link: &mut Link, every: u16, seconds: f64, desk: &Desk) -> Result<V
         while start.elapsed().as_secs_f64() < seconds {
             desk.check_stop()?;
             for message in link.listen(Duration::from_millis(100))? {
-                if let Unsolicited::Telemetry(row) = message {
+                if let BoardMessage::Telemetry(row) = message {
                     rows.push(row);
                 }
             }
@@ -134,10 +134,7 @@ struct Record {
 }
 
 impl Record {
-    /// Opens the record in a file, or a new one if the file is missing. Any other file is refused,
-    /// because it would be overwritten.
-    ///
-    /// It does not use [`crate::file`], which forbids writing to an input: this file is both.
+    /// Opens or begins the record in a file, which is input and output, so without [`crate::file`].
     fn open(target: &Destination) -> Result<Self> {
         let path = target.path();
         target.ends_in("RECORD", &["html", "htm", "json"])?;
@@ -231,7 +228,6 @@ impl Record {
         page
     }
 
-    /// Settings before and after: the changed ones, and all.
     fn settings(&self, cell: &dyn Fn(&Json) -> String) -> (Vec<Vec<String>>, Vec<Vec<String>>) {
         let settings =
             |step: Option<&Json>| step.map_or(Json::Null, |step| step["settings"].clone());

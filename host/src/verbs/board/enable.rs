@@ -1,6 +1,6 @@
 //! `kband enable`: ends the stop by `kband disable`.
 
-use super::status::BoardStatus;
+use super::status;
 use crate::arguments::FormatArguments;
 use crate::board::{Address, Emulated};
 use crate::desk::Desk;
@@ -25,7 +25,5 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     link.command(&Request::Enable(true))?;
-    let status = BoardStatus::request(&mut link)?;
-    status.printout()?.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    status::show(&mut link, arguments.printed.format)
 }

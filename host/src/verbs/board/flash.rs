@@ -1,7 +1,4 @@
-//! `kband flash`: checks a firmware image (ELF) and writes it onto the board through a debug probe.
-//!
-//! Settings and recipes are saved to files before, and compared after. The output is the list of
-//! flash sectors, with sizes in KiB.
+//! `kband flash`: checks a firmware image (ELF) and writes it onto the board through a probe.
 
 use std::path::{Path, PathBuf};
 
@@ -111,8 +108,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         .map(|()| Exit::Done)
 }
 
-/// Saves settings and recipes of the board on the link to files of this folder. `None` if no board
-/// answers and the user named no port.
+/// Saves settings and recipes to files of this folder, unless no board answers on an unnamed port.
 fn back_up(arguments: &Arguments) -> Result<Option<(Link, Backup)>> {
     let address = Address {
         on: arguments.on.clone(),

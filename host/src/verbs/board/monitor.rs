@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use kband_control::wire::{Record, Request, Telemetry};
-use kband_control::{Event, Fault, Limits, State, UpperTone};
+use kband_control::{Event, Fault, GearMargin, Limits, State, UpperTone};
 
-use crate::board::{Address, BoardMessage, Emulated, Link, NEXT, Unsolicited, replay};
+use crate::board::{Address, BoardMessage, Emulated, Link, NEXT, replay};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Column, Format, Value, fields, finite, number, shortest, when};
@@ -104,11 +104,11 @@ fn print_live(arguments: &Arguments, rows: &mut Rows, desk: &Desk) -> Result<()>
                 going = false;
                 break;
             }
-            if let Unsolicited::Started(_) = message {
+            if let BoardMessage::Started(_) = message {
                 // A board starts with its telemetry off.
                 link.command(&Request::Telemetry(arguments.every as u16))?;
             }
-            going &= rows.take(message.into())?;
+            going &= rows.take(message)?;
         }
         going &= log(&mut link, rows)? && arguments.rows.is_none_or(|max| rows.cycles < max as u64);
     }
@@ -139,8 +139,7 @@ const WIDTHS: [usize; 1 + EVENT_COLUMN] = [
     9, 8, 9, 8, 8, 5, 8, 5, 8, 10, 17, 11, 10, 7, 13, 8, 9, 7, 6, 6, 6, 6, 7, 8, 10, 0,
 ];
 
-/// A drive cycle: its time if the frequency is known, its number, and its telemetry. The number
-/// wraps after 99 days at 500 Hz.
+/// A drive cycle: its time if the frequency is known, its number, and its telemetry.
 type Cycle = (Option<f64>, u32, Telemetry);
 
 fields! {
@@ -161,28 +160,25 @@ fields! {
         all PHASE_MEASURED.titled("phase (rad)").digits(3) => shortest(row.2.phase);
         all CONFIDENCE.digits(2) => shortest(row.2.confidence);
         all IN_GEAR.digits(2) => shortest(row.2.in_gear);
-        all IN_GEAR_ERROR.digits(1) =>
-            finite(row.2.in_gear_error).map(shortest);
+        all IN_GEAR_ERROR.digits(1) => finite(row.2.in_gear_error).map(shortest);
         all IN_GEAR_EXPECTED.titled("expected").digits(2) =>
             Some(row.2.expected_in_gear).filter(|share| *share > 0.0).map(shortest);
-        all GEAR_BAND_LOW.titled("band from").digits(4) =>
-            row.2.gear_band.map(|[low, _]| shortest(low));
-        all GEAR_BAND_HIGH.titled("to").digits(4) => row.2.gear_band.map(|[_, high]| shortest(high));
-        all FLIP_ESTIMATED.titled("margin").digits(2) =>
-            row.2.margin.map(|margin| shortest(margin.flip));
-        all TRACE_ESTIMATED.titled("trace").digits(2) =>
-            row.2.margin.map(|margin| shortest(margin.trace));
-        all RESTITUTION_ESTIMATED.titled("R").digits(3) =>
-            row.2.margin.map(|margin| shortest(margin.restitution));
-        all SCATTER_ESTIMATED.titled("s").digits(2) =>
-            row.2.margin.map(|margin| shortest(margin.scatter));
-        all TO_LOSS_ESTIMATED.titled("to_loss (cycles)").digits(3) =>
-            row.2.margin.map(|margin| shortest(margin.to_loss));
+        all GEAR_BAND_LOW.titled("band from").digits(4) => row.2.gear_band.map(|band| shortest(band[0]));
+        all GEAR_BAND_HIGH.titled("to").digits(4) => row.2.gear_band.map(|band| shortest(band[1]));
+        all FLIP_ESTIMATED.titled("margin").digits(2) => margin(&row.2, |margin| margin.flip);
+        all TRACE_ESTIMATED.titled("trace").digits(2) => margin(&row.2, |margin| margin.trace);
+        all RESTITUTION_ESTIMATED.titled("R").digits(3) => margin(&row.2, |margin| margin.restitution);
+        all SCATTER_ESTIMATED.titled("s").digits(2) => margin(&row.2, |margin| margin.scatter);
+        all TO_LOSS_ESTIMATED.titled("to_loss (cycles)").digits(3) => margin(&row.2, |margin| margin.to_loss);
         all MASS_WEIGHED.titled("mass (g)").digits(4) => row.2.load.map(|load| shortest(load.mass));
         all FLOW_WEIGHED.titled("flow (g/s)").digits(4) =>
             row.2.load.filter(|load| load.flow != 0.0).map(|load| shortest(load.flow));
         all EVENT => limits_text(&row.2);
     }
+}
+
+fn margin(telemetry: &Telemetry, value: fn(GearMargin) -> f32) -> Option<f64> {
+    telemetry.margin.map(|margin| shortest(value(margin)))
 }
 
 /// An upper tone if the output has one; without it the measured tone is noise.

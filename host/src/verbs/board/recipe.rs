@@ -11,7 +11,7 @@ use kband_control::{Recipe, RecipeName, Settings};
 
 pub use self::page::{Entry, export};
 use super::settings::check_flash;
-use super::status::BoardStatus;
+use super::status::{self, BoardStatus};
 use super::target;
 use crate::board::{Address, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
@@ -146,9 +146,7 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
                 }
                 _ => eprintln!("the saved target is in use: {target}"),
             }
-            let status = BoardStatus::request(&mut link)?;
-            status.printout()?.print(arguments.format)?;
-            return Ok(Exit::Done);
+            return status::show(&mut link, arguments.format);
         }
         Action::Delete { number } => {
             if stored(&mut link, *number)? == Stored::None {
@@ -217,20 +215,21 @@ type Change = (u8, Option<(RecipeName, Recipe)>);
 /// Changes the recipes of a board and saves them: all, or none if one is refused.
 fn save(link: &mut Link, requested: &[Change]) -> Result<()> {
     let mut before: Vec<Change> = Vec::new();
-    for (number, _) in requested {
-        before.push(match stored(link, *number)? {
-            Stored::None => (*number, None),
-            Stored::Recipe(name, recipe) => (*number, Some((name, recipe))),
+    for &(number, _) in requested {
+        let recipe = match stored(link, number)? {
+            Stored::None => None,
+            Stored::Recipe(name, recipe) => Some((name, recipe)),
             Stored::Newer => {
                 let cause = format!("recipe {number} of {} is a newer firmware's", link.name());
                 let next = "flash that firmware again, or take another number";
                 return Err(Refusal::new(cause, next));
             }
-        });
+        };
+        before.push((number, recipe));
     }
     let set = |link: &mut Link, changes: &[Change]| {
+        let mut changes = changes.iter();
         changes
-            .iter()
             .try_for_each(|&(number, recipe)| link.command(&Request::SetRecipe { number, recipe }))
     };
     let done = set(link, requested).and_then(|()| link.command(&Request::SaveRecipes));

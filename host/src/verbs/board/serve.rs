@@ -10,6 +10,7 @@ mod network;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use kband_bus::Answer;
@@ -76,16 +77,13 @@ pub struct Arguments {
 trait Feeder: Send {
     fn name(&self) -> String;
 
-    /// Answers a request of unit, function and data. Returns whether there is an answer, which has
-    /// the same parts.
+    /// Answers a request of unit, function and data in the same form; returns whether it did.
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool;
 
-    /// Works between two requests; `passed` is the time since the last call. Refused if the
-    /// connection to the feeder is lost.
+    /// Works between two requests, `passed` after the last call; refused if the feeder is lost.
     fn advance(&mut self, passed: Duration) -> Result<()>;
 
-    /// The frequency, the last drive cycle, and the events since the last call. Refused if the
-    /// connection to the feeder is lost.
+    /// Frequency, last drive cycle, and new events; refused if the feeder is lost.
     fn news(&mut self) -> Result<Vec<BoardMessage>>;
 }
 
@@ -137,14 +135,15 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let now = Instant::now();
         let passed = (now - last).min(LONGEST_STEP);
         last = now;
-        end = shared.with(|served| {
-            served.feeder.advance(passed)?;
+        end = shared.with(|feeder| {
+            feeder.advance(passed)?;
             let publisher = publisher.as_mut();
-            publisher.map_or(Ok(()), |publisher| publisher.publish(&mut *served.feeder))
+            publisher.map_or(Ok(()), |publisher| publisher.publish(feeder))
         });
     }
     shared.stop();
-    let (requests, clients) = shared.with(|served| (served.requests, served.clients));
+    let [requests, clients] = [&shared.requests, &shared.clients];
+    let [requests, clients] = [requests, clients].map(|count| count.load(Ordering::Relaxed));
     println!("ended: {requests} requests of {clients} clients");
     end.map(|()| Exit::Done)
 }

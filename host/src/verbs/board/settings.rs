@@ -12,7 +12,6 @@ use kband_control::wire::Request;
 use kband_scene::{toml_number, toml_table};
 
 use self::offer::Commissioning;
-use self::upper_tone::Upper;
 use crate::arguments;
 use crate::board::{Address, BoardSetting, BoardSettings, Emulated, Link};
 use crate::desk::Desk;
@@ -159,10 +158,8 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             format: arguments.format,
             desk,
         };
-        if second_tone {
-            upper_tone::run(Upper::Second, &commissioning)?;
-        } else if third_tone {
-            upper_tone::run(Upper::Third, &commissioning)?;
+        if second_tone || third_tone {
+            upper_tone::run(usize::from(third_tone), &commissioning)?;
         } else if sensor {
             sensor::run(&commissioning)?;
         } else {

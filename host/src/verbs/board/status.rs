@@ -8,7 +8,7 @@ use kband_control::{Fault, Limits, State, Target};
 use serde_json::{Value as Json, json};
 
 use crate::arguments::FormatArguments;
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::causes::{self, BestSetpoint, Cause, CauseCache};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal, Result};
@@ -42,8 +42,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     loop {
         let status = BoardStatus::request(&mut link)?.with_causes(&mut link, &mut cache)?;
         if on_screen {
-            // Moves the cursor to the upper left and clears the screen. The next line reports a
-            // closed terminal.
+            // Moves the cursor home and clears the screen; the next line reports a closed terminal.
             let _ = write!(stdout(), "\x1b[H\x1b[J");
             report::print(&status.screen())?;
         } else {
@@ -61,7 +60,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
 const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
-/// Columns of the screen of `kband status --live`.
 const SCREEN_COLUMNS: usize = 80;
 
 pub struct BoardStatus {
@@ -206,8 +204,7 @@ impl BoardStatus {
         Printout::new(table).note(next).json(&self.to_json())
     }
 
-    /// The status within 23 lines of 80 columns, above the cursor. Short items are paired, limits
-    /// and active alarms share a line, and only the most likely cause is shown.
+    /// The status within 23 lines of 80 columns: short items are paired, alarms share a line.
     pub fn screen(&self) -> String {
         let alarms = self.alarms();
         let mut rows: Vec<(&str, String)> = Vec::new();
@@ -330,11 +327,17 @@ impl BoardStatus {
     }
 }
 
+/// Prints the present status, the last act of a verb.
+pub fn show(link: &mut Link, format: Format) -> Result<Exit> {
+    BoardStatus::request(link)?.printout()?.print(format)?;
+    Ok(Exit::Done)
+}
+
 fn row(link: &mut Link) -> Result<Telemetry> {
     let end = Instant::now() + TELEMETRY_TIMEOUT;
     while Instant::now() < end {
         for message in link.listen(Duration::from_millis(50))? {
-            if let Unsolicited::Telemetry(telemetry) = message {
+            if let BoardMessage::Telemetry(telemetry) = message {
                 return Ok(telemetry);
             }
         }
@@ -380,25 +383,12 @@ mod tests {
     }
 
     #[test]
-    fn held_drive_names_the_remedy_of_the_first_cause() {
-        let mut now = status();
-        now.status.inputs.enable = true;
-        now.telemetry.state = State::Holding.number();
-        assert!(now.next().contains("kband explain holding"));
-        now.causes = vec![Cause {
-            remedy: "a stronger drive".into(),
-            best: BestSetpoint::default(),
-        }];
-        assert_eq!(now.next(), "a stronger drive");
-    }
-
-    #[test]
     fn the_live_view_fits_a_terminal_of_80_columns_and_24_lines() {
         let mut now = status();
         let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
         (now.telemetry.limits, now.telemetry.gear_band) = (limits, Some([0.392_12, 0.477_43]));
-        (now.telemetry.margin, now.telemetry.load) =
-            (Some(GearMargin::default()), Some(Load::default()));
+        now.telemetry.margin = Some(GearMargin::default());
+        now.telemetry.load = Some(Load::default());
         let inputs = &mut now.status.inputs;
         (inputs.over_temperature, inputs.over_current) = (true, true);
         (inputs.supply_low, inputs.clock_failed) = (true, true);
@@ -429,11 +419,16 @@ mod tests {
     }
 
     #[test]
-    fn the_next_step_names_what_blocks_the_drive() {
+    fn the_next_step_names_what_blocks_the_drive_or_the_first_cause() {
         let mut now = status();
         assert!(now.next().contains("enable input has to be given"));
         now.status.inputs.enable = true;
         assert!(now.next().contains("edge"));
+        now.telemetry.state = State::Holding.number();
+        assert!(now.next().contains("kband explain holding"));
+        let cause = causes::misfit(&kband_control::Settings::default(), 0.327);
+        now.causes = vec![cause.clone()];
+        assert_eq!(now.next(), cause.remedy);
         now.status.inputs.supply_low = true;
         assert!(now.next().contains("'supply low'"));
         now.status.permitted = false;

@@ -5,7 +5,7 @@ use kband_control::wire::Request;
 use kband_control::{NoSetpoint, Settings, StartCause, State, Target};
 
 use super::settings::check_flash;
-use super::status::BoardStatus;
+use super::status::{self, BoardStatus};
 use crate::arguments::{self, FormatArguments};
 use crate::board::{Address, BoardSettings, Emulated};
 use crate::desk::Desk;
@@ -118,8 +118,7 @@ impl Kind {
 
 /// Refuses a number that no settings accept, before a port is opened.
 fn in_range(target: Target) -> Result<()> {
-    // Other limits depend on the board's settings: amplitude, mass and length of the track, length
-    // of a part.
+    // Other limits depend on the board's settings: amplitude, track, length of a part.
     let mut keys = Settings::KEYS.iter();
     let limit = keys.find(|key| key.name == "amplitude_limit");
     let settings = Settings {
@@ -194,9 +193,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         link.command(&Request::Save)?;
         eprintln!("saved: the board starts with it, and with its settings, from now on");
     }
-    let status = BoardStatus::request(&mut link)?;
-    status.printout()?.print(arguments.printed.format)?;
-    Ok(Exit::Done)
+    status::show(&mut link, arguments.printed.format)
 }
 
 #[cfg(test)]

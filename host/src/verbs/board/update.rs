@@ -9,7 +9,7 @@ use kband_control::wire::{MAX_UPDATE_BYTES, Pin, Request, Response, SavedSetting
 
 use super::backup::Backup;
 use crate::arguments::pin;
-use crate::board::{Address, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, Emulated, Link};
 use crate::chip::Image;
 use crate::desk::{Desk, Progress};
 use crate::refusal::{Exit, Refusal, Result};
@@ -109,7 +109,7 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
             sum: &sum,
             signature: &signature,
         };
-        let received = |link: &mut Link, _: &[Unsolicited]| Ok(!link.begin_update(&signed)?);
+        let received = |link: &mut Link, _: &[BoardMessage]| Ok(!link.begin_update(&signed)?);
         wait(&mut link, desk, "its loader", received)
             .map_err(|refusal| refusal.at("the board keeps its image"))?;
         send_all(&mut link, &bytes, &signature, desk).map_err(|refusal| {
@@ -209,7 +209,7 @@ fn wait(
     link: &mut Link,
     desk: &Desk,
     what: &str,
-    mut done: impl FnMut(&mut Link, &[Unsolicited]) -> Result<bool>,
+    mut done: impl FnMut(&mut Link, &[BoardMessage]) -> Result<bool>,
 ) -> Result<()> {
     let end = Instant::now() + START_TIMEOUT;
     let mut messages = Vec::new();
@@ -239,7 +239,7 @@ fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<()> {
     link.set_answer_timeout(ANSWER_TIMEOUT);
     let mut restarted = false;
     wait(link, desk, "the new image", |link, messages| {
-        let started = |message: &Unsolicited| matches!(message, Unsolicited::Started(_));
+        let started = |message: &BoardMessage| matches!(message, BoardMessage::Started(_));
         restarted |= messages.iter().any(started);
         match link.update_state() {
             Ok((_, false)) if restarted => Err(Refusal::new(

@@ -2,7 +2,6 @@
 
 macro_rules! pages {
     ($($name:literal)*) => {
-        /// Searched pages, by name.
         pub const PAGES: &[(&str, &str)] =
             &[$(($name, include_str!(concat!("../../../../docs/", $name)))),*];
     };
@@ -115,7 +114,6 @@ pub fn numbers(heading: &str) -> String {
     numbers.collect::<Vec<_>>().join(", ")
 }
 
-/// Section of the fault or limit with this name.
 pub fn fault_or_limit(name: &str) -> Option<String> {
     let faults = page("faults.md")?;
     let heading = faults.lines().find(|line| {

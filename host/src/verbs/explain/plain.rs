@@ -3,14 +3,12 @@
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 use textwrap::{Options as Wrap, fill};
 
-/// Largest width of a text, columns.
 pub const WIDTH: usize = 80;
 
 /// Smallest width of a table's last column; below it each row becomes a paragraph.
 const MIN_COLUMN_WIDTH: usize = 24;
 
-/// The text of `markdown`: paragraphs are wrapped, lists indented, tables aligned, and links
-/// replaced by their words.
+/// The text of `markdown`: wrapped paragraphs, indented lists, aligned tables, words of links.
 pub fn plain(markdown: &str) -> String {
     let mut page = Page::default();
     for event in Parser::new_ext(markdown, Options::ENABLE_TABLES) {

@@ -152,14 +152,16 @@ fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
     let mut lines = Vec::from_iter(limits.map(|limit| format!("held back by     {limit}")));
     let no_setpoint = outcome.no_setpoint();
     lines.extend(no_setpoint.map(|why| format!("no setpoint      {why}")));
-    let (b, k) = if outcome.amplitude() > RESTING_AMPLITUDE {
+    let mut values = ["-"; 2].map(String::from);
+    if outcome.amplitude() > RESTING_AMPLITUDE {
         let b = number(outcome.amplitude() * 1e3, 4);
-        (format!("{b} mm"), number(outcome.k(), 4))
-    } else {
-        ("-".into(), "-".into())
-    };
-    lines.push(format!("amplitude b      {b}"));
-    lines.push(format!("k                {k}"));
+        values = [format!("{b} mm"), number(outcome.k(), 4)];
+    }
+    let [b, k] = values;
+    lines.extend([
+        format!("amplitude b      {b}"),
+        format!("k                {k}"),
+    ]);
     lines
 }
 
@@ -256,26 +258,20 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
 /// Predicted effect of one change of drive or lot, if parts do not stay in gear.
 fn list_causes(observed: &Observed) -> Vec<String> {
     let causes = causes::describe(&observed.causes);
-    if causes.is_empty() {
-        return vec![];
-    }
-    let mut lines = vec!["causes           one change at a time is predicted to give".into()];
+    let head = "causes           one change at a time is predicted to give";
+    let head = (!causes.is_empty()).then(|| head.into());
     let line = |cause| format!("                 {cause}");
-    lines.extend(causes.into_iter().map(line));
-    lines
+    head.into_iter()
+        .chain(causes.into_iter().map(line))
+        .collect()
 }
 
 fn describe_strays(outcome: &Outcome) -> Option<String> {
     let settings = &outcome.file().scene.settings;
     let strays: Vec<String> = outcome.strays().iter().map(f32::to_string).collect();
     let (low, high) = (settings.restitution_low, settings.restitution_high);
-    let all = strays.join(", ");
-    let text = || {
-        format!(
-            "parts            R {all} outside the lot {low}..{high} of the settings (part.actual)"
-        )
-    };
-    (!strays.is_empty()).then(text)
+    let lot = format!("outside the lot {low}..{high} of the settings (part.actual)");
+    (!strays.is_empty()).then(|| format!("parts            R {} {lot}", strays.join(", ")))
 }
 
 fn describe_measured_regime(outcome: &Outcome) -> Option<String> {
@@ -326,10 +322,8 @@ fn describe_load(outcome: &Outcome) -> Option<String> {
     if let Some(load) = last.load {
         let flow = || format!(", {} g/s", number(load.flow, 3));
         let flow = when(load.flow != 0.0, flow);
-        let ([weighed, speed], mass) = (
-            numbers([load.mass, load.speed], 3),
-            number(outcome.mass(), 3),
-        );
+        let [weighed, speed] = numbers([load.mass, load.speed], 3);
+        let mass = number(outcome.mass(), 3);
         Some(format!(
             "weighed          {weighed} g on the track ({mass} g are) at {speed} mm/s{flow}"
         ))
@@ -340,7 +334,6 @@ fn describe_load(outcome: &Outcome) -> Option<String> {
     }
 }
 
-/// Phase of the lock: simulated, measured, predicted.
 fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
     let Some(phase) = outcome.lock_phase() else {
         return vec![];
@@ -355,28 +348,26 @@ fn describe_lock_phase(outcome: &Outcome) -> Vec<String> {
         let phase = number(phase, 3);
         format!(" (the map says {phase} for the middle of the lot)")
     });
-    let measured = if silent {
-        "not measured".into()
-    } else {
-        format!("measured {} rad", number(last.phase, 3))
+    let measured = match silent {
+        true => "not measured".into(),
+        false => format!("measured {} rad", number(last.phase, 3)),
     };
     let (phase, expected) = (number(phase, 3), expected.unwrap_or_default());
-    let mut lines = vec![format!(
-        "lock phase       {phase} rad, {measured}{expected}"
-    )];
+    let line = format!("lock phase       {phase} rad, {measured}{expected}");
     let quiet = "                 the parts are locked, but too quiet for the controller: \
                  [sensor] ringing against noise";
-    lines.extend((silent || faint).then(|| quiet.into()));
-    lines
+    let quiet = (silent || faint).then(|| quiet.into());
+    [line].into_iter().chain(quiet).collect()
 }
 
 fn describe_expectation(unmet: Option<&[String]>) -> Vec<String> {
     match unmet {
-        None => Vec::new(),
         Some([]) => vec!["expectation      met".into()],
-        Some(unmet) => {
-            let lines = unmet.iter().map(|line| format!("NOT AS EXPECTED  {line}"));
-            lines.collect()
+        _ => {
+            let unmet = unmet.unwrap_or_default().iter();
+            unmet
+                .map(|line| format!("NOT AS EXPECTED  {line}"))
+                .collect()
         }
     }
 }

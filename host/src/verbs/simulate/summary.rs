@@ -1,6 +1,4 @@
 //! Summary of a single run: motion of the track and the parts, margin to the loss, next step.
-//!
-//! Amplitudes are in mm, speeds in mm/s, rates in parts a minute, times in s.
 
 use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
@@ -14,8 +12,7 @@ const SAME_AMPLITUDE: f64 = 0.03;
 /// Share of the time in the air below which parts are reported to hop and rest.
 const MIN_TIME_IN_AIR: f64 = 0.9;
 
-/// Relative margin of the amplitude below which it is called thin. A warm coil or a hand on the
-/// bowl changes more.
+/// Relative margin of the amplitude that is called thin; a warm coil changes more.
 const THIN_MARGIN: f64 = 0.01;
 
 pub(super) struct Observed {
@@ -383,79 +380,54 @@ mod tests {
         );
     }
 
-    #[track_caller]
-    fn assert_lines(change: fn(&mut Observed), expected: &[&str]) {
-        let mut observed = observed();
-        change(&mut observed);
-        let lines = observed.lines().join("\n");
-        for text in expected {
-            assert!(lines.contains(text), "{text}: {lines}");
-        }
-    }
-
     #[test]
-    fn the_summary_warns_of_thin_margin_and_short_run() {
-        assert_lines(
-            |observed| {
-                observed.last.state = State::Locked;
-                observed.target = Target::Locked { order: 1 };
-                (observed.in_gear, observed.locked) = (None, true);
-                observed.margin = Some(0.0005);
-                observed.speed = -3.0;
-            },
-            &[
-                "0.05 % of the amplitude",
-                "thin",
-                "DOWN the track",
-                "kband bands --restitution 0.18..0.22",
-            ],
-        );
-        assert_lines(
-            |observed| {
-                observed.target = Target::Identify;
-                observed.last.identification = Identification::Listening { hops: 12 };
-            },
-            &["12 hops detected", "--duration 30"],
-        );
-        let capture = |observed: &mut Observed| observed.last.state = State::Capturing;
-        assert_lines(capture, &["--duration 30"]);
-    }
-
-    #[test]
-    fn the_summary_names_strays_doubling_and_missing_setpoint() {
+    fn the_summary_names_margin_strays_doubling_and_missing_setpoint() {
+        let with = |expected: &[&str], change: fn(&mut Observed)| {
+            let mut observed = observed();
+            change(&mut observed);
+            let lines = observed.lines().join("\n");
+            for text in expected {
+                assert!(lines.contains(text), "{text}: {lines}");
+            }
+        };
+        let thin = ["0.05 % of the amplitude", "thin", "DOWN the track"];
+        let bands = ["kband bands --restitution 0.18..0.22"];
+        with(&[&thin[..], &bands].concat(), |observed| {
+            observed.last.state = State::Locked;
+            observed.target = Target::Locked { order: 1 };
+            (observed.in_gear, observed.locked) = (None, true);
+            (observed.margin, observed.speed) = (Some(0.0005), -3.0);
+        });
+        with(&["12 hops detected", "--duration 30"], |observed| {
+            observed.target = Target::Identify;
+            observed.last.identification = Identification::Listening { hops: 12 };
+        });
+        with(&["--duration 30"], |observed| {
+            observed.last.state = State::Capturing
+        });
         for state in [State::Holding, State::Locked, State::Capturing, State::Lost] {
             let mut strays = observed();
             (strays.strays, strays.last.state) = (true, state);
             let next = strays.next();
             assert!(next.contains("outside the configured lot"), "{state:?}");
         }
-        assert_lines(
-            |observed| {
-                let regime = Regime::Doubled {
-                    order: 1,
-                    doublings: 1,
-                };
-                let confidence = 1.0;
-                observed.last.regime = Some(Verdict { regime, confidence });
-                observed.last.state = State::Locked;
-            },
-            &["the flights have doubled"],
-        );
-        assert_lines(
+        with(&["the flights have doubled"], |observed| {
+            let (order, doublings, confidence) = (1, 1, 1.0);
+            let regime = Regime::Doubled { order, doublings };
+            observed.last.regime = Some(Verdict { regime, confidence });
+            observed.last.state = State::Locked;
+        });
+        with(
+            &["lock is of 1 of the 3 parts", "above k = 1"],
             |observed| {
                 (observed.last.state, observed.k) = (State::Locked, 1.08);
                 (observed.parts, observed.resting) = (3, 2);
             },
-            &["lock is of 1 of the 3 parts", "above k = 1"],
         );
-        assert_lines(
-            |observed| {
-                (observed.last.state, observed.last.limits) =
-                    (State::Limiting, Limits::NO_SETPOINT);
-                observed.no_setpoint = Some("a reason".into());
-            },
-            &[": a reason; kband explain"],
-        );
+        with(&[": a reason; kband explain"], |observed| {
+            (observed.last.state, observed.last.limits) = (State::Limiting, Limits::NO_SETPOINT);
+            observed.no_setpoint = Some("a reason".into());
+        });
     }
 
     #[test]

@@ -28,10 +28,7 @@ impl Entry {
         line(&self.lines, key)
     }
 
-    /// The recipes of a text.
-    ///
-    /// # Errors
-    /// Names the line and the accepted values.
+    /// The recipes of a text; a refusal names the line and the accepted values.
     pub fn parse(text: &str) -> Result<Vec<Self>> {
         let table = kband_scene::toml_table(text, NEXT)?;
         let lines = lines(text);
@@ -87,19 +84,11 @@ impl Entry {
                 Some(number)
             })?;
         }
-        let own_keys = [
-            "number",
-            "name",
-            "target",
-            "value",
-            "second_tone",
-            "third_tone",
-        ];
-        let keys = item.as_table().into_iter().flatten().map(|(key, _)| key);
-        for key in keys {
-            if !own_keys.contains(&&key[..]) && !Recipe::KEYS.contains(&&key[..]) {
-                let all: Vec<&str> = own_keys.into_iter().chain(Recipe::KEYS).collect();
-                return Err(refused(&lines, key, "a key of no recipe", all.join(", ")));
+        let own_keys = "number name target value second_tone third_tone".split(' ');
+        let known: Vec<&str> = own_keys.chain(Recipe::KEYS).collect();
+        for (key, _) in item.as_table().into_iter().flatten() {
+            if !known.contains(&&key[..]) {
+                return Err(refused(&lines, key, "a key of no recipe", known.join(", ")));
             }
         }
         Ok(Self {
@@ -176,7 +165,6 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
     })
 }
 
-/// Word and number of a target, as lines of a file.
 fn target_lines(target: Target) -> String {
     let tone = |tone: UpperTone| format!("[{:?}, {:?}]", tone.ratio, tone.phase);
     match target {
@@ -209,8 +197,7 @@ pub fn export(recipes: &[(u8, RecipeName, Recipe)], image: &str) -> String {
         let quoted = toml::Value::from(name.text());
         text += &format!("\n[[recipe]]\nnumber = {number}\nname = {quoted}\n");
         text += &target_lines(recipe.target);
-        // Keys that files of older versions lack come first, so that a cut file lacks a required
-        // one.
+        // Keys that older files lack come first, so that a cut file lacks a required one.
         for (key, value) in Recipe::KEYS.iter().zip(recipe.values).rev() {
             let setting = Settings::KEYS.iter().find(|setting| setting.name == *key);
             let accepted = setting.map_or("", |setting| setting.accepted);

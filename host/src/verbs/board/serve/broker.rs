@@ -18,14 +18,12 @@ const FAREWELL_TIMEOUT: Duration = Duration::from_millis(500);
 
 pub struct Broker {
     client: Client,
-    /// Topic with the state of the client, online or offline.
     status: String,
     connected: Arc<AtomicBool>,
 }
 
 impl Broker {
-    /// Connects to a broker, and reconnects after each loss. The topic `status` is online or, as
-    /// the last will, offline.
+    /// Connects, and reconnects after each loss. `status` is online or, as the last will, offline.
     pub fn begin(host: &str, port: u16, status: String) -> Result<Self> {
         let name = format!("kband-{}", std::process::id());
         let mut options = MqttOptions::new(name, host, port);
@@ -57,8 +55,7 @@ impl Broker {
         })
     }
 
-    /// Sends a message, at least once or at most once. Returns false without a connection or
-    /// without room in the queue.
+    /// Sends a message; returns false without a connection or without room in the queue.
     pub fn send(&self, topic: &str, at_least_once: bool, message: String) -> bool {
         let quality = if at_least_once {
             QoS::AtLeastOnce

@@ -14,8 +14,7 @@ use super::Feeder;
 use crate::board::BoardMessage;
 use crate::refusal::Result;
 
-/// Time after power-on at which the enable input turns on, s. An input that is on earlier starts
-/// nothing.
+/// Time after power-on at which the enable input turns on, s; earlier it starts nothing.
 const ENABLE_TIME: f64 = 0.5;
 const IMAGE: &str = concat!("kband serve ", env!("CARGO_PKG_VERSION"));
 

@@ -6,7 +6,7 @@ use kband_bus::Answer;
 use kband_control::wire::{Access, Request, Response};
 
 use super::Feeder;
-use crate::board::{Address, BoardMessage, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, Emulated, Link};
 use crate::refusal::{Refusal, Result};
 
 /// Longest wait for the board; then the client receives an exception.
@@ -17,7 +17,6 @@ const TARGET_FAILED: u8 = 0x0b;
 pub struct Gateway {
     link: Link,
     failure: Option<Refusal>,
-    /// Number of the next event for [`Feeder::news`].
     next_event: u32,
     has_telemetry: bool,
 }
@@ -66,11 +65,11 @@ impl Gateway {
             self.has_telemetry = true;
         }
         for message in self.link.listen(Duration::ZERO)? {
-            if let Unsolicited::Started(_) = message {
+            if let BoardMessage::Started(_) = message {
                 // A board starts with its telemetry off and an empty log.
                 (self.has_telemetry, self.next_event) = (false, 0);
             }
-            news.push(message.into());
+            news.push(message);
         }
         loop {
             let request = Request::Event(self.next_event);

@@ -15,15 +15,11 @@ const MAX_CLIENTS: usize = 16;
 /// Time between two checks of a thread for the end of the run.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// The feeder behind the server, shared by all clients.
-pub struct Served {
-    pub feeder: Box<dyn Feeder>,
-    pub clients: usize,
-    pub requests: usize,
-}
-
+/// The feeder behind the server, shared by all clients, with the numbers of clients and requests.
 pub struct Shared {
-    served: Mutex<Served>,
+    feeder: Mutex<Box<dyn Feeder>>,
+    pub clients: AtomicUsize,
+    pub requests: AtomicUsize,
     connected: AtomicUsize,
     ended: AtomicBool,
 }
@@ -31,19 +27,17 @@ pub struct Shared {
 impl Shared {
     pub fn new(feeder: Box<dyn Feeder>) -> Self {
         Self {
-            served: Mutex::new(Served {
-                feeder,
-                clients: 0,
-                requests: 0,
-            }),
+            feeder: Mutex::new(feeder),
+            clients: AtomicUsize::new(0),
+            requests: AtomicUsize::new(0),
             connected: AtomicUsize::new(0),
             ended: AtomicBool::new(false),
         }
     }
 
     /// Calls `work` with exclusive access to the feeder.
-    pub fn with<T>(&self, work: impl FnOnce(&mut Served) -> T) -> T {
-        work(&mut self.served.lock().unwrap_or_else(PoisonError::into_inner))
+    pub fn with<T>(&self, work: impl FnOnce(&mut dyn Feeder) -> T) -> T {
+        work(&mut **self.feeder.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Ends all threads within [`STOP_POLL_INTERVAL`].
@@ -66,7 +60,7 @@ pub fn accept(listener: TcpListener, shared: &Arc<Shared>) -> std::io::Result<So
             match listener.accept() {
                 Ok((stream, _)) if shared.connected.load(Ordering::Relaxed) < MAX_CLIENTS => {
                     shared.connected.fetch_add(1, Ordering::Relaxed);
-                    shared.with(|served| served.clients += 1);
+                    shared.clients.fetch_add(1, Ordering::Relaxed);
                     let shared = Arc::clone(&shared);
                     std::thread::spawn(move || {
                         // A lost client does not affect the others.
@@ -109,11 +103,10 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
             let Some(adu) = tcp::adu(&frame) else {
                 return Ok(());
             };
-            let answered = shared.with(|served| {
-                let answered = served.feeder.answer(adu, &mut answer);
-                served.requests += usize::from(answered);
-                answered
-            });
+            let answered = shared.with(|feeder| feeder.answer(adu, &mut answer));
+            shared
+                .requests
+                .fetch_add(answered.into(), Ordering::Relaxed);
             if answered && tcp::wrap(&frame, &mut answer) {
                 stream.write_all(&answer)?;
             }

@@ -1,14 +1,11 @@
-//! The client of an MQTT broker without the feature `mqtt`: the functions of mqtt.rs, which refuse
-//! every connection.
+//! The client of an MQTT broker without the feature `mqtt`, which refuses every connection.
 
 use crate::refusal::{Refusal, Result};
 
-/// A client that cannot exist.
 pub enum Broker {}
 
 impl Broker {
-    /// Connects; `status_topic` gets "online" and "offline". Always refused; the message names the
-    /// feature to build with.
+    /// Always refused; the message names the feature to build with.
     pub fn begin(_host: &str, _port: u16, _status_topic: String) -> Result<Self> {
         let next = "install it with: cargo install --path host --features mqtt";
         Err(Refusal::new("this kband was built without MQTT", next))

@@ -1,7 +1,5 @@
-//! `kband settings commission`: restitution of the parts, estimated by the board.
-//!
-//! The board estimates it from the chatter of the parts (`kband_control::identify`). The result is
-//! an interval of restitution, 0..1, for the settings of the lot.
+//! `kband settings commission`: restitution of the parts, estimated by the board from their chatter
+//! (`kband_control::identify`), as an interval 0..1 for the settings of the lot.
 
 use std::time::{Duration, Instant};
 
@@ -16,7 +14,6 @@ use crate::report::{fields, shortest};
 
 /// Half-width of the narrowest proposed interval: the accuracy of the identification.
 const MIN_HALF_WIDTH: f32 = 0.02;
-/// Number of hops for a result, for the progress bar.
 const RESULT_HOPS: u64 = 64;
 
 fields! {

@@ -1,6 +1,4 @@
 //! Measurements on a board with a running drive, and the settings that they propose.
-//!
-//! `--apply` sets them with the drive at rest, and saves them.
 
 use std::time::{Duration, Instant};
 
@@ -8,7 +6,7 @@ use kband_control::State;
 use kband_control::wire::{Request, Telemetry};
 
 use super::save_if_requested;
-use crate::board::{Address, BoardSettings, Emulated, Link, Unsolicited};
+use crate::board::{Address, BoardMessage, BoardSettings, Emulated, Link};
 use crate::desk::{Desk, Progress};
 use crate::refusal::{Refusal, Result};
 use crate::report::{Field, Format, View, columns};
@@ -29,8 +27,7 @@ impl Commissioning<'_> {
         Ok((link, settings))
     }
 
-    /// Prints the result with notes. With `--apply` it sets and saves the proposed settings on the
-    /// board, in this order; else it prints the commands for them.
+    /// Prints the result with notes, and sets and saves the proposed settings or prints commands.
     pub fn conclude<R>(
         &self,
         (mut link, mut settings): (Link, BoardSettings),
@@ -67,7 +64,6 @@ impl Commissioning<'_> {
 
 /// Time between two requests of telemetry; they also keep the link alive for the board.
 const LISTEN_INTERVAL: Duration = Duration::from_millis(300);
-/// Longest time from the command to rest.
 const REST_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The refusal for a drive that does not run, because no impact would be measured.
@@ -92,13 +88,12 @@ fn cycle(link: &mut Link) -> Result<Option<Telemetry>> {
     link.command(&Request::Telemetry(0))?;
     let mut received = received.into_iter().rev();
     Ok(received.find_map(|received| match received {
-        Unsolicited::Telemetry(telemetry) => Some(telemetry),
-        Unsolicited::Started(_) => None,
+        BoardMessage::Telemetry(telemetry) => Some(telemetry),
+        _ => None,
     }))
 }
 
-/// Collects telemetry by `take` from now on, until `enough` or the time limit. A progress bar
-/// counts up to `required`.
+/// Collects telemetry by `take` until `enough` or the time limit; the bar counts to `required`.
 pub(super) fn gather(
     link: &mut Link,
     desk: &Desk,
@@ -115,7 +110,7 @@ pub(super) fn gather(
     while start.elapsed() < within && !enough(&cycles) {
         desk.check_stop()?;
         for received in link.listen(LISTEN_INTERVAL)? {
-            if let Unsolicited::Telemetry(telemetry) = received {
+            if let BoardMessage::Telemetry(telemetry) = received {
                 take(&mut cycles, telemetry);
             }
         }

@@ -1,7 +1,5 @@
-//! `kband settings commission --sensor`: settings for the start-up tests of the accelerometer.
-//!
-//! It averages the voltage at rest (V), and the ratio of measured to configured gain while the
-//! drive runs. The results are sensor_rest, gain, their tolerances, and current_gain.
+//! `kband settings commission --sensor`: settings for the start-up tests of the accelerometer. It
+//! averages the voltage at rest (V), and the ratio of measured to configured gain in motion.
 
 use std::time::Duration;
 
@@ -21,18 +19,14 @@ const READING_INTERVAL: Duration = Duration::from_millis(50);
 /// Number of cycles in an average while the drive runs, and number of averages.
 const BLOCK_CYCLES: usize = 16;
 const BLOCKS: usize = 8;
-/// Largest relative deviation of a steady amplitude from its setpoint. Single cycles vary under
-/// load.
+/// Largest relative deviation of a steady amplitude from its setpoint.
 const MAX_STEADY_DEVIATION: f32 = 0.1;
-/// k and largest amplitude over the hard limits while the gain is measured. At this k the track
-/// throws no part.
+/// k at which the track throws no part, and largest amplitude over the hard limits.
 const QUIET_K: f32 = 1.3;
 const QUIET_SHARE: f32 = 0.2;
-/// Factor for changes after commissioning: 5 % of the sensitivity, and a quarter of the gain of a
-/// warm, loaded drive.
+/// Factor for later changes: 5 % of the sensitivity, a quarter of the gain of a loaded drive.
 const TOLERANCE_MARGIN: f64 = 1.3;
-/// Relative deviation of the measured gain from the configured one above which the user should
-/// check the sensor.
+/// Relative deviation of the measured gain above which the user should check the sensor.
 const MAX_GAIN_DEVIATION: f64 = 0.1;
 
 /// Measured gain over the configured one: mean, smallest and largest of its blocks.
@@ -104,8 +98,7 @@ const PROPOSED_SETTINGS: [Column; 5] = [
     Column::new("current_gain", "mm/A").digits(4),
 ];
 
-/// Measures the accelerometer at rest and while the drive runs, and proposes settings for the
-/// start-up tests.
+/// Measures the accelerometer at rest and in motion; proposes settings for the start-up tests.
 pub(super) fn run(commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
     let (within, desk) = (commissioning.within, commissioning.desk);

@@ -1,8 +1,6 @@
 //! `kband settings commission --second-tone`, `--third-tone`: response of the track at twice or
-//! three times the drive's frequency.
-//!
-//! The board adds a small tone to the output. The response is the ratio of the track's tone to the
-//! output's, averaged over cycles: gain in mm at full output, lag in degrees.
+//! three times the drive's frequency, as the mean ratio of the track's tone to the output's: gain
+//! in mm at full output, lag in degrees.
 
 use std::time::Duration;
 
@@ -29,33 +27,21 @@ const OUTPUT_DELAY: usize = 2;
 /// Number of cycles after which a tone has settled or was abandoned.
 const SETTLING_CYCLES: usize = 300;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Upper {
-    Second,
-    Third,
-}
+/// Name of each upper tone, setting of its largest amplitude, and largest amplitude to begin with.
+const TONES: [(&str, &str, f64); 2] = [
+    ("second tone", "second_tone", 0.15),
+    ("third tone", "third_tone", 0.05),
+];
+/// Settings of the track's response to each upper tone.
+const RESPONSES: [[&str; 2]; 2] = [["second_gain", "second_lag"], ["third_gain", "third_lag"]];
 
-impl Upper {
-    /// Name, setting of the largest amplitude, and settings of the track's response.
-    fn names(self) -> (&'static str, &'static str, [&'static str; 2]) {
-        match self {
-            Self::Second => ("second tone", "second_tone", ["second_gain", "second_lag"]),
-            Self::Third => ("third tone", "third_tone", ["third_gain", "third_lag"]),
-        }
-    }
-
-    fn output(self, telemetry: &Telemetry) -> [f32; 2] {
-        telemetry.overtones[self as usize]
-    }
-
-    /// Tone of the track in a cycle, relative to the output's phase, in m.
-    fn tone(self, telemetry: &Telemetry) -> Complex {
-        let tone = telemetry.shape.tones()[self as usize];
-        let times = 2.0 + f64::from(self as u8);
-        let size = f64::from(telemetry.amplitude) * f64::from(tone.ratio);
-        let angle = f64::from(tone.phase) + times * f64::from(telemetry.lead);
-        Complex::new(angle.cos(), angle.sin()) * size
-    }
+/// Tone `upper` of the track in a cycle, 0 or 1, relative to the output's phase, in m.
+fn tone(upper: usize, telemetry: &Telemetry) -> Complex {
+    let tone = telemetry.shape.tones()[upper];
+    let times = 2.0 + upper as f64;
+    let size = f64::from(telemetry.amplitude) * f64::from(tone.ratio);
+    let angle = f64::from(tone.phase) + times * f64::from(telemetry.lead);
+    Complex::new(angle.cos(), angle.sin()) * size
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,12 +54,12 @@ struct Answer {
 }
 
 /// Response in the last cycles with the tone; `None` for too few.
-fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
+fn answer(upper: usize, cycles: &[Telemetry]) -> Option<Answer> {
     let pairs = cycles.windows(OUTPUT_DELAY + 1).filter_map(|window| {
         let (early, late) = (window.first()?, window.last()?);
-        let [cosine, sine] = upper.output(early).map(f64::from);
+        let [cosine, sine] = early.overtones[upper].map(f64::from);
         let output = Complex::new(cosine, sine);
-        (output.norm_sqr() > 1e-6).then_some((output, upper.tone(late)))
+        (output.norm_sqr() > 1e-6).then_some((output, tone(upper, late)))
     });
     let pairs: Vec<(Complex, Complex)> = pairs.collect();
     let last = pairs.get(pairs.len().checked_sub(AVERAGED_CYCLES)?..)?;
@@ -91,27 +77,18 @@ fn answer(upper: Upper, cycles: &[Telemetry]) -> Option<Answer> {
 }
 
 /// Makes the board drive a small upper tone, measures the response and proposes its settings.
-pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<()> {
+pub(super) fn run(upper: usize, commissioning: &Commissioning<'_>) -> Result<()> {
     let (mut link, settings) = commissioning.open()?;
-    let (name, key, keys) = upper.names();
+    let (name, key, first) = TONES[upper];
     let configured = settings.configured();
     let max_ratios = [configured.second_tone, configured.third_tone];
-    if max_ratios[upper as usize] <= 0.0 {
-        return Err(Refusal::value(
-            key,
-            "0",
-            "0.01..0.5",
-            format!(
-                "set the largest {name} that the drive affords first: kband settings set {key} {} --save",
-                if upper == Upper::Second { 0.15 } else { 0.05 }
-            ),
-        ));
+    if max_ratios[upper] <= 0.0 {
+        let largest = format!("set the largest {name} that the drive affords first");
+        let next = format!("{largest}: kband settings set {key} {first} --save");
+        return Err(Refusal::value(key, "0", "0.01..0.5", next));
     }
     let trial = |n: usize| UpperTone::new(TRIAL_RATIO.min(max_ratios[n]), TRIAL_PHASES[n]);
-    let third = match upper {
-        Upper::Second => UpperTone::default(),
-        Upper::Third => trial(1),
-    };
+    let third = [UpperTone::default(), trial(1)][upper];
     let shape = Shape::new(trial(0), third);
     let target = link.target()?;
     link.command(&Request::Target(Target::Tones { k: TRIAL_K, shape }))?;
@@ -125,7 +102,7 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<()>
     };
     let digits = |value: f64, scale: f64| ((value * scale).round() / scale) as f32;
     let (gain, lag) = (digits(answer.gain, 1e4), digits(answer.lag, 10.0));
-    let [of_gain, of_lag] = keys;
+    let [of_gain, of_lag] = RESPONSES[upper];
     let offer = [(of_gain, gain), (of_lag, lag)];
     let notes = vec![
         format!("proposed: {of_gain} = {gain}, {of_lag} = {lag}"),
@@ -143,25 +120,23 @@ pub(super) fn run(upper: Upper, commissioning: &Commissioning<'_>) -> Result<()>
 }
 
 /// Collects cycles until the tone has settled or was abandoned.
-fn follow(upper: Upper, link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetry>> {
+fn follow(upper: usize, link: &mut Link, within: Duration, desk: &Desk) -> Result<Vec<Telemetry>> {
     if let Some(off) = why_off(link)? {
         return Err(off);
     }
-    let made = |cycle: &&Telemetry| upper.output(cycle) != [0.0; 2];
+    let made = |cycle: &&Telemetry| cycle.overtones[upper] != [0.0; 2];
     let enough = |cycles: &[Telemetry]| {
         let count = cycles.iter().filter(made).count();
         // An abandoned tone does not return.
         let silent = cycles.iter().rev().take_while(|cycle| !made(cycle)).count();
         count >= SETTLING_CYCLES || (count >= AVERAGED_CYCLES && silent > AVERAGED_CYCLES)
     };
-    let (name, _, _) = upper.names();
-    let progress = (name, SETTLING_CYCLES);
+    let progress = (TONES[upper].0, SETTLING_CYCLES);
     gather(link, desk, progress, within, Vec::push, enough)
 }
 
 #[cfg(test)]
 mod tests {
-    use kband_control::Settings;
     use kband_plant::{EnvelopeLoop, Scene};
 
     use super::*;
@@ -170,40 +145,28 @@ mod tests {
     fn the_drive_response_is_measured_despite_wrong_settings() {
         let [second, third] = TRIAL_PHASES.map(|phase| UpperTone::new(TRIAL_RATIO, phase));
         for (upper, gain, lag, configured, exact) in [
-            (Upper::Second, 0.5, 60.0, (0.5, 60.0), 0.02),
-            (Upper::Second, 0.3, 120.0, (0.5, 90.0), 0.02),
-            (Upper::Second, 0.05, 170.0, (0.5, 90.0), 0.15),
-            (Upper::Third, 0.25, 60.0, (0.25, 60.0), 0.02),
-            (Upper::Third, 0.2, 120.0, (0.25, 90.0), 0.02),
+            (0, 0.5, 60.0, (0.5, 60.0), 0.02),
+            (0, 0.3, 120.0, (0.5, 90.0), 0.02),
+            (0, 0.05, 170.0, (0.5, 90.0), 0.15),
+            (1, 0.25, 60.0, (0.25, 60.0), 0.02),
+            (1, 0.2, 120.0, (0.25, 90.0), 0.02),
         ] {
+            let k = TRIAL_K;
+            let shape = [Shape::of_two(second), Shape { second, third }][upper];
             let mut scene = Scene {
-                settings: Settings {
-                    second_tone: 0.15,
-                    ..Settings::default()
-                },
-                target: Target::Tones {
-                    k: TRIAL_K,
-                    shape: Shape::of_two(second),
-                },
+                target: Target::Tones { k, shape },
                 ..Scene::default()
             };
-            let settings = &mut scene.settings;
-            match upper {
-                Upper::Second => {
-                    (settings.second_gain, settings.second_lag) = configured;
-                    (scene.drive.second_gain, scene.drive.second_lag) = (gain, lag);
-                }
-                Upper::Third => {
-                    settings.third_tone = 0.06;
-                    (settings.third_gain, settings.third_lag) = configured;
-                    scene.drive.second_gain = settings.second_gain;
-                    scene.drive.second_lag = settings.second_lag;
-                    (scene.drive.third_gain, scene.drive.third_lag) = (gain, lag);
-                    scene.target = Target::Tones {
-                        k: TRIAL_K,
-                        shape: Shape { second, third },
-                    };
-                }
+            let (settings, drive) = (&mut scene.settings, &mut scene.drive);
+            settings.second_tone = 0.15;
+            if upper == 0 {
+                (settings.second_gain, settings.second_lag) = configured;
+                (drive.second_gain, drive.second_lag) = (gain, lag);
+            } else {
+                settings.third_tone = 0.06;
+                (settings.third_gain, settings.third_lag) = configured;
+                (drive.second_gain, drive.second_lag) = (settings.second_gain, settings.second_lag);
+                (drive.third_gain, drive.third_lag) = (gain, lag);
             }
             let mut closed = EnvelopeLoop::build(&scene).unwrap();
             let cycles = (0..SETTLING_CYCLES).map(|_| Telemetry::from(&closed.cycle().report));

@@ -12,7 +12,6 @@ use crate::refusal::{Refusal, Result};
 
 /// First word in the file of a secret key.
 const SECRET: &str = "kband-secret-key";
-/// First word in the file of a public key.
 const PUBLIC: &str = "kband-public-key";
 
 /// Makes a key pair. The secret key is in a new file readable only by its owner, the public key in
