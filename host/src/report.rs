@@ -151,11 +151,6 @@ impl Printout {
     }
 
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
-        if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
-            let mut counted = table::CountedRows::default();
-            write(&mut counted)?;
-            state_size(target.path().display(), counted.bytes());
-        }
         target.write(|out| self.write(format, out))
     }
 }

@@ -93,7 +93,8 @@ pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
 }
 
 fn colour(colour: Colour) -> tiny_skia::Color {
-    let mut made = tiny_skia::Color::from_rgba8(colour.red, colour.green, colour.blue, 255);
+    let [red, green, blue] = colour.rgb;
+    let mut made = tiny_skia::Color::from_rgba8(red, green, blue, 255);
     made.set_alpha(colour.opacity);
     made
 }

@@ -133,7 +133,7 @@ fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
 }
 
 fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
-    let [red, green, blue] = [colour.red, colour.green, colour.blue];
+    let [red, green, blue] = colour.rgb;
     write!(out, " {what}=\"#{red:02x}{green:02x}{blue:02x}\"")?;
     if colour.opacity < 1.0 {
         let opacity = short(f64::from(colour.opacity));

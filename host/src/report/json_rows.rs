@@ -64,8 +64,7 @@ mod tests {
     fn streamed_rows_have_the_bytes_of_a_table() {
         let columns = [columns::N, columns::PHASE, columns::FLIGHT];
         let mut table = Table::new(&columns);
-        for count in 1..4_u32 {
-            table.push([count.into(), 0.1.into(), Value::Missing]);
+        for count in 0..4_u32 {
             let mut streamed = Vec::new();
             let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
             table.write_rows(&mut rows).unwrap();
@@ -75,15 +74,7 @@ mod tests {
             printout.write(Format::Json, &mut whole).unwrap();
             let [streamed, whole] = [streamed, whole].map(|text| String::from_utf8(text).unwrap());
             assert_eq!(streamed, whole);
+            table.push([count.into(), 0.1.into(), Value::Missing]);
         }
-    }
-
-    #[test]
-    fn a_document_without_rows_is_whole() {
-        let mut streamed = Vec::new();
-        let rows = JsonRows::begin(&mut streamed, &[columns::N]).unwrap();
-        rows.end().unwrap();
-        let document: Json = serde_json::from_slice(&streamed).unwrap();
-        assert_eq!(document["rows"], Json::Array(Vec::new()));
     }
 }

@@ -18,8 +18,7 @@ use crate::provenance;
 use crate::refusal::{Exit, Result};
 use crate::report::{counted, number};
 use crate::simulate::{self, Outcome, STATE_FILLS, SceneText, part_group, state_fill};
-use crate::verbs::map::gear::{Lot, LotSettings};
-use crate::verbs::map::{basins, transport};
+use crate::verbs::map::{basins, gear::Lot, transport};
 
 /// Write one self-contained page for the browser: bands, gear, basins, speed and a run of a feeder,
 /// with sliders.
@@ -85,46 +84,68 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         + &page::table(&heads, &feeder.bands_in_words())
         + &page::folded("the scene", written)
         + &page::folded("how this page was made", &provenance);
-    Ok(Page::new(&format!("A feeder at {} Hz", number(feeder.frequency(), 6)), data, FIGURES)
-        .section("In plain words", &text)
-        .section(
-            "Where parts lock",
-            &page::figure(
-                "bands",
-                "Between these amplitudes a part of constant restitution locks to the drive: with more its lock doubles or touches, with \
-                 less none is born. The strip is what all parts of the lot share.",
-            ),
-        )
-        .section(
-            "How much of the time parts are in gear",
-            &page::figure(
-                "gear",
-                "Share of time in gear over the amplitude, from rest and without a kick, mean over the lot and the part that is in gear \
-                 least, by how much restitution scatters from impact to impact.",
-            ),
-        )
-        .section(
-            "Where a part ends by how it starts",
-            &page::figure(
-                "basins",
-                "Regime in which a part of the lot's middle ends, by the phase and velocity with which it leaves the track; without scatter.",
-            ),
-        )
-        .section(
-            "How fast parts travel",
-            &page::figure(
-                "transport",
-                "Mean conveying speed of a part that starts from rest, with Coulomb's friction, sliding included; S: always in contact, \
-                 H-S: hops and lies, H: hops on.",
-            ),
-        )
-        .section(
-            "A run of the controller",
-            &(page::figure("amplitude", "Amplitude of the track over time, measured and as the controller asks for it.")
-                + &page::figure("phases", "Phase of the drive at the impacts of the parts over time.")
-                + &page::figure("share", "Share of time in gear over time, as the controller estimates it.")),
-        ))
+    let title = format!("A feeder at {} Hz", number(feeder.frequency(), 6));
+    let page = Page::new(&title, data, FIGURES).section("In plain words", &text);
+    Ok(SECTIONS.iter().fold(page, |page, (heading, figures)| {
+        let figures = figures.iter();
+        let figures: String = figures
+            .map(|(name, caption)| page::figure(name, caption))
+            .collect();
+        page.section(heading, &figures)
+    }))
 }
+
+/// Headings of the page, each with its figures: name and caption.
+const SECTIONS: [(&str, &[(&str, &str)]); 5] = [
+    (
+        "Where parts lock",
+        &[(
+            "bands",
+            "Between these amplitudes a part of constant restitution locks to the drive: with more its lock doubles or touches, with \
+             less none is born. The strip is what all parts of the lot share.",
+        )],
+    ),
+    (
+        "How much of the time parts are in gear",
+        &[(
+            "gear",
+            "Share of time in gear over the amplitude, from rest and without a kick, mean over the lot and the part that is in gear \
+             least, by how much restitution scatters from impact to impact.",
+        )],
+    ),
+    (
+        "Where a part ends by how it starts",
+        &[(
+            "basins",
+            "Regime in which a part of the lot's middle ends, by the phase and velocity with which it leaves the track; without scatter.",
+        )],
+    ),
+    (
+        "How fast parts travel",
+        &[(
+            "transport",
+            "Mean conveying speed of a part that starts from rest, with Coulomb's friction, sliding included; S: always in contact, \
+             H-S: hops and lies, H: hops on.",
+        )],
+    ),
+    (
+        "A run of the controller",
+        &[
+            (
+                "amplitude",
+                "Amplitude of the track over time, measured and as the controller asks for it.",
+            ),
+            (
+                "phases",
+                "Phase of the drive at the impacts of the parts over time.",
+            ),
+            (
+                "share",
+                "Share of time in gear over time, as the controller estimates it.",
+            ),
+        ],
+    ),
+];
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
 const RESTITUTIONS: usize = 141;
@@ -296,23 +317,21 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json> {
     let k: Vec<f64> = (0..GEAR_AMPLITUDES).map(place).collect();
     let (scatters, at) = insert(&SCATTERS, feeder.scatter);
     let waves = [Wave::sine(), Wave::build(feeder.second, Tone::default())?];
-    let lot = |&scatter: &f64| {
-        Lot::build(LotSettings {
-            restitution: feeder.lot,
-            parts: GEAR_PARTS,
-            scatter,
-            order,
-            runs: GEAR_RUNS,
-            periods: GEAR_PERIODS,
-            seed: 1,
-            contact: feeder.contact,
-        })
+    let lot = Lot {
+        restitution: feeder.lot,
+        parts: GEAR_PARTS,
+        scatter: feeder.scatter,
+        order,
+        runs: GEAR_RUNS,
+        periods: GEAR_PERIODS,
+        seed: 1,
+        contact: feeder.contact,
     };
-    let lots = scatters.iter().map(lot).collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();
     let shares = desk.try_map("gear", count, |n| {
         let (rest, place) = (n / k.len(), k[n % k.len()]);
-        lots[rest % scatters.len()].at(&waves[rest / scatters.len()], place)
+        let scatter = scatters[rest % scatters.len()];
+        Lot { scatter, ..lot }.at(&waves[rest / scatters.len()], place)
     })?;
     let curve = |curve: &[[f64; 2]]| {
         let [mean, min] = [0, 1].map(|n| shorts(curve.iter().map(|share| share[n])));

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::axes::Pixels;
 use super::map::{Grid, raster};
-use super::style::marks;
+use super::style::{marks, series_stroke};
 use crate::picture::axis::Axis;
 use crate::picture::shape::{Rect, Shape, Stroke};
 use crate::picture::theme::{Fill, Theme};
@@ -44,12 +44,7 @@ impl Pixels<'_> {
         let plot = self.plot;
         match item {
             Item::Line { series, points } => {
-                let (colour, dash, _) = theme.series(*series);
-                let stroke = Stroke {
-                    colour,
-                    width: 1.8,
-                    dash,
-                };
+                let stroke = series_stroke(theme, *series, 1.8);
                 shapes.push(Shape::lines(self.pieces(points), stroke, Some(plot)));
             }
             Item::Markers { series, points } => {
@@ -70,16 +65,16 @@ impl Pixels<'_> {
                 shapes.push(marks(theme, *series, &places, Some(clip)));
             }
             Item::Between { series, points } => {
-                let (colour, ..) = theme.series(*series);
+                let colour = theme.series(*series);
                 let side = |pick: fn(&(f64, f64, f64)) -> (f64, f64)| {
                     self.pieces(&points.iter().map(pick).collect::<Vec<_>>())
                 };
-                let low = side(|(x, low, _)| (*x, *low));
-                let high = side(|(x, _, high)| (*x, *high));
+                let low = side(|(x, low, _)| (*x, *low)).into_iter();
+                let high = side(|(x, _, high)| (*x, *high)).into_iter();
                 let outline = |(low, high): (Vec<_>, Vec<_>)| {
-                    [low, high.into_iter().rev().collect()].concat()
+                    low.into_iter().chain(high.into_iter().rev()).collect()
                 };
-                let pieces = low.into_iter().zip(high).map(outline).collect();
+                let pieces = low.zip(high).map(outline).collect();
                 let (fill, edge) = (colour.with_opacity(0.3), Stroke::solid(colour, 0.8));
                 shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }

@@ -73,7 +73,7 @@ fn along(track: &Track) -> TangentialSettings {
 
 const SAMPLES: u32 = 400;
 
-const PARTS: u32 = 5;
+const PARTS: usize = 5;
 
 struct Row {
     order: u32,
@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let next = "leave out the tones, or ask kband gear, which has both";
         return Err(Refusal::value("--contact", value, accepted, next));
     } else {
-        tones::report_of(arguments, &wave, &track, desk)?
+        tones::report(arguments, &wave, &track, desk)?
     };
     let drawing = output.draws().then(|| compute(&wave, &track, desk));
     let drawing = drawing.transpose()?.unwrap_or_default();
@@ -134,7 +134,7 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
     } else {
         chaos(lot.high())?
     };
-    let parts = restitutions(lot, PARTS as usize);
+    let parts = restitutions(lot, PARTS);
     let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, SAMPLES);
     let reach = band.filter(|_| instant).map(measure).transpose()?;
     let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);

@@ -9,9 +9,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
-use kband::impact::{
-    ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
-};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
 use rows::{LaunchFile, Row, check_rows, compute_rows};
 
 use crate::arguments::{
@@ -115,13 +113,28 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         output: &output,
     };
     let contact = arguments.contact.time(arguments.amplitude.hertz())?;
-    let states = if !contact.is_instant() {
-        with_contact(&task, tones, contact)?
-    } else if one {
-        on_one_tone(&task)?
-    } else {
-        on_tones(&task, tones)?
+    let arithmetic = arguments.arithmetic;
+    let held = |Row { kernel, state }: &Row<WaveMap>| {
+        let (k, restitution) = (kernel.k(), kernel.restitution());
+        contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
     };
+    let states = match (arithmetic, contact.is_instant()) {
+        (Arithmetic::F64, false) => task.compute(build_on(tones), held),
+        (_, false) => Err(arithmetic.refuse(
+            "f64 with --contact",
+            "leave out --arithmetic, or leave out --contact",
+        )),
+        (Arithmetic::F64, true) if one => task.compute(Map::build, impact),
+        (Arithmetic::F32, true) if one => task.compute(Single::build, impact),
+        (Arithmetic::Integer, true) if one => task.compute(Integer::build, impact),
+        (Arithmetic::F64, true) => task.compute(build_on::<WaveMap>(tones), impact),
+        (Arithmetic::F32, true) => task.compute(build_on::<Single>(tones), impact),
+        (Arithmetic::Integer, true) => Err(arithmetic.refuse(
+            "f64 or f32 with --second-tone or --third-tone",
+            "choose one of them, or leave out the tones",
+        )),
+    };
+    let states = states?;
     output.draw(|| portrait(arguments, &drive_text, states))
 }
 
@@ -131,39 +144,8 @@ struct Task<'a> {
     output: &'a Output,
 }
 
-fn on_one_tone(task: &Task) -> Result<States> {
-    match task.arguments.arithmetic {
-        Arithmetic::F64 => task.compute(Map::build, impact),
-        Arithmetic::F32 => task.compute(Single::build, impact),
-        Arithmetic::Integer => task.compute(Integer::build, impact),
-    }
-}
-
-fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States> {
-    match task.arguments.arithmetic {
-        Arithmetic::F64 => task.compute(build_on::<WaveMap>(tones), impact),
-        Arithmetic::F32 => task.compute(build_on::<Single>(tones), impact),
-        other => Err(other.refuse(
-            "f64 or f32 with --second-tone or --third-tone",
-            "choose one of them, or leave out the tones",
-        )),
-    }
-}
-
 fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
     move |k, restitution| K::on_tones(tones, k, restitution)
-}
-
-fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States> {
-    let arithmetic = task.arguments.arithmetic;
-    if arithmetic != Arithmetic::F64 {
-        let next = "leave out --arithmetic, or leave out --contact";
-        return Err(arithmetic.refuse("f64 with --contact", next));
-    }
-    task.compute(build_on::<WaveMap>(tones), |Row { kernel, state }| {
-        let (k, restitution) = (kernel.k(), kernel.restitution());
-        contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
-    })
 }
 
 fn impact<K: Kernel>(row: &Row<K>) -> Impact<K::State> {

@@ -15,7 +15,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
-use crate::report::{Printout, columns, counted, fields, span};
+use crate::report::{Printout, columns, counted, fields, span, when};
 
 /// Smallest number of drive cycles between rests for which a part conveys like one without rests.
 const MIN_CYCLES_BETWEEN_RESTS: u32 = 100;
@@ -134,39 +134,35 @@ impl Over {
             values = vec![only * 0.95, only, only * 1.05];
             displayed = 1..2;
         }
-        let k = if amplitude {
-            let all = values.iter().map(|value| k_of(&feeder.track, *value));
-            all.collect::<Result<_>>()?
-        } else {
-            values
-        };
+        if amplitude {
+            for value in &mut values {
+                *value = k_of(&feeder.track, *value)?;
+            }
+        }
         Ok(Self {
             amplitude,
             low: range.low,
             high: range.high,
-            k,
+            k: values,
             displayed,
         })
     }
 
     fn place(&self, feeder: &Feeder, k: f64) -> f64 {
-        if self.amplitude {
-            feeder.amplitude(k)
-        } else {
-            k
+        match self.amplitude {
+            true => feeder.amplitude(k),
+            false => k,
         }
     }
 
     fn axis(&self) -> Axis {
-        let axis = if self.amplitude {
-            Axis::of_b(self.low, self.high)
-        } else {
-            Axis::of_k(self.low, self.high)
+        let axis = match self.amplitude {
+            true => Axis::of_b(self.low, self.high),
+            false => Axis::of_k(self.low, self.high),
         };
-        if self.high > 4.0 * self.low {
-            axis.logarithmic()
-        } else {
-            axis
+        match self.high > 4.0 * self.low {
+            true => axis.logarithmic(),
+            false => axis,
         }
     }
 
@@ -192,10 +188,8 @@ fn starts(k: f64, feeder: &Feeder) -> impl Iterator<Item = Origin> {
         let velocity = (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest;
         Origin::Hop(PartState::new(phase, velocity))
     });
-    [Origin::Rest]
-        .into_iter()
-        .chain(feeder.locked(k))
-        .chain(spread)
+    let unspread = [Origin::Rest].into_iter().chain(feeder.locked(k));
+    unspread.chain(spread)
 }
 
 fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
@@ -205,10 +199,7 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
         tasks.extend(starts(*k, feeder).map(|start| (n, start)));
     }
     // With scatter there is no final regime.
-    let constant = match scatter.scatter {
-        0.0 => over.k.len(),
-        _ => 0,
-    };
+    let constant = when(scatter.scatter == 0.0, || over.k.len());
     let endings = desk.spread("regimes", constant, ORBITS_PER_BLOCK, |columns| {
         let tracks: Vec<_> = columns.iter().map(|n| (over.k[*n], restitution)).collect();
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
@@ -310,10 +301,9 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Sensitivity> {
     let center = (row.k, row.mean(), row.error());
     let before = at.checked_sub(1).and_then(find).unwrap_or(center);
     let after = find(at + 1).unwrap_or(center);
-    if before.0 < after.0 {
-        Sensitivity::between(before, after)
-    } else {
-        Sensitivity::between(after, before)
+    match before.0 < after.0 {
+        true => Sensitivity::between(before, after),
+        false => Sensitivity::between(after, before),
     }
 }
 
@@ -392,19 +382,15 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
         (None, []) => None,
         (None, [slope]) => Some(format!("{slope:.2}°, from equation 20")),
         (None, slopes) => {
-            let min_slope = slopes.iter().copied().fold(f64::INFINITY, f64::min);
-            let max_slope = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            Some(format!(
-                "{min_slope:.2}° to {max_slope:.2}° by k, from equation 20"
-            ))
+            let lowest = slopes.iter().copied().fold(f64::INFINITY, f64::min);
+            let highest = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let text = format!("{lowest:.2}° to {highest:.2}° by k, from equation 20");
+            Some(text)
         }
     };
     let text = text.map(|text| format!("locked parts stand still on an incline of {text}"));
-    let heading = format!(
-        "Conveying speed at {}; {}",
-        over.describe(),
-        feeder.describe()
-    );
+    let (range, drive) = (over.describe(), feeder.describe());
+    let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
     report.json(&json!({
         "rows": objects,
@@ -466,11 +452,9 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             .map(|n| {
                 let part = f64::from(n) / 600.0;
                 let at = first * (last / first).powf(part);
-                let track = &feeder.track;
-                let k = if over.amplitude {
-                    track.k(1e-3 * at)
-                } else {
-                    at
+                let k = match over.amplitude {
+                    true => feeder.track.k(1e-3 * at),
+                    false => at,
                 };
                 let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
                 (at, speed.unwrap_or(f64::NAN))
