@@ -1,12 +1,11 @@
-//! Tables as aligned text, CSV and JSON, and rows that are written one by one.
+//! Tables as aligned text and JSON.
 
 use std::fmt::Write as _;
-use std::io::Write;
 
 use serde_json::Value as Json;
 
+use super::Rows;
 use super::value::Value;
-use crate::provenance;
 use crate::refusal::Refusal;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -201,60 +200,9 @@ impl Table {
     }
 }
 
-/// Receiver of rows one by one, for results too large for a table.
-pub trait Rows {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
-}
-
-/// Writer of rows as CSV: provenance, units in the header, 17 significant digits.
-pub struct CsvRows<'a> {
-    out: &'a mut dyn Write,
-}
-
-impl<'a> CsvRows<'a> {
-    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
-        let names: Vec<String> = columns.iter().map(Column::header).collect();
-        let written = provenance::write_comments(super::units(columns), out);
-        let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
-        written.map_err(|error| write_refusal(&error))?;
-        Ok(Self { out })
-    }
-}
-
-impl Rows for CsvRows<'_> {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
-        let cells: Vec<String> = row.iter().map(Value::csv).collect();
-        writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
-    }
-}
-
-pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
-    let cause = format!("the rows cannot be written: {error}");
-    Refusal::new(cause, "check space and permissions of the folder")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn csv_has_units_in_the_header_and_quotes_commas() {
-        let columns = [("k", ""), ("b", "mm"), ("regime", "")];
-        let mut table = Table::new(&columns.map(|(name, unit)| Column::new(name, unit)));
-        table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
-        table.push([0.25.into(), Value::Missing, "rest".into()]);
-        let mut csv = Vec::new();
-        let mut rows = CsvRows::begin(&mut csv, &table.columns).unwrap();
-        table.write_rows(&mut rows).unwrap();
-        let csv = String::from_utf8(csv).unwrap();
-        let (comments, rows): (Vec<&str>, Vec<&str>) =
-            csv.lines().partition(|line| line.starts_with('#'));
-        assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
-        assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
-        let first = "0.10000000000000001,1.234567,\"locked, r = 1\"";
-        assert_eq!(rows, ["k,b (mm),regime", first, "0.25,,rest"]);
-        assert!(csv.ends_with('\n'));
-    }
 
     #[test]
     fn columns_beyond_a_screen_continue_below() {

@@ -43,6 +43,8 @@ pub struct Arguments {
 const PAGE: &str = "kband-report.html";
 
 const FIGURES: &str = include_str!("report/figures.js");
+/// Figures of the page, one a line: heading of their section, name, caption.
+const SECTIONS: &str = include_str!("report/sections.tsv");
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let read = SceneText::read(arguments.scene.as_deref())?;
@@ -85,67 +87,20 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         + &page::folded("the scene", written)
         + &page::folded("how this page was made", &provenance);
     let title = format!("A feeder at {} Hz", number(feeder.frequency(), 6));
-    let page = Page::new(&title, data, FIGURES).section("In plain words", &text);
-    Ok(SECTIONS.iter().fold(page, |page, (heading, figures)| {
-        let figures = figures.iter();
+    let mut page = Page::new(&title, data, FIGURES).section("In plain words", &text);
+    let lines = SECTIONS.lines().filter_map(|line| line.split_once('\t'));
+    let lines: Vec<(&str, &str)> = lines.collect();
+    for section in lines.chunk_by(|one, other| one.0 == other.0) {
+        let figures = section
+            .iter()
+            .filter_map(|(_, figure)| figure.split_once('\t'));
         let figures: String = figures
             .map(|(name, caption)| page::figure(name, caption))
             .collect();
-        page.section(heading, &figures)
-    }))
+        page = page.section(section[0].0, &figures);
+    }
+    Ok(page)
 }
-
-/// Headings of the page, each with its figures: name and caption.
-const SECTIONS: [(&str, &[(&str, &str)]); 5] = [
-    (
-        "Where parts lock",
-        &[(
-            "bands",
-            "Between these amplitudes a part of constant restitution locks to the drive: with more its lock doubles or touches, with \
-             less none is born. The strip is what all parts of the lot share.",
-        )],
-    ),
-    (
-        "How much of the time parts are in gear",
-        &[(
-            "gear",
-            "Share of time in gear over the amplitude, from rest and without a kick, mean over the lot and the part that is in gear \
-             least, by how much restitution scatters from impact to impact.",
-        )],
-    ),
-    (
-        "Where a part ends by how it starts",
-        &[(
-            "basins",
-            "Regime in which a part of the lot's middle ends, by the phase and velocity with which it leaves the track; without scatter.",
-        )],
-    ),
-    (
-        "How fast parts travel",
-        &[(
-            "transport",
-            "Mean conveying speed of a part that starts from rest, with Coulomb's friction, sliding included; S: always in contact, \
-             H-S: hops and lies, H: hops on.",
-        )],
-    ),
-    (
-        "A run of the controller",
-        &[
-            (
-                "amplitude",
-                "Amplitude of the track over time, measured and as the controller asks for it.",
-            ),
-            (
-                "phases",
-                "Phase of the drive at the impacts of the parts over time.",
-            ),
-            (
-                "share",
-                "Share of time in gear over time, as the controller estimates it.",
-            ),
-        ],
-    ),
-];
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
 const RESTITUTIONS: usize = 141;

@@ -21,6 +21,7 @@ use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
 use crate::report::{Column, Printout, Rows, fields, number, numbers, span};
+use crate::verbs::read;
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
@@ -108,27 +109,18 @@ impl ColumnStart {
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
-    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
-        let map = regimes::Map::compute(arguments, contact, desk)?;
+        let map = regimes::Map::compute(arguments, desk)?;
         return output.show(&map.report()?, || map.picture());
     }
-    let (over, range) = chosen(arguments)?;
-    let values: Vec<f64> = range.values().collect();
-    let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
-    let mut starts = arguments.starts.clone();
-    starts.dedup();
-    let diagram = Arc::new(Diagram {
-        over,
-        range,
-        velocity: arguments.show == Show::Velocity,
-        branches: follow(arguments, &tracks, contact, &starts, desk)?,
-        bands: bands(over, contact, &values),
-        contact,
-        fixed: over.fixed() + &arguments.contact.describe(),
-        values,
-    });
+    let diagram = Arc::new(Diagram::compute(arguments, desk)?);
     output.show(&diagram.report()?, || diagram.picture(arguments))
+}
+
+/// The picture for these options, for a page with several pictures.
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
+    let arguments = read(options)?;
+    Ok(Diagram::compute(&arguments, desk)?.picture(&arguments))
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -234,6 +226,25 @@ struct Diagram {
 }
 
 impl Diagram {
+    fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self> {
+        let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+        let (over, range) = chosen(arguments)?;
+        let values: Vec<f64> = range.values().collect();
+        let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
+        let mut starts = arguments.starts.clone();
+        starts.dedup();
+        Ok(Self {
+            over,
+            range,
+            velocity: arguments.show == Show::Velocity,
+            branches: follow(arguments, &tracks, contact, &starts, desk)?,
+            bands: bands(over, contact, &values),
+            contact,
+            fixed: over.fixed() + &arguments.contact.describe(),
+            values,
+        })
+    }
+
     fn report(self: &Arc<Self>) -> Result<Printout> {
         let (name, unit) = (self.over.column().name, self.over.column().unit);
         let mut all: Vec<Regimes> = Vec::new();

@@ -8,7 +8,7 @@ mod survey;
 use std::f64::consts::TAU;
 
 use kband::feeder::Restitution;
-use kband::impact::{ContactTime, Tone, Wave};
+use kband::impact::{Tone, Wave};
 use kband::regime::band;
 use kband::regime::gear::Share;
 use serde_json::{Value as Json, json};
@@ -138,16 +138,11 @@ fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
             Range::new(0.15 / order, (1.02 * birth).min(1.0 / order), 41)
         }
     };
-    let planned = planned(arguments, contact);
+    // The controller's setpoint for this lot on an unlimited drive, as in `kband bands`.
+    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
+    let planned = causes::plan(&feeder, arguments.order as u8).map(|(plan, _)| plan.k.into());
     let k: Vec<f64> = k.values().collect();
     Survey::run(lot, &k, &waves(arguments)?, planned, desk)
-}
-
-/// Setpoint k of the controller for this lot on an unlimited drive, as in `kband bands`.
-fn planned(arguments: &Arguments, contact: ContactTime) -> Option<f64> {
-    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
-    let (plan, _) = causes::plan(&feeder, arguments.order as u8)?;
-    Some(plan.k.into())
 }
 
 /// The waves to try; the sine is the first.
@@ -262,13 +257,11 @@ fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint
     } else {
         "two tones"
     };
+    let mut points = vec![("one tone", &survey.one_tone), (two, &survey.two_tones)];
     let middle = survey.band_middle.as_ref();
-    let points = [("one tone", &survey.one_tone), (two, &survey.two_tones)]
-        .into_iter()
-        .chain(middle.map(|point| ("middle of the band", point)));
-    points
-        .map(|(name, point)| NamedPoint::new(name, point, arguments))
-        .collect()
+    points.extend(middle.map(|point| ("middle of the band", point)));
+    let named = |(name, point)| NamedPoint::new(name, point, arguments);
+    points.into_iter().map(named).collect()
 }
 
 fn lot_name(arguments: &Arguments, survey: &Survey) -> String {

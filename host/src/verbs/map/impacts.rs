@@ -21,7 +21,7 @@ use crate::file;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
-use crate::report::rows_file::row_bytes;
+use crate::report::rows::row_bytes;
 use crate::report::{self, Column, Format, Rows, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.

@@ -10,17 +10,17 @@ mod lock;
 use std::path::PathBuf;
 
 use engine::{Check, Row};
-use serde_json::{Map, json};
+use kband::regime::band;
+use serde_json::Value as Json;
 
 use crate::arguments::{self, FormatArguments};
 use crate::desk::Desk;
 use crate::file::Destination;
 use crate::page::{self, Page, escaped};
 use crate::picture::{Picture, Theme};
-use crate::provenance;
 use crate::refusal::{Exit, Result};
 use crate::report::{Printout, fields, number};
-use crate::verbs::map::transport;
+use crate::verbs::map::{diagram, transport};
 
 /// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
 /// recomputed, verdict.
@@ -123,6 +123,8 @@ fn report(rows: &[Row]) -> Printout {
 fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Page> {
     let r = number(restitution, 4);
     let conveying = |options: &str| transport::picture(options, desk);
+    let highest = number(1.1 * band::birth(restitution, 1)?, 4);
+    let over_k = format!("--restitution {r} --k 0.05..{highest} --starts rest,down");
     let pictures = [
         (
             figures::model(restitution)?,
@@ -134,7 +136,7 @@ fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Pag
             "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.",
         ),
         (
-            figures::regimes(restitution, desk)?,
+            diagram::picture(&over_k, desk)?,
             &format!(
                 "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
                  rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
@@ -164,8 +166,7 @@ fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Pag
         ),
         format!("{}.", summarize(rows)),
     ];
-    let data = json!({"provenance": provenance::object(Map::new())});
-    Ok(Page::new("The paper, recomputed", data, "")
+    Ok(Page::new("The paper, recomputed", Json::Null, "")
         .section(
             "Equations, numbers and claims",
             &(page::paragraphs(&text) + &table(rows)),

@@ -136,7 +136,7 @@ fields! {
         all B.digits(4) => row.setpoint().map(|k| millimetres(feeder.track, k));
         data B_AT_K1 => row.map_band(|band| millimetres(feeder.track, band.high.k));
         data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
-        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, [band.low.k, band.high.k])).unwrap_or("-".into());
         all THROW.digits(4) => row.setpoint().map(throw_number);
         all PEAK.digits(4) => row.setpoint().map(|k| {
             feeder.track.acceleration(feeder.track.amplitude(k)) * feeder.wave.peak_acceleration()

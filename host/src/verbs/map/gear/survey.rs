@@ -153,14 +153,9 @@ impl Survey {
                 let (wave, k) = place(order[n]);
                 Ok(lot.simulate(wave, k, Stage::Choice)?.mean())
             })?;
-            let better = |best, n| {
-                if repeated[n] > repeated[best] {
-                    n
-                } else {
-                    best
-                }
-            };
-            let (wave, k) = place(order[(1..order.len()).fold(0, better)]);
+            let worse_first = |a: &usize, b: &usize| repeated[*a].total_cmp(&repeated[*b]);
+            let best = (0..order.len()).rev().max_by(worse_first).unwrap_or(0);
+            let (wave, k) = place(order[best]);
             verdict(wave, k)
         };
         let on_sine = |k| verdict(&Wave::sine(), k);

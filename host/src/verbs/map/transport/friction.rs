@@ -553,10 +553,9 @@ mod tests {
             let rows = run(&format!(
                 "--k 0.43 --friction 0.3 --restitution 0.2 --incline 3 --contact {milliseconds}"
             ));
-            let mut hopping = rows
-                .iter()
-                .filter(|row| row.measured.motion == Motion::Hopping);
-            let hopping = hopping.next().unwrap();
+            let mut rows = rows.iter();
+            let hopping = rows.find(|row| row.measured.motion == Motion::Hopping);
+            let hopping = hopping.unwrap();
             let contact = ContactTime::from_milliseconds(milliseconds, 50.0).unwrap();
             let lock = Lock::with_contact(0.43, 0.2, 1, contact).unwrap().unwrap();
             let dead = TangentialSettings::on(&hopping.point.track, 0.0);

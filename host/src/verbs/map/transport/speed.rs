@@ -47,6 +47,9 @@ fn is_same_orbit(one: Regime, other: Regime) -> bool {
 
 #[derive(Clone, Copy, Debug)]
 struct Run {
+    /// Number of its k.
+    column: usize,
+    from_rest: bool,
     regime: Regime,
     in_gear: Option<InGear>,
     time_mean: f64,
@@ -205,17 +208,12 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
-        let (n, start) = tasks[task];
+        let (column, start) = tasks[task];
         let scatter = scatter.stream(restitution, task as u64)?;
-        run(feeder, over.k[n], endings.get(n), start, scatter)
+        run(feeder, over, column, endings.get(column), start, scatter)
     })?;
-    let mut rows: Vec<Row> = Vec::new();
-    let mut first = 0;
-    for (n, k) in over.k.iter().enumerate() {
-        let last = tasks[first..].iter().take_while(|task| task.0 == n).count() + first;
-        rows.extend(grouped(*k, &tasks[first..last], &runs[first..last]));
-        first = last;
-    }
+    let of_column = runs.chunk_by(|one, other| one.column == other.column);
+    let mut rows: Vec<Row> = of_column.flat_map(|runs| grouped(over, runs)).collect();
     for n in 0..rows.len() {
         rows[n].sensitivity = sensitivity(over, &rows, &rows[n]);
     }
@@ -224,14 +222,16 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// One orbit at `k` from a start; with scatter there is no final regime, so no `endings`.
+/// One orbit at a k from a start; with scatter there is no final regime, so no `endings`.
 fn run(
     feeder: &Feeder,
-    k: f64,
+    over: &Over,
+    column: usize,
     endings: Option<&Endings>,
     start: Origin,
     scatter: Option<Scatter>,
 ) -> Result<Run> {
+    let (k, from_rest) = (over.k[column], start == Origin::Rest);
     let map = Map::build(k, feeder.arguments.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     let regime = match (endings, start) {
@@ -260,6 +260,8 @@ fn run(
     let stationary = phases.impact_mean(k, map.restitution(), &feeder.settings);
     let exponent = growth.exponent();
     Ok(Run {
+        column,
+        from_rest,
         regime,
         in_gear: gears.longest().filter(|_| scatters),
         time_mean: conveyed.time_mean().unwrap_or(0.0),
@@ -270,23 +272,21 @@ fn run(
     })
 }
 
-fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
-    let regimes = counted(runs.iter().map(|run| run.regime)).into_iter();
+/// Rows of the runs of one column, one for each regime.
+fn grouped(over: &Over, runs: &[Run]) -> Vec<Row> {
     let row = |(regime, _): (Regime, usize)| {
         let own = runs.iter().filter(|run| run.regime == regime);
-        let all = tasks.iter().zip(runs);
-        let runs_of_rest = all.filter(|(task, _)| task.1 == Origin::Rest);
-        let mut regimes_from_rest = runs_of_rest.map(|(_, run)| run.regime);
         Row {
-            k,
+            k: over.k[runs[0].column],
             regime,
             in_gear: InGear::from_orbits(own.clone().map(|run| run.in_gear)),
+            from_rest: own.clone().any(|run| run.from_rest),
             runs: own.copied().collect(),
-            from_rest: regimes_from_rest.any(|reached| reached == regime),
             sensitivity: None,
         }
     };
-    regimes.map(row).collect()
+    let regimes = counted(runs.iter().map(|run| run.regime));
+    regimes.into_iter().map(row).collect()
 }
 
 /// Sensitivity from the same regime at the neighbouring values of k, at both if it exists at both.
