@@ -242,7 +242,6 @@ mod tests {
         let signed = labels(&axis(-1.0, 1.0), 4);
         assert_eq!(signed, ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
         assert_eq!(labels(&axis(0.0, 2e7), 2), ["0", "1e7", "2e7"]);
-        // A narrow panel has room for few labels; two would leave the scale ambiguous.
         assert_eq!(labels(&axis(0.0, 180.0), 3), ["0", "50", "100", "150"]);
         assert_eq!(labels(&axis(0.0, 1.2), 2), ["0.0", "0.5", "1.0"]);
         let log = axis(1e-12, 1.0).logarithmic();

@@ -1,7 +1,5 @@
 //! Rasterization of shapes to PNG: anti-aliased paths, glyph outlines as paths, scaled rasters.
-//!
-//! Lengths are in pixels of the sheet. The PNG has two pixels per sheet pixel, or 300 dots per inch
-//! on paper.
+//! Lengths are in pixels of the sheet.
 
 use tiny_skia::{
     FillRule, FilterQuality, Mask, Paint, Path, PathBuilder, Pixmap, PixmapPaint,
@@ -68,7 +66,7 @@ pub(super) fn png(
                 }
             }
             Shape::Text(text) => draw_text(&mut sheet, text, scale()),
-            Shape::Image { place, raster } => image(&mut sheet, place, raster, times),
+            Shape::Image(place, raster) => image(&mut sheet, place, raster, times),
         }
     }
     encode(&sheet, about, look.on_paper())

@@ -123,7 +123,7 @@ impl<'a> Sheet<'a> {
                 self.content.restore_state();
             }
             Shape::Text(text) => self.draw_text(text),
-            Shape::Image { place, raster } => {
+            Shape::Image(place, raster) => {
                 let name = format!("I{}", self.images.len());
                 self.images.push(raster);
                 let [left, bottom, width, height] =

@@ -134,7 +134,7 @@ pub(super) struct Path {
 pub(super) enum Shape {
     Path(Path),
     Text(Text),
-    Image { place: Rect, raster: Raster },
+    Image(Rect, Raster),
 }
 
 impl Shape {

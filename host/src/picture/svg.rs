@@ -91,7 +91,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
             Ok(())
         }
         Shape::Text(text) => write_text(out, text),
-        Shape::Image { place, raster } => {
+        Shape::Image(place, raster) => {
             // Viewers enlarge images differently; large cells keep sharp edges in all of them.
             let repeat =
                 |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;

@@ -62,17 +62,12 @@ pub enum Fill {
     Rest,
     /// Hops that end in rest and relaunch, or a transition of the drive.
     HopAndRest,
-    /// Locked to the drive.
     Locked,
     /// Locked with a doubled period.
     Doubled,
-    /// Periodic otherwise.
     Periodic,
-    /// Chaotic.
     Chaotic,
-    /// Not decided.
     Undecided,
-    /// A fault.
     Fault,
 }
 

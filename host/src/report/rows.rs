@@ -119,16 +119,6 @@ pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
     Err(Refusal::value(option, path, accepted, next))
 }
 
-/// Approximate bytes of a row in a file with this ending.
-pub fn row_bytes(ending: &str, columns: &[Column], row: &[Value]) -> u64 {
-    let bytes = |(column, value): (&Column, &Value)| match ending {
-        "parquet" => 8,
-        "json" => column.name.len() + value.json().to_string().len() + 11,
-        _ => value.csv().len() + 1,
-    };
-    columns.iter().zip(row).map(bytes).sum::<usize>() as u64
-}
-
 /// Calls `work` with the writer of rows for `target`, or with `None` without a target.
 pub fn write<T>(
     target: Option<&Destination>,
@@ -159,7 +149,7 @@ pub fn write<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{Format, Printout, columns};
+    use crate::report::{Format, Printout, Table, columns};
 
     #[test]
     fn streamed_rows_have_the_bytes_of_a_table() {

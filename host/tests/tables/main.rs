@@ -134,7 +134,7 @@ fn compare(table: &Table, marker: &str, line: impl Fn(&str) -> String) -> String
 
 #[test]
 fn every_table_equals_the_output_of_its_commands() {
-    let compare = |table| {
+    let compare = |table: &Table| {
         let marker = short_marker(table.name);
         compare(table, &marker, |_| marker.clone())
     };

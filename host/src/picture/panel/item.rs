@@ -11,25 +11,14 @@ use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
-    Line {
-        series: usize,
-        points: Vec<(f64, f64)>,
-    },
-    Markers {
-        series: usize,
-        points: Vec<(f64, f64)>,
-    },
-    Between {
-        series: usize,
-        points: Vec<(f64, f64, f64)>,
-    },
+    /// Series and points.
+    Line(usize, Vec<(f64, f64)>),
+    Markers(usize, Vec<(f64, f64)>),
+    Between(usize, Vec<(f64, f64, f64)>),
     Density(Vec<(f64, f64)>),
     /// Heights of evenly spaced columns.
     Columns(Vec<Vec<f32>>),
-    Heat {
-        grid: Grid<f64>,
-        scale: Axis,
-    },
+    Heat(Grid<f64>, Axis),
     Classes(Grid<Fill>),
     /// A strip of the horizontal axis, or of the vertical one.
     Strip {
@@ -43,11 +32,11 @@ impl Pixels<'_> {
     pub(super) fn draw_item(&self, theme: Theme, item: &Item, shapes: &mut Vec<Shape>) {
         let plot = self.plot;
         match item {
-            Item::Line { series, points } => {
+            Item::Line(series, points) => {
                 let stroke = series_stroke(theme, *series, 1.8);
                 shapes.push(Shape::lines(self.pieces(points), stroke, Some(plot)));
             }
-            Item::Markers { series, points } => {
+            Item::Markers(series, points) => {
                 // A marker on the frame is drawn completely.
                 let clip = Rect {
                     left: plot.left - 4.0,
@@ -64,7 +53,7 @@ impl Pixels<'_> {
                 let places: Vec<_> = points.iter().map(place).filter(within).collect();
                 shapes.push(marks(theme, *series, &places, Some(clip)));
             }
-            Item::Between { series, points } => {
+            Item::Between(series, points) => {
                 let colour = theme.series(*series);
                 let side = |pick: fn(&(f64, f64, f64)) -> (f64, f64)| {
                     self.pieces(&points.iter().map(pick).collect::<Vec<_>>())
@@ -78,21 +67,17 @@ impl Pixels<'_> {
                 let (fill, edge) = (colour.with_opacity(0.3), Stroke::solid(colour, 0.8));
                 shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }
-            Item::Density(points) => shapes.push(Shape::Image {
-                place: plot,
-                raster: self.density(theme, points),
-            }),
-            Item::Columns(columns) => shapes.push(Shape::Image {
-                place: plot,
-                raster: self.columns(theme, columns),
-            }),
-            Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
+            Item::Density(points) => {
+                shapes.push(Shape::Image(plot, self.density(theme, points)));
+            }
+            Item::Columns(columns) => {
+                shapes.push(Shape::Image(plot, self.columns(theme, columns)));
+            }
+            Item::Heat(grid, scale) => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {
                 let palette = Fill::ALL.iter().map(|fill| fill.colour(theme)).collect();
-                shapes.push(Shape::Image {
-                    place: plot,
-                    raster: raster(grid, palette, |fill| *fill as u8),
-                });
+                let raster = raster(grid, palette, |fill| *fill as u8);
+                shapes.push(Shape::Image(plot, raster));
             }
             Item::Strip { low, high, of_y } => {
                 let mut rect = plot;

@@ -27,11 +27,11 @@ impl Panel {
         let finite =
             |points: &[(f64, f64)]| points.iter().any(|(x, y)| x.is_finite() && y.is_finite());
         self.items.iter().any(|item| match (key, item) {
-            (Key::Line(requested), Item::Line { series, points })
-            | (Key::Marker(requested), Item::Markers { series, points }) => {
+            (Key::Line(requested), Item::Line(series, points))
+            | (Key::Marker(requested), Item::Markers(series, points)) => {
                 series == requested && finite(points)
             }
-            (Key::Area(requested), Item::Between { series, points }) => {
+            (Key::Area(requested), Item::Between(series, points)) => {
                 let mut points = points.iter();
                 series == requested
                     && points.any(|(_, low, high)| low.is_finite() && high.is_finite())
@@ -53,7 +53,7 @@ impl Panel {
             x.is_finite() && y.is_finite() && (outside(&self.x, *x) || outside(&self.y, *y))
         };
         let count_lost = |item: &Item| match item {
-            Item::Markers { points, .. } | Item::Density(points) => {
+            Item::Markers(_, points) | Item::Density(points) => {
                 points.iter().filter(is_lost).count()
             }
             Item::Columns(columns) => {

@@ -21,8 +21,7 @@ use crate::file;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
-use crate::report::rows::row_bytes;
-use crate::report::{self, Column, Format, Rows, Value, number, print_rows, when};
+use crate::report::{Column, Format, Rows, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -236,8 +235,6 @@ impl Task<'_> {
             print_rows(self.arguments.format, &columns, |printed| {
                 let mut sink = Sink {
                     task: self,
-                    columns: &columns,
-                    rows,
                     printed: Some(printed),
                     file,
                     states: self.output.draws().then(States::default),
@@ -253,8 +250,6 @@ impl Task<'_> {
 
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
-    columns: &'a [Column],
-    rows: u64,
     /// `None` after the reader has closed the pipe.
     printed: Option<&'p mut (dyn Rows + 'p)>,
     file: Option<&'f mut (dyn Rows + 'f)>,
@@ -283,27 +278,11 @@ impl Sink<'_, '_, '_> {
             states.add((next.phase, next.velocity));
         }
         self.count += 1;
-        if self.count == 1 {
-            self.state_sizes(row);
-        }
         if self.count.is_multiple_of(ROWS_AT_ONCE) {
             self.task.desk.check_stop()?;
             self.progress.advance(ROWS_AT_ONCE);
         }
         Ok(())
-    }
-
-    /// States the size of all rows, by the first one, if it is large.
-    fn state_sizes(&self, row: &[Value]) {
-        let form = match self.task.arguments.format {
-            Format::Json => "json",
-            Format::Csv | Format::Table => "csv",
-        };
-        let bytes = |ending: &str| row_bytes(ending, self.columns, row) * self.rows;
-        report::state_size("standard output", bytes(form));
-        if let Some(target) = self.task.output.rows_target() {
-            report::state_size(target.path().display(), bytes(&target.ending()));
-        }
     }
 }
 
