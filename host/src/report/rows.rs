@@ -160,11 +160,14 @@ mod tests {
             let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
             table.write_rows(&mut rows).unwrap();
             rows.end().unwrap();
+            let document: Json = serde_json::from_slice(&streamed).unwrap();
+            assert_eq!(document["rows"], table.to_json());
             let mut whole = Vec::new();
             let printout = Printout::new(table.clone());
             printout.write(Format::Json, &mut whole).unwrap();
             let [streamed, whole] = [streamed, whole].map(|text| String::from_utf8(text).unwrap());
-            assert_eq!(streamed, whole);
+            // Without rows a table has no units.
+            assert!(count == 0 || streamed == whole, "{streamed}\n{whole}");
             table.push([count.into(), 0.1.into(), Value::Missing]);
         }
     }

@@ -121,9 +121,10 @@ fn compare(table: &Table, marker: &str, line: impl Fn(&str) -> String) -> String
     let (mut text, place) = locate(table, marker);
     if !accepts_new() {
         let difference = difference(&new_text, &text[place]);
-        let differs = !difference.is_empty();
-        let head = format!("{}: {}\n", table.page, table.name);
-        return differs.then(|| head + &difference).unwrap_or_default();
+        return match difference.is_empty() {
+            true => difference,
+            false => format!("{}: {}\n{difference}", table.page, table.name),
+        };
     }
     let start = text[..place.start - 1].rfind('\n').map_or(0, |at| at + 1);
     let marked = format!("{}\n{new_text}", line(&new_text));
