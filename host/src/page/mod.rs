@@ -84,7 +84,7 @@ script-src 'unsafe-inline'; img-src data:\">
             version = env!("CARGO_PKG_VERSION"),
             provenance = escaped(&provenance::line()),
             colours = page_colours(),
-            no_script = if self.script.is_empty() { "" } else { NO_SCRIPT },
+            no_script = if self.data.is_null() { "" } else { NO_SCRIPT },
             body = self.body,
             script = self.script,
         )

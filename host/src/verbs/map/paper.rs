@@ -120,6 +120,9 @@ fn report(rows: &[Row]) -> Printout {
     report.note(summarize(rows))
 }
 
+/// Script of the page, whose pictures are drawn already: it only names the colour switch.
+const SCRIPT: &str = "coloured();\ndocument.documentElement.dataset.ready = \"\";\n";
+
 fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Page> {
     let r = number(restitution, 4);
     let conveying = |options: &str| transport::picture(options, desk);
@@ -166,7 +169,7 @@ fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Pag
         ),
         format!("{}.", summarize(rows)),
     ];
-    Ok(Page::new("The paper, recomputed", Json::Null, "")
+    Ok(Page::new("The paper, recomputed", Json::Null, SCRIPT)
         .section(
             "Equations, numbers and claims",
             &(page::paragraphs(&text) + &table(rows)),
