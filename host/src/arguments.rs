@@ -15,7 +15,7 @@ use kband::impact::{ContactTime, Scatter, Tone, Wave};
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES, Picture};
 use crate::refusal::{Exit, Refusal};
-use crate::report::{Column, Format, Printout, Rows, rows_file, when};
+use crate::report::{Column, Format, Printout, Rows, rows, when};
 
 /// How the result is printed on standard output.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -81,7 +81,7 @@ impl FileArguments {
             "csv" => Kind::Numbers(Format::Csv),
             "json" => Kind::Numbers(Format::Json),
             "parquet" if by_rows => {
-                rows_file::check("--out", &target)?;
+                rows::check("--out", &target)?;
                 Kind::Numbers(Format::Csv)
             }
             picture if PICTURES.contains(&picture) => Kind::Picture(self.look),
@@ -133,7 +133,7 @@ impl Output {
         work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
     ) -> Result<T, Refusal> {
         let target = self.rows_target();
-        let result = rows_file::write(target, columns, work)?;
+        let result = rows::write(target, columns, work)?;
         if let Some(target) = target {
             eprintln!("{}", target.describe_write());
         }

@@ -1,16 +1,15 @@
 //! Results as a table for readers, as CSV and as JSON.
 
 pub mod columns;
-mod json_rows;
 #[cfg(feature = "parquet")]
 mod parquet;
-pub mod rows_file;
+pub mod rows;
 mod table;
 mod value;
 mod view;
 
-pub use json_rows::JsonRows;
-pub use table::{Column, CsvRows, Rows, Table};
+pub use rows::{CsvRows, Rows};
+pub use table::{Column, Table};
 pub use value::{Value, counted, finite, number, numbers, shortest, span, when};
 pub(crate) use view::fields;
 pub use view::{Field, View};
@@ -151,11 +150,6 @@ impl Printout {
     }
 
     pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
-        if let (Format::Csv, Some((_, write))) = (format, &self.csv) {
-            let mut counted = table::CountedRows::default();
-            write(&mut counted)?;
-            state_size(target.path().display(), counted.bytes());
-        }
         target.write(|out| self.write(format, out))
     }
 }
@@ -192,17 +186,13 @@ pub fn print_rows<T>(
         return Ok(result);
     }
     let mut out = std::io::BufWriter::new(text_output());
-    let result = if format == Format::Csv {
-        work(&mut CsvRows::begin(&mut out, columns)?)?
-    } else {
-        let mut rows = JsonRows::begin(&mut out, columns)?;
-        let result = work(&mut rows)?;
-        let ended = rows.end();
-        if !file::is_reader_closed() {
-            ended?;
-        }
-        result
-    };
+    let mut rows = rows::writer(&mut out, format == Format::Json, columns)?;
+    let result = work(&mut *rows)?;
+    let ended = rows.end();
+    if !file::is_reader_closed() {
+        ended?;
+    }
+    drop(rows);
     quiet_if_closed(out.flush())?;
     Ok(result)
 }

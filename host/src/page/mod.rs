@@ -6,10 +6,14 @@
 use serde_json::Value as Json;
 
 use crate::picture::page_colours;
+use crate::provenance;
 
 const STYLE: &str = include_str!("page.css");
 /// Charts with a cursor, sliders over precomputed values, and the colour switch.
 const CHARTS: &str = include_str!("charts.js");
+/// Note for a browser that does not run the page's script.
+const NO_SCRIPT: &str = "<noscript><p class=\"note\">The pictures of this page are drawn by its script, which this browser does not run; \
+the words and tables are all here.</p></noscript>\n";
 /// Beginning of every page, which identifies pages of kband.
 const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"generator\" content=\"kband";
 
@@ -57,6 +61,7 @@ impl Page {
             "{HEAD} {version}\">
 <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">
 <meta name=\"color-scheme\" content=\"light dark\">
+<meta name=\"provenance\" content=\"{provenance}\">
 <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; \
 script-src 'unsafe-inline'; img-src data:\">
 <title>{title}</title>
@@ -69,9 +74,7 @@ script-src 'unsafe-inline'; img-src data:\">
 <button type=\"button\" id=\"colours\" aria-pressed=\"false\">dark or light</button>
 </header>
 <main>
-<noscript><p class=\"note\">The pictures of this page are drawn by its script, which this browser does not run; the words and tables \
-are all here.</p></noscript>
-{body}</main>
+{no_script}{body}</main>
 <script type=\"application/json\" id=\"data\">{data}</script>
 <script>
 {CHARTS}{script}</script>
@@ -79,7 +82,9 @@ are all here.</p></noscript>
 </html>
 ",
             version = env!("CARGO_PKG_VERSION"),
+            provenance = escaped(&provenance::line()),
             colours = page_colours(),
+            no_script = if self.data.is_null() { "" } else { NO_SCRIPT },
             body = self.body,
             script = self.script,
         )

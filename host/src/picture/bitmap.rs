@@ -1,7 +1,5 @@
 //! Rasterization of shapes to PNG: anti-aliased paths, glyph outlines as paths, scaled rasters.
-//!
-//! Lengths are in pixels of the sheet. The PNG has two pixels per sheet pixel, or 300 dots per inch
-//! on paper.
+//! Lengths are in pixels of the sheet.
 
 use tiny_skia::{
     FillRule, FilterQuality, Mask, Paint, Path, PathBuilder, Pixmap, PixmapPaint,
@@ -68,7 +66,7 @@ pub(super) fn png(
                 }
             }
             Shape::Text(text) => draw_text(&mut sheet, text, scale()),
-            Shape::Image { place, raster } => image(&mut sheet, place, raster, times),
+            Shape::Image(place, raster) => image(&mut sheet, place, raster, times),
         }
     }
     encode(&sheet, about, look.on_paper())
@@ -93,7 +91,8 @@ pub(super) fn indexed_png(raster: &Raster) -> Vec<u8> {
 }
 
 fn colour(colour: Colour) -> tiny_skia::Color {
-    let mut made = tiny_skia::Color::from_rgba8(colour.red, colour.green, colour.blue, 255);
+    let [red, green, blue] = colour.rgb;
+    let mut made = tiny_skia::Color::from_rgba8(red, green, blue, 255);
     made.set_alpha(colour.opacity);
     made
 }

@@ -52,7 +52,7 @@ impl Look {
                 let cause = "there is no memory for the picture";
                 Refusal::new(cause, "write an .svg or .pdf instead")
             })?,
-            _ => picture.to_svg(self, &about).into_bytes(),
+            _ => picture.to_svg(self, &about, "").into_bytes(),
         };
         target.write_bytes(&bytes)
     }

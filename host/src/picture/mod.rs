@@ -58,18 +58,11 @@ impl Picture {
         self
     }
 
-    /// The picture as an SVG document. `about` is its description, empty for none.
-    pub fn to_svg(&self, look: Look, about: &str) -> String {
+    /// The picture as SVG. `about` is its description, empty for none. `name` is the prefix of its
+    /// ids, different for each picture of a page.
+    pub fn to_svg(&self, look: Look, about: &str, name: &str) -> String {
         let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, about, ""], look, &shapes)
-    }
-
-    /// The picture as an SVG element of a page. `name` is the prefix of its ids, different for each
-    /// picture of the page.
-    pub fn to_svg_element(&self, look: impl Into<Look>, name: &str) -> String {
-        let look = look.into();
-        let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, "", name], look, &shapes)
+        svg::document(size, [&self.title, about, name], look, &shapes)
     }
 
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
@@ -91,14 +84,6 @@ impl Picture {
         let theme = look.theme;
         let width = look.laid_out(self.width);
         let mut shapes = Vec::new();
-        let height = self.draw(theme, width, &mut shapes);
-        let sheet = Rect::new(0.0, 0.0, width, height);
-        shapes.insert(0, Shape::area(sheet, theme.background()));
-        ([width, height], shapes)
-    }
-
-    /// Draws the picture with a width; returns its height.
-    fn draw(&self, theme: Theme, width: f64, shapes: &mut Vec<Shape>) -> f64 {
         let draw_line = |y: f64, text: &str, size: f64, bold: bool, colour| {
             Shape::Text(Text {
                 size,
@@ -122,9 +107,11 @@ impl Picture {
         }
         for panel in &self.panels {
             let squeezed = (width / self.width).clamp(MIN_HEIGHT_RATIO, 1.0 / MIN_HEIGHT_RATIO);
-            y = panel.draw(theme, y, width, squeezed, shapes) + 10.0;
+            y = panel.draw(theme, y, width, squeezed, &mut shapes) + 10.0;
         }
-        y
+        let sheet = Rect::new(0.0, 0.0, width, y);
+        shapes.insert(0, Shape::area(sheet, theme.background()));
+        ([width, y], shapes)
     }
 }
 
@@ -186,7 +173,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = all_items().to_svg(Look::default(), "");
+        let svg = all_items().to_svg(Look::default(), "", "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -202,8 +189,7 @@ mod tests {
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
             let info = reader.next_frame(&mut pixels).unwrap();
             assert_eq!(info.width, 1800);
-            let background = theme.background();
-            let blank = [background.red, background.green, background.blue];
+            let blank = theme.background().rgb;
             let inked = pixels.chunks(3).filter(|pixel| *pixel != blank).count();
             let share = inked as f64 / (pixels.len() / 3) as f64;
             assert!((0.2..0.9).contains(&share), "{share}");
@@ -217,7 +203,7 @@ mod tests {
             width: Some(84.0),
             font_size: Some(7.0),
         };
-        let svg = all_items().to_svg(column, "");
+        let svg = all_items().to_svg(column, "", "");
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
         // 300 dots an inch.
         let bytes = all_items().to_png(column, "").unwrap();
@@ -244,11 +230,11 @@ mod tests {
             Picture::new("Title").panel(panel.strip("band", 0.6, 0.7))
         };
         let points = vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)];
-        let svg = picture(points, Vec::new()).to_svg(Look::default(), "");
+        let svg = picture(points, Vec::new()).to_svg(Look::default(), "", "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
         let points = vec![(0.3, 1.0), (0.5, 1.0)];
-        let svg = picture(Vec::new(), points).to_svg(Look::default(), "");
+        let svg = picture(Vec::new(), points).to_svg(Look::default(), "", "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 }

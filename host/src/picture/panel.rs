@@ -74,7 +74,7 @@ impl Panel {
     /// A line in the series' colour and dash; NaN breaks it. An empty name omits it from the
     /// legend.
     pub fn line(self, name: &str, series: usize, points: Vec<(f64, f64)>) -> Self {
-        self.item(Key::Line(series), name, Item::Line { series, points })
+        self.item(Key::Line(series), name, Item::Line(series, points))
     }
 
     /// A marker at each point, or a density of more than 2500 points.
@@ -82,12 +82,12 @@ impl Panel {
         if points.len() > MAX_MARKERS {
             return self.density(name, points);
         }
-        self.item(Key::Marker(series), name, Item::Markers { series, points })
+        self.item(Key::Marker(series), name, Item::Markers(series, points))
     }
 
     /// The area between two lines, as (x, low, high).
     pub fn between(self, name: &str, series: usize, points: Vec<(f64, f64, f64)>) -> Self {
-        self.item(Key::Area(series), name, Item::Between { series, points })
+        self.item(Key::Area(series), name, Item::Between(series, points))
     }
 
     /// A density of any number of points, darker for more points.
@@ -104,7 +104,7 @@ impl Panel {
 
     /// A map of values over the whole panel, with a colour bar; NaN stays empty.
     pub fn heat(mut self, grid: Grid<f64>, scale: Axis) -> Self {
-        self.items.push(Item::Heat { grid, scale });
+        self.items.push(Item::Heat(grid, scale));
         self
     }
 
@@ -197,7 +197,7 @@ impl Panel {
 
     fn is_covered(&self) -> bool {
         let mut items = self.items.iter();
-        items.any(|item| matches!(item, Item::Heat { .. } | Item::Classes(_)))
+        items.any(|item| matches!(item, Item::Heat(..) | Item::Classes(_)))
     }
 
     /// Draws the panel with its top at `top` into `shapes`; returns its lower end.
@@ -210,7 +210,7 @@ impl Panel {
         shapes: &mut Vec<Shape>,
     ) -> f64 {
         let mut items = self.items.iter();
-        let bar = items.any(|item| matches!(item, Item::Heat { .. }));
+        let bar = items.any(|item| matches!(item, Item::Heat(..)));
         let mut plot = Rect {
             left: LEFT,
             top,

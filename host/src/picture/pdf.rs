@@ -123,7 +123,7 @@ impl<'a> Sheet<'a> {
                 self.content.restore_state();
             }
             Shape::Text(text) => self.draw_text(text),
-            Shape::Image { place, raster } => {
+            Shape::Image(place, raster) => {
                 let name = format!("I{}", self.images.len());
                 self.images.push(raster);
                 let [left, bottom, width, height] =
@@ -187,7 +187,7 @@ impl<'a> Sheet<'a> {
 }
 
 fn parts(colour: Colour) -> [f32; 3] {
-    [colour.red, colour.green, colour.blue].map(|part| f32::from(part) / 255.0)
+    colour.rgb.map(|part| f32::from(part) / 255.0)
 }
 
 fn embed_image(pdf: &mut Pdf, object: Ref, raster: &Raster) {

@@ -47,11 +47,10 @@ pub(super) struct Stroke {
 
 impl Stroke {
     pub(super) const fn solid(colour: Colour, width: f64) -> Self {
-        let dash = &[];
         Self {
             colour,
             width,
-            dash,
+            dash: &[],
         }
     }
 }
@@ -98,8 +97,7 @@ pub(super) struct Raster {
 impl Raster {
     /// Red, green and blue of each colour of the palette.
     pub(super) fn rgb(&self) -> Vec<u8> {
-        let parts = |colour: &Colour| [colour.red, colour.green, colour.blue];
-        self.palette.iter().flat_map(parts).collect()
+        self.palette.iter().flat_map(|colour| colour.rgb).collect()
     }
 
     /// Repeats every pixel horizontally and vertically; a raster finer than the picture is
@@ -136,7 +134,7 @@ pub(super) struct Path {
 pub(super) enum Shape {
     Path(Path),
     Text(Text),
-    Image { place: Rect, raster: Raster },
+    Image(Rect, Raster),
 }
 
 impl Shape {

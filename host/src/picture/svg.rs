@@ -91,7 +91,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
             Ok(())
         }
         Shape::Text(text) => write_text(out, text),
-        Shape::Image { place, raster } => {
+        Shape::Image(place, raster) => {
             // Viewers enlarge images differently; large cells keep sharp edges in all of them.
             let repeat =
                 |place: f64, cells: usize| (2.0 * place / cells as f64).ceil().max(1.0) as usize;
@@ -133,7 +133,7 @@ fn write_text(out: &mut String, text: &Text) -> std::fmt::Result {
 }
 
 fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
-    let [red, green, blue] = [colour.red, colour.green, colour.blue];
+    let [red, green, blue] = colour.rgb;
     write!(out, " {what}=\"#{red:02x}{green:02x}{blue:02x}\"")?;
     if colour.opacity < 1.0 {
         let opacity = short(f64::from(colour.opacity));

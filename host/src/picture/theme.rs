@@ -15,19 +15,17 @@ pub enum Theme {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Colour {
-    pub red: u8,
-    pub green: u8,
-    pub blue: u8,
+    /// Red, green and blue.
+    pub rgb: [u8; 3],
     /// Opacity: 0 is invisible, 1 opaque.
     pub opacity: f32,
 }
 
 impl Colour {
     pub(super) const fn hex(rgb: u32) -> Self {
+        let [_, red, green, blue] = rgb.to_be_bytes();
         Self {
-            red: (rgb >> 16) as u8,
-            green: (rgb >> 8) as u8,
-            blue: rgb as u8,
+            rgb: [red, green, blue],
             opacity: 1.0,
         }
     }
@@ -37,27 +35,23 @@ impl Colour {
     }
 
     pub(super) fn mix(self, other: Self, part: f64) -> Self {
-        let mix =
-            |a: u8, b: u8| (f64::from(a) + (f64::from(b) - f64::from(a)) * part).round() as u8;
+        let mix = |n: usize| {
+            let [from, to] = [self.rgb[n], other.rgb[n]].map(f64::from);
+            (from + (to - from) * part).round() as u8
+        };
         Self {
-            red: mix(self.red, other.red),
-            green: mix(self.green, other.green),
-            blue: mix(self.blue, other.blue),
+            rgb: std::array::from_fn(mix),
             opacity: 1.0,
         }
     }
 
     /// Relative luminance, 0 black to 1 white (WCAG 2).
     pub(super) fn luminance(self) -> f64 {
-        let linear = |value: u8| {
-            let value = f64::from(value) / 255.0;
-            if value <= 0.04045 {
-                value / 12.92
-            } else {
-                ((value + 0.055) / 1.055).powf(2.4)
-            }
-        };
-        0.2126 * linear(self.red) + 0.7152 * linear(self.green) + 0.0722 * linear(self.blue)
+        let [red, green, blue] = self.rgb.map(|value| match f64::from(value) / 255.0 {
+            dark if dark <= 0.04045 => dark / 12.92,
+            light => ((light + 0.055) / 1.055).powf(2.4),
+        });
+        0.2126 * red + 0.7152 * green + 0.0722 * blue
     }
 }
 
@@ -68,17 +62,12 @@ pub enum Fill {
     Rest,
     /// Hops that end in rest and relaunch, or a transition of the drive.
     HopAndRest,
-    /// Locked to the drive.
     Locked,
     /// Locked with a doubled period.
     Doubled,
-    /// Periodic otherwise.
     Periodic,
-    /// Chaotic.
     Chaotic,
-    /// Not decided.
     Undecided,
-    /// A fault.
     Fault,
 }
 
@@ -120,15 +109,6 @@ impl Fill {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Marker {
-    Circle,
-    Square,
-    Triangle,
-    Diamond,
-    Cross,
-}
-
 impl Theme {
     fn pick(self, light: u32, dark: u32) -> Colour {
         Colour::hex(match self {
@@ -164,26 +144,14 @@ impl Theme {
         }
     }
 
-    pub(super) fn series(self, n: usize) -> (Colour, &'static [f64], Marker) {
+    pub(super) fn series(self, n: usize) -> Colour {
         const LIGHT: [u32; 7] = [
             0x0072B2, 0xD55E00, 0x007A59, 0xB07800, 0x9C4A78, 0x3A9AD9, 0x222222,
         ];
         const DARK: [u32; 7] = [
             0x56B4E9, 0xF08A3C, 0x2FC79A, 0xF0E442, 0xE39AC4, 0x9AD7FF, 0xECECEC,
         ];
-        const DASHES: [&[f64]; 7] = [
-            &[],
-            &[7.0, 3.0],
-            &[2.0, 2.5],
-            &[9.0, 3.0, 2.0, 3.0],
-            &[12.0, 4.0],
-            &[4.0, 2.0],
-            &[1.5, 1.5],
-        ];
-        use Marker::{Circle, Cross, Diamond, Square, Triangle};
-        const MARKERS: [Marker; 5] = [Circle, Square, Triangle, Diamond, Cross];
-        let colour = self.pick(LIGHT[n % 7], DARK[n % 7]);
-        (colour, DASHES[n % 7], MARKERS[n % 5])
+        self.pick(LIGHT[n % 7], DARK[n % 7])
     }
 
     /// A scale of monotone lightness from 0 to 1 (decreasing on paper), from points of cividis.
@@ -218,20 +186,16 @@ pub fn page_colours() -> String {
             ("axis".into(), theme.axis()),
             ("strip".into(), theme.strip()),
         ];
-        colours.extend((0..7).map(|n| (format!("series{n}"), theme.series(n).0)));
+        colours.extend((0..7).map(|n| (format!("series{n}"), theme.series(n))));
         colours.extend(Fill::ALL.map(|fill| (format!("fill{}", fill as u8), fill.colour(theme))));
         let line = |(name, colour): (String, Colour)| {
-            let [red, green, blue] = [colour.red, colour.green, colour.blue];
+            let [red, green, blue] = colour.rgb;
             format!(" --{name}: rgba({red},{green},{blue},{});", colour.opacity)
         };
-        let lines: String = colours.into_iter().map(line).collect();
-        let scheme = match theme {
-            Theme::Light => "light",
-            Theme::Dark => "dark",
-        };
-        format!("{{{lines} color-scheme: {scheme}; }}\n")
+        colours.into_iter().map(line).collect::<String>()
     };
-    let (light, dark) = (css(Theme::Light), css(Theme::Dark));
+    let light = format!("{{{} color-scheme: light; }}\n", css(Theme::Light));
+    let dark = format!("{{{} color-scheme: dark; }}\n", css(Theme::Dark));
     format!(
         ":root {light}@media (prefers-color-scheme: dark) {{ :root:not([data-theme=light]) {dark}}}\n:root[data-theme=dark] {dark}"
     )
@@ -252,8 +216,7 @@ mod tests {
     #[test]
     fn regimes_differ_on_a_grey_print() {
         let luma = |fill: Fill| {
-            let colour = fill.colour(Theme::Light);
-            let [red, green, blue] = [colour.red, colour.green, colour.blue].map(f64::from);
+            let [red, green, blue] = fill.colour(Theme::Light).rgb.map(f64::from);
             0.299 * red + 0.587 * green + 0.114 * blue
         };
         let lumas = Fill::ALL.into_iter().filter(|fill| *fill != Fill::Fault);

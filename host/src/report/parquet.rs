@@ -105,15 +105,10 @@ impl<'a> ParquetRows<'a> {
         group.close()?;
         Ok(())
     }
-
-    pub fn end(mut self) -> Result<(), Refusal> {
-        self.write_group().map_err(write_refusal)?;
-        self.writer.close().map(|_| ()).map_err(write_refusal)
-    }
 }
 
 fn write_refusal(error: ParquetError) -> Refusal {
-    super::table::write_refusal(&std::io::Error::other(error))
+    super::rows::write_refusal(&std::io::Error::other(error))
 }
 
 impl Rows for ParquetRows<'_> {
@@ -142,6 +137,11 @@ impl Rows for ParquetRows<'_> {
             self.write_group().map_err(write_refusal)?;
         }
         Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), Refusal> {
+        self.write_group().map_err(write_refusal)?;
+        self.writer.finish().map(|_| ()).map_err(write_refusal)
     }
 }
 

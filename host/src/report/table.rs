@@ -1,12 +1,11 @@
-//! Tables as aligned text, CSV and JSON, and rows that are written one by one.
+//! Tables as aligned text and JSON.
 
 use std::fmt::Write as _;
-use std::io::Write;
 
 use serde_json::Value as Json;
 
+use super::Rows;
 use super::value::Value;
-use crate::provenance;
 use crate::refusal::Refusal;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -131,13 +130,20 @@ impl Table {
         self.within(self.folded.then_some(SCREEN_COLUMNS))
     }
 
+    /// Headings, then the texts of each row.
+    pub(super) fn cells(&self) -> Vec<Vec<String>> {
+        let heads = self.columns.iter().map(Column::heading).collect();
+        let cell = |(value, column): (&Value, &Column)| column.format(value);
+        let texts = |row: &Vec<Value>| row.iter().zip(&self.columns).map(cell).collect();
+        [heads]
+            .into_iter()
+            .chain(self.rows.iter().map(texts))
+            .collect()
+    }
+
     /// The same, with the columns beyond a width below the others.
     pub(super) fn within(&self, screen: Option<usize>) -> String {
-        let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::heading).collect()];
-        for row in &self.rows {
-            let cell = |(value, column): (&Value, &Column)| value.read(column.digits);
-            cells.push(row.iter().zip(&self.columns).map(cell).collect());
-        }
+        let cells = self.cells();
         let width = |n: usize| {
             let widths = cells.iter().map(|row| row[n].chars().count());
             widths.max().unwrap_or(0)
@@ -194,106 +200,9 @@ impl Table {
     }
 }
 
-/// Receiver of rows one by one, for results too large for a table.
-pub trait Rows {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
-}
-
-/// Writer of rows as CSV: provenance, units in the header, 17 significant digits.
-pub struct CsvRows<'a> {
-    out: &'a mut dyn Write,
-}
-
-impl<'a> CsvRows<'a> {
-    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
-        let names: Vec<String> = columns.iter().map(Column::header).collect();
-        let written = provenance::write_comments(super::units(columns), out);
-        let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
-        written.map_err(|error| write_refusal(&error))?;
-        Ok(Self { out })
-    }
-}
-
-impl Rows for CsvRows<'_> {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
-        let cells: Vec<String> = row.iter().map(Value::csv).collect();
-        writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
-    }
-}
-
-#[derive(Default)]
-pub(super) struct CountedRows {
-    rows: u64,
-    measured: u64,
-    bytes: u64,
-}
-
-/// Number of rows whose bytes are counted; the others are assumed to have their mean.
-const MEASURED_ROWS: u64 = 1000;
-
-impl CountedRows {
-    /// Bytes of the rows as CSV, estimated from the first ones.
-    pub fn bytes(&self) -> u64 {
-        self.bytes * self.rows / self.measured.max(1)
-    }
-}
-
-impl Rows for CountedRows {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
-        self.rows += 1;
-        if self.measured < MEASURED_ROWS {
-            self.measured += 1;
-            self.bytes += row.iter().map(|v| v.csv().len() as u64 + 1).sum::<u64>();
-        }
-        Ok(())
-    }
-}
-
-pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
-    let cause = format!("the rows cannot be written: {error}");
-    Refusal::new(cause, "check space and permissions of the folder")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn table() -> Table {
-        let mut table = Table::new(&[
-            Column::new("k", ""),
-            Column::new("b", "mm").digits(3),
-            Column::new("regime", ""),
-        ]);
-        table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
-        table.push([0.25.into(), Value::Missing, "rest".into()]);
-        table
-    }
-
-    #[test]
-    fn counted_rows_have_the_bytes_of_written_ones() {
-        let table = table();
-        let mut counted = CountedRows::default();
-        table.write_rows(&mut counted).unwrap();
-        let mut written = Vec::new();
-        let mut rows = CsvRows { out: &mut written };
-        table.write_rows(&mut rows).unwrap();
-        assert_eq!(counted.bytes(), written.len() as u64);
-    }
-
-    #[test]
-    fn csv_has_units_in_the_header_and_quotes_commas() {
-        let (table, mut csv) = (table(), Vec::new());
-        let mut rows = CsvRows::begin(&mut csv, &table.columns).unwrap();
-        table.write_rows(&mut rows).unwrap();
-        let csv = String::from_utf8(csv).unwrap();
-        let (comments, rows): (Vec<&str>, Vec<&str>) =
-            csv.lines().partition(|line| line.starts_with('#'));
-        assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
-        assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
-        let first = "0.10000000000000001,1.234567,\"locked, r = 1\"";
-        assert_eq!(rows, ["k,b (mm),regime", first, "0.25,,rest"]);
-        assert!(csv.ends_with('\n'));
-    }
 
     #[test]
     fn columns_beyond_a_screen_continue_below() {

@@ -20,8 +20,7 @@ use crate::report::{counted, number};
 use crate::simulate::{
     Outcome, STATE_FILLS, SceneText, Watch, part_group, run_watched, state_fill,
 };
-use crate::verbs::map::gear::{Lot, LotSettings};
-use crate::verbs::map::{basins, transport};
+use crate::verbs::map::{basins, gear::Lot, transport};
 
 /// Write one self-contained page for the browser: bands, gear, basins, speed and a run of a feeder,
 /// with sliders.
@@ -46,6 +45,8 @@ pub struct Arguments {
 const PAGE: &str = "kband-report.html";
 
 const FIGURES: &str = include_str!("report/figures.js");
+/// Figures of the page, one a line: heading of their section, name, caption.
+const SECTIONS: &str = include_str!("report/sections.tsv");
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let read = SceneText::read(arguments.scene.as_deref())?;
@@ -88,45 +89,20 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         + &page::table(&heads, &feeder.bands_in_words())
         + &page::folded("the scene", written)
         + &page::folded("how this page was made", &provenance);
-    Ok(Page::new(&format!("A feeder at {} Hz", number(feeder.frequency(), 6)), data, FIGURES)
-        .section("In plain words", &text)
-        .section(
-            "Where parts lock",
-            &page::figure(
-                "bands",
-                "Between these amplitudes a part of constant restitution locks to the drive: with more its lock doubles or touches, with \
-                 less none is born. The strip is what all parts of the lot share.",
-            ),
-        )
-        .section(
-            "How much of the time parts are in gear",
-            &page::figure(
-                "gear",
-                "Share of time in gear over the amplitude, from rest and without a kick, mean over the lot and the part that is in gear \
-                 least, by how much restitution scatters from impact to impact.",
-            ),
-        )
-        .section(
-            "Where a part ends by how it starts",
-            &page::figure(
-                "basins",
-                "Regime in which a part of the lot's middle ends, by the phase and velocity with which it leaves the track; without scatter.",
-            ),
-        )
-        .section(
-            "How fast parts travel",
-            &page::figure(
-                "transport",
-                "Mean conveying speed of a part that starts from rest, with Coulomb's friction, sliding included; S: always in contact, \
-                 H-S: hops and lies, H: hops on.",
-            ),
-        )
-        .section(
-            "A run of the controller",
-            &(page::figure("amplitude", "Amplitude of the track over time, measured and as the controller asks for it.")
-                + &page::figure("phases", "Phase of the drive at the impacts of the parts over time.")
-                + &page::figure("share", "Share of time in gear over time, as the controller estimates it.")),
-        ))
+    let title = format!("A feeder at {} Hz", number(feeder.frequency(), 6));
+    let mut page = Page::new(&title, data, FIGURES).section("In plain words", &text);
+    let lines = SECTIONS.lines().filter_map(|line| line.split_once('\t'));
+    let lines: Vec<(&str, &str)> = lines.collect();
+    for section in lines.chunk_by(|one, other| one.0 == other.0) {
+        let figures = section
+            .iter()
+            .filter_map(|(_, figure)| figure.split_once('\t'));
+        let figures: String = figures
+            .map(|(name, caption)| page::figure(name, caption))
+            .collect();
+        page = page.section(section[0].0, &figures);
+    }
+    Ok(page)
 }
 
 /// Number of restitutions in the diagram of bands, 0..0.7 in steps of 0.005.
@@ -299,23 +275,21 @@ fn gear(feeder: &Feeder, desk: &Desk) -> Result<Json> {
     let k: Vec<f64> = (0..GEAR_AMPLITUDES).map(place).collect();
     let (scatters, at) = insert(&SCATTERS, feeder.scatter);
     let waves = [Wave::sine(), Wave::build(feeder.second, Tone::default())?];
-    let lot = |&scatter: &f64| {
-        Lot::build(LotSettings {
-            restitution: feeder.lot,
-            parts: GEAR_PARTS,
-            scatter,
-            order,
-            runs: GEAR_RUNS,
-            periods: GEAR_PERIODS,
-            seed: 1,
-            contact: feeder.contact,
-        })
+    let lot = Lot {
+        restitution: feeder.lot,
+        parts: GEAR_PARTS,
+        scatter: feeder.scatter,
+        order,
+        runs: GEAR_RUNS,
+        periods: GEAR_PERIODS,
+        seed: 1,
+        contact: feeder.contact,
     };
-    let lots = scatters.iter().map(lot).collect::<Result<Vec<_>, _>>()?;
     let count = waves.len() * scatters.len() * k.len();
     let shares = desk.try_map("gear", count, |n| {
         let (rest, place) = (n / k.len(), k[n % k.len()]);
-        lots[rest % scatters.len()].at(&waves[rest / scatters.len()], place)
+        let scatter = scatters[rest % scatters.len()];
+        Lot { scatter, ..lot }.at(&waves[rest / scatters.len()], place)
     })?;
     let curve = |curve: &[[f64; 2]]| {
         let [mean, min] = [0, 1].map(|n| shorts(curve.iter().map(|share| share[n])));

@@ -14,14 +14,13 @@ use crate::desk::Desk;
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES};
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::{self, Format, Printout, Table, rows_file};
-use crate::{arguments, provenance};
-
+use crate::report::{self, Format, Printout, Table, rows};
 use crate::simulate::sweep::{Axes, Sweep};
 use crate::simulate::{
     DEFAULT, Fidelity, Outcome, Runs, SceneFile, SceneText, Watch, draw, run_on, run_watched, runs,
     schema, trace,
 };
+use crate::{arguments, provenance};
 
 /// Simulate the firmware's control loop with parts by the impact map, for one scene [the default
 /// verb].
@@ -181,7 +180,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let scope = scope.transpose()?;
     for (option, target) in [("--trace", &trace), ("--scope", &scope)] {
         if let Some(target) = target {
-            rows_file::check(option, target)?;
+            rows::check(option, target)?;
         }
     }
     let trace = trace.as_ref();
@@ -201,8 +200,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         report::state_size(trace.path().display(), cycles as u64 * trace::ROW_BYTES);
     }
     let (traced, scoped) = (trace::trace(), trace::scope());
-    let outcome = rows_file::write(trace, &traced.columns(), |cycles| {
-        rows_file::write(scope.as_ref(), &scoped.columns(), |samples| {
+    let outcome = rows::write(trace, &traced.columns(), |cycles| {
+        rows::write(scope.as_ref(), &scoped.columns(), |samples| {
             let (mut cycle, mut sample);
             let mut watch = Watch::FOR_PICTURE;
             if let Some(rows) = cycles {
@@ -273,7 +272,7 @@ fn print_runs(
     trace: Option<&Destination>,
     format: Format,
 ) -> Result<Exit> {
-    rows_file::write(trace, &table.columns, |rows| match rows {
+    rows::write(trace, &table.columns, |rows| match rows {
         Some(rows) => table.write_rows(rows),
         None => Ok(()),
     })?;

@@ -109,28 +109,37 @@ fn accepts_new() -> bool {
     std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1")
 }
 
+/// Differences of a table from its page, where the line before it begins with `marker`. With
+/// `KBAND_ACCEPT=1` the table and that line, made from its text, are written instead.
+fn compare(table: &Table, marker: &str, line: impl Fn(&str) -> String) -> String {
+    let new_text = new_text(table);
+    let (mut text, place) = locate(table, marker);
+    if !accepts_new() {
+        let difference = difference(&new_text, &text[place]);
+        return match difference.is_empty() {
+            true => difference,
+            false => format!("{}: {}\n{difference}", table.page, table.name),
+        };
+    }
+    let start = text[..place.start - 1].rfind('\n').map_or(0, |at| at + 1);
+    let marked = format!("{}\n{new_text}", line(&new_text));
+    text.replace_range(start..place.end, &marked);
+    fs::write(page(table.page), text).expect("the page is written");
+    String::new()
+}
+
 #[test]
 fn every_table_equals_the_output_of_its_commands() {
-    let mut wrong = Vec::new();
-    for table in short::TABLES {
-        let new_text = new_text(table);
-        let (mut text, place) = locate(table, &short_marker(table.name));
-        if text[place.clone()] == new_text {
-            continue;
-        }
-        if accepts_new() {
-            text.replace_range(place, &new_text);
-            fs::write(page(table.page), text).expect("the page is written");
-        } else {
-            let difference = difference(&new_text, &text[place]);
-            wrong.push(format!("{}: {}\n{difference}", table.page, table.name));
-        }
-    }
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let compare = |table: &Table| {
+        let marker = short_marker(table.name);
+        compare(table, &marker, |_| marker.clone())
+    };
+    let wrong: String = short::TABLES.iter().map(compare).collect();
+    assert!(wrong.is_empty(), "{wrong}");
 }
 
 fn short_marker(name: &str) -> String {
-    format!("<!-- table: {name} -->\n")
+    format!("<!-- table: {name} -->")
 }
 
 fn long_marker(name: &str) -> String {
@@ -167,18 +176,9 @@ fn whole(name: &str) {
     let long = all.find(|long| long.table.name == name);
     let long::Long { table, little } = long.expect("a long table");
     let marker = long_marker(name);
-    let new_text = new_text(table);
-    let (mut text, place) = locate(table, &marker);
-    if accepts_new() {
-        let line = text[..place.start - 1].rfind('\n').map_or(0, |at| at + 1);
-        let marked = format!("{marker}{} -->\n{new_text}", sum(&new_text, &little()));
-        text.replace_range(line..place.end, &marked);
-        fs::write(page(table.page), text).expect("the page is written");
-    } else {
-        let difference = difference(&new_text, &text[place]);
-        let page = table.page;
-        assert!(difference.is_empty(), "{page}: {name}\n{difference}");
-    }
+    let line = |text: &str| format!("{marker}{} -->", sum(text, &little()));
+    let wrong = compare(table, &marker, line);
+    assert!(wrong.is_empty(), "{wrong}");
 }
 
 /// Smallest number of decimal numbers in a table that must name their source.
@@ -214,9 +214,9 @@ fn every_table_of_numbers_names_its_source() {
                 .filter(|w| w[0].is_ascii_digit() && w[1] == b'.' && w[2].is_ascii_digit())
                 .count();
             let comment = lines[n - 1];
-            let short = short::TABLES.iter().any(|table| {
-                table.page == name && format!("{comment}\n") == short_marker(table.name)
-            });
+            let short = short::TABLES
+                .iter()
+                .any(|table| table.page == name && comment == short_marker(table.name));
             let long = long::TABLES.iter().any(|long::Long { table, .. }| {
                 table.page == name && comment.starts_with(&long_marker(table.name))
             });

@@ -4,32 +4,21 @@ use std::collections::BTreeSet;
 
 use super::axes::Pixels;
 use super::map::{Grid, raster};
-use super::style::marks;
+use super::style::{marks, series_stroke};
 use crate::picture::axis::Axis;
 use crate::picture::shape::{Rect, Shape, Stroke};
 use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
-    Line {
-        series: usize,
-        points: Vec<(f64, f64)>,
-    },
-    Markers {
-        series: usize,
-        points: Vec<(f64, f64)>,
-    },
-    Between {
-        series: usize,
-        points: Vec<(f64, f64, f64)>,
-    },
+    /// Series and points.
+    Line(usize, Vec<(f64, f64)>),
+    Markers(usize, Vec<(f64, f64)>),
+    Between(usize, Vec<(f64, f64, f64)>),
     Density(Vec<(f64, f64)>),
     /// Heights of evenly spaced columns.
     Columns(Vec<Vec<f32>>),
-    Heat {
-        grid: Grid<f64>,
-        scale: Axis,
-    },
+    Heat(Grid<f64>, Axis),
     Classes(Grid<Fill>),
     /// A strip of the horizontal axis, or of the vertical one.
     Strip {
@@ -43,16 +32,11 @@ impl Pixels<'_> {
     pub(super) fn draw_item(&self, theme: Theme, item: &Item, shapes: &mut Vec<Shape>) {
         let plot = self.plot;
         match item {
-            Item::Line { series, points } => {
-                let (colour, dash, _) = theme.series(*series);
-                let stroke = Stroke {
-                    colour,
-                    width: 1.8,
-                    dash,
-                };
+            Item::Line(series, points) => {
+                let stroke = series_stroke(theme, *series, 1.8);
                 shapes.push(Shape::lines(self.pieces(points), stroke, Some(plot)));
             }
-            Item::Markers { series, points } => {
+            Item::Markers(series, points) => {
                 // A marker on the frame is drawn completely.
                 let clip = Rect {
                     left: plot.left - 4.0,
@@ -69,35 +53,31 @@ impl Pixels<'_> {
                 let places: Vec<_> = points.iter().map(place).filter(within).collect();
                 shapes.push(marks(theme, *series, &places, Some(clip)));
             }
-            Item::Between { series, points } => {
-                let (colour, ..) = theme.series(*series);
+            Item::Between(series, points) => {
+                let colour = theme.series(*series);
                 let side = |pick: fn(&(f64, f64, f64)) -> (f64, f64)| {
                     self.pieces(&points.iter().map(pick).collect::<Vec<_>>())
                 };
-                let low = side(|(x, low, _)| (*x, *low));
-                let high = side(|(x, _, high)| (*x, *high));
+                let low = side(|(x, low, _)| (*x, *low)).into_iter();
+                let high = side(|(x, _, high)| (*x, *high)).into_iter();
                 let outline = |(low, high): (Vec<_>, Vec<_>)| {
-                    [low, high.into_iter().rev().collect()].concat()
+                    low.into_iter().chain(high.into_iter().rev()).collect()
                 };
-                let pieces = low.into_iter().zip(high).map(outline).collect();
+                let pieces = low.zip(high).map(outline).collect();
                 let (fill, edge) = (colour.with_opacity(0.3), Stroke::solid(colour, 0.8));
                 shapes.push(Shape::areas(pieces, Some(fill), Some(edge), Some(plot)));
             }
-            Item::Density(points) => shapes.push(Shape::Image {
-                place: plot,
-                raster: self.density(theme, points),
-            }),
-            Item::Columns(columns) => shapes.push(Shape::Image {
-                place: plot,
-                raster: self.columns(theme, columns),
-            }),
-            Item::Heat { grid, scale } => self.heat(theme, grid, scale, shapes),
+            Item::Density(points) => {
+                shapes.push(Shape::Image(plot, self.density(theme, points)));
+            }
+            Item::Columns(columns) => {
+                shapes.push(Shape::Image(plot, self.columns(theme, columns)));
+            }
+            Item::Heat(grid, scale) => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {
                 let palette = Fill::ALL.iter().map(|fill| fill.colour(theme)).collect();
-                shapes.push(Shape::Image {
-                    place: plot,
-                    raster: raster(grid, palette, |fill| *fill as u8),
-                });
+                let raster = raster(grid, palette, |fill| *fill as u8);
+                shapes.push(Shape::Image(plot, raster));
             }
             Item::Strip { low, high, of_y } => {
                 let mut rect = plot;

@@ -1,11 +1,11 @@
 //! The legend of a panel.
 
 use super::item::Item;
-use super::style::{frame_box, label, marks, swatch};
+use super::style::{frame_box, label, marks, series_stroke, swatch};
 use super::{LINE, Panel, SMALL_TEXT_SIZE};
 use crate::picture::axis::Axis;
 use crate::picture::font;
-use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
+use crate::picture::shape::{Anchor, Rect, Shape, Text};
 use crate::picture::theme::{Fill, Theme};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -27,11 +27,11 @@ impl Panel {
         let finite =
             |points: &[(f64, f64)]| points.iter().any(|(x, y)| x.is_finite() && y.is_finite());
         self.items.iter().any(|item| match (key, item) {
-            (Key::Line(requested), Item::Line { series, points })
-            | (Key::Marker(requested), Item::Markers { series, points }) => {
+            (Key::Line(requested), Item::Line(series, points))
+            | (Key::Marker(requested), Item::Markers(series, points)) => {
                 series == requested && finite(points)
             }
-            (Key::Area(requested), Item::Between { series, points }) => {
+            (Key::Area(requested), Item::Between(series, points)) => {
                 let mut points = points.iter();
                 series == requested
                     && points.any(|(_, low, high)| low.is_finite() && high.is_finite())
@@ -49,14 +49,13 @@ impl Panel {
     /// Number of points beyond the ends of an axis, which are not drawn.
     fn left_out(&self) -> usize {
         let outside = |axis: &Axis, value: f64| !(-1e-9..=1.0 + 1e-9).contains(&axis.part(value));
-        let count = |points: &[(f64, f64)]| {
-            let lost = points.iter().filter(|(x, y)| {
-                x.is_finite() && y.is_finite() && (outside(&self.x, *x) || outside(&self.y, *y))
-            });
-            lost.count()
+        let is_lost = |(x, y): &&(f64, f64)| {
+            x.is_finite() && y.is_finite() && (outside(&self.x, *x) || outside(&self.y, *y))
         };
         let count_lost = |item: &Item| match item {
-            Item::Markers { points, .. } | Item::Density(points) => count(points),
+            Item::Markers(_, points) | Item::Density(points) => {
+                points.iter().filter(is_lost).count()
+            }
             Item::Columns(columns) => {
                 let lost = columns.iter().flatten();
                 lost.filter(|y| outside(&self.y, f64::from(**y))).count()
@@ -80,18 +79,13 @@ impl Panel {
             let box_ = Rect::new(x, y - 5.5, 26.0, 11.0);
             match key {
                 Key::Line(series) => {
-                    let (colour, dash, _) = theme.series(*series);
-                    let stroke = Stroke {
-                        colour,
-                        width: 2.0,
-                        dash,
-                    };
+                    let stroke = series_stroke(theme, *series, 2.0);
                     let line = vec![(x, y), (x + 26.0, y)];
                     shapes.push(Shape::lines(vec![line], stroke, None));
                 }
                 Key::Marker(series) => shapes.push(marks(theme, *series, &[(x + 13.0, y)], None)),
                 Key::Area(series) => {
-                    let (colour, ..) = theme.series(*series);
+                    let colour = theme.series(*series);
                     shapes.push(frame_box(box_, colour.with_opacity(0.45), colour));
                 }
                 Key::Strip => shapes.push(frame_box(box_, theme.strip(), theme.muted())),
@@ -127,10 +121,7 @@ impl Panel {
             let label = label((x, y + 4.2), &text, Anchor::Start, theme.muted());
             shapes.push(Shape::Text(label));
         }
-        if displayed.is_empty() && left_out == 0 {
-            plot.top
-        } else {
-            y + LINE - 4.0
-        }
+        let is_empty = displayed.is_empty() && left_out == 0;
+        if is_empty { plot.top } else { y + LINE - 4.0 }
     }
 }

@@ -130,25 +130,20 @@ impl Pixels<'_> {
             part if part.is_finite() => (part.clamp(0.0, 1.0) * 254.0).round() as u8,
             _ => 255,
         };
-        shapes.push(Shape::Image {
-            place: plot,
-            raster: raster(grid, palette.clone(), number),
-        });
+        shapes.push(Shape::Image(plot, raster(grid, palette.clone(), number)));
         let bar = Rect {
             left: plot.right() + 14.0,
             width: 14.0,
             ..plot
         };
         palette.truncate(255);
-        shapes.push(Shape::Image {
-            place: bar,
-            raster: Raster {
-                width: 1,
-                height: 255,
-                palette,
-                pixels: (0..255).rev().collect(),
-            },
-        });
+        let colours = Raster {
+            width: 1,
+            height: 255,
+            palette,
+            pixels: (0..255).rev().collect(),
+        };
+        shapes.push(Shape::Image(bar, colours));
         shapes.push(frame_of(bar, theme.axis(), 1.0));
         for (value, text) in scale.ticks((plot.height / 42.0) as usize) {
             let down = bar.bottom() - scale.part(value) * bar.height;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::SMALL_TEXT_SIZE;
 use crate::picture::font;
 use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
-use crate::picture::theme::{Colour, Fill, Marker, Theme};
+use crate::picture::theme::{Colour, Fill, Theme};
 
 pub(in crate::picture) fn label(
     at: (f64, f64),
@@ -31,6 +31,24 @@ pub(super) fn vertical_text(at: (f64, f64), text: &str, colour: Colour, length: 
         size: font::fit_size(text, 13.0, false, length + 36.0),
         ..label(at, text, Anchor::Middle, colour)
     })
+}
+
+/// Line of a series in its colour and dash.
+pub(super) fn series_stroke(theme: Theme, series: usize, width: f64) -> Stroke {
+    const DASHES: [&[f64]; 7] = [
+        &[],
+        &[7.0, 3.0],
+        &[2.0, 2.5],
+        &[9.0, 3.0, 2.0, 3.0],
+        &[12.0, 4.0],
+        &[4.0, 2.0],
+        &[1.5, 1.5],
+    ];
+    Stroke {
+        colour: theme.series(series),
+        width,
+        dash: DASHES[series % 7],
+    }
 }
 
 pub(super) fn dashed(theme: Theme) -> Stroke {
@@ -84,14 +102,10 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
 /// The part of a rising line within the sides of a rectangle.
 fn clipped(rect: Rect, a: (f64, f64), b: (f64, f64)) -> Option<[(f64, f64); 2]> {
     let at = |x: f64| (x, a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0));
-    let clip = |end: (f64, f64)| {
-        if end.0 < rect.left {
-            at(rect.left)
-        } else if end.0 > rect.right() {
-            at(rect.right())
-        } else {
-            end
-        }
+    let clip = |end: (f64, f64)| match end.0 {
+        x if x < rect.left => at(rect.left),
+        x if x > rect.right() => at(rect.right()),
+        _ => end,
     };
     let outside = a.0.max(b.0) <= rect.left || a.0.min(b.0) >= rect.right();
     (!outside).then(|| [a, b].map(clip))
@@ -105,16 +119,16 @@ pub(super) fn marks(
     places: &[(f64, f64)],
     clip: Option<Rect>,
 ) -> Shape {
-    let (colour, _, marker) = theme.series(series);
-    let shape: Vec<(f64, f64)> = match marker {
-        Marker::Circle => {
+    // Circle, square, triangle, diamond, cross.
+    let shape: Vec<(f64, f64)> = match series % 5 {
+        0 => {
             let turns = (0..12).map(|n| (f64::from(n) / 12.0 * TAU).sin_cos());
             turns.map(|(x, y)| (3.0 * x, 3.0 * y)).collect()
         }
-        Marker::Square => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
-        Marker::Triangle => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
-        Marker::Diamond => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
-        Marker::Cross => {
+        1 => vec![(-2.7, -2.7), (2.7, -2.7), (2.7, 2.7), (-2.7, 2.7)],
+        2 => vec![(0.0, -3.6), (3.4, 2.6), (-3.4, 2.6)],
+        3 => vec![(0.0, -4.0), (4.0, 0.0), (0.0, 4.0), (-4.0, 0.0)],
+        _ => {
             let arm = [(-1.0, -3.6), (1.0, -3.6), (1.0, -1.0)];
             let turned = |arm: &[(f64, f64); 3]| Some(arm.map(|(x, y)| (-y, x)));
             let arms = std::iter::successors(Some(arm), turned);
@@ -130,5 +144,5 @@ pub(super) fn marks(
     };
     let pieces = places.iter().map(piece).collect();
     let edge = (!many).then(|| Stroke::solid(theme.background(), 0.6));
-    Shape::areas(pieces, Some(colour), edge, clip)
+    Shape::areas(pieces, Some(theme.series(series)), edge, clip)
 }

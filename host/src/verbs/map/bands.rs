@@ -4,7 +4,7 @@ mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, TangentialSettings, Wave};
-use kband::regime::band::{Band, BandError, Margins};
+use kband::regime::band::{Band, BandError, Margins, NoBand};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
@@ -73,14 +73,11 @@ fn along(track: &Track) -> TangentialSettings {
 
 const SAMPLES: u32 = 400;
 
-const PARTS: u32 = 5;
+const PARTS: usize = 5;
 
 struct Row {
     order: u32,
-    k2: f64,
-    k1: f64,
-    band: Option<Band>,
-    allowing: Option<(f64, f64)>,
+    band: Result<Band, NoBand>,
     first_chaos: Option<Estimate>,
     last_chaos: Option<Estimate>,
     reach: Option<Reach>,
@@ -104,7 +101,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let next = "leave out the tones, or ask kband gear, which has both";
         return Err(Refusal::value("--contact", value, accepted, next));
     } else {
-        tones::report_of(arguments, &wave, &track, desk)?
+        tones::report(arguments, &wave, &track, desk)?
     };
     let drawing = output.draws().then(|| compute(&wave, &track, desk));
     let drawing = drawing.transpose()?.unwrap_or_default();
@@ -112,12 +109,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 }
 
 fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime) -> Result<Row> {
-    let (band, k2, k1, allowing) = match Band::common_with_contact(lot, order, contact) {
-        Ok(band) => (Some(band), band.low(), band.high(), None),
-        Err(BandError::Empty(none)) => {
-            let allowing = Some((none.high_bound, none.low_bound));
-            (None, none.flip, none.birth, allowing)
-        }
+    let band = match Band::common_with_contact(lot, order, contact) {
+        Ok(band) => Ok(band),
+        Err(BandError::Empty(none)) => Err(none),
         Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
     };
     // Both apply to instantaneous impacts.
@@ -134,17 +128,14 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
     } else {
         chaos(lot.high())?
     };
-    let parts = restitutions(lot, PARTS as usize);
+    let parts = restitutions(lot, PARTS);
     let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, SAMPLES);
-    let reach = band.filter(|_| instant).map(measure).transpose()?;
+    let reach = band.ok().filter(|_| instant).map(measure).transpose()?;
     let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);
     Ok(Row {
         gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
-        k2,
-        k1,
         band,
-        allowing,
         first_chaos,
         last_chaos,
         reach,
@@ -152,13 +143,21 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
 }
 
 impl Row {
+    /// k2 and k1: ends of the band, or the edges of the parts that leave none.
+    fn edges(&self) -> [f64; 2] {
+        match self.band {
+            Ok(band) => [band.low(), band.high()],
+            Err(none) => [none.flip, none.birth],
+        }
+    }
+
     /// k at the setpoint, which has the largest margin in amplitude.
     fn setpoint(&self) -> Option<f64> {
-        self.band.map(|band| band.setpoint())
+        Some(self.band.ok()?.setpoint())
     }
 
     fn margins(&self) -> Option<Margins> {
-        self.band.map(|band| band.margins(band.setpoint()))
+        Some(self.band.ok()?.margins(self.setpoint()?))
     }
 
     /// The smaller margin in amplitude at the setpoint, over the amplitude.
@@ -186,7 +185,8 @@ fn setpoint_in_words(k: Option<f64>) -> Value {
     k.map_or("no common band".into(), Value::from)
 }
 
-fn amplitudes(track: &Track, k1: f64, k2: f64) -> String {
+/// Amplitudes in mm from `k1` to `k2`.
+fn amplitudes(track: &Track, [k2, k1]: [f64; 2]) -> String {
     let (low, high) = (millimetres(track, k1), millimetres(track, k2));
     format!("{low:.4}..{high:.4}")
 }
@@ -194,9 +194,9 @@ fn amplitudes(track: &Track, k1: f64, k2: f64) -> String {
 fields! {
     fn band_view(row: Row, track: Track) {
         all ORDER => row.order;
-        all K2 => row.k2;
-        all K1 => row.k1;
-        data EMPTY => row.band.is_none();
+        all K2 => row.edges()[0];
+        all K1 => row.edges()[1];
+        data EMPTY => row.band.is_err();
         read SETPOINT => setpoint_in_words(row.setpoint());
         data SETPOINT => row.setpoint();
         data MARGIN_K => row.margins().map(|margins| margins.low.k.min(margins.high.k));
@@ -209,9 +209,9 @@ fields! {
         data REACHABLE_HIGHEST => row.reach.and_then(|reach| reach.highest);
         data REACHABLE_SHARE => row.reach.map(|reach| reach.share);
         all B.digits(4) => row.setpoint().map(|k| millimetres(track, k));
-        data B_AT_K1 => millimetres(track, row.k1);
-        data B_AT_K2 => millimetres(track, row.k2);
-        read B_RANGE.titled("b at k1..k2 (mm)") => row.band.map_or("-".into(), |_| amplitudes(track, row.k1, row.k2));
+        data B_AT_K1 => millimetres(track, row.edges()[1]);
+        data B_AT_K2 => millimetres(track, row.edges()[0]);
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.band.map_or("-".into(), |_| amplitudes(track, row.edges()));
         all THROW.digits(4) => row.setpoint().map(throw_number);
         all PEAK.digits(4) => row.setpoint().map(|k| track.acceleration(track.amplitude(k)));
         read CHAOS_EDGE.titled("chaos edge") => row.first_chaos.map(|chaos| chaos.value);
@@ -221,11 +221,9 @@ fields! {
         all IN_GEAR_EXPECTED.titled("in gear").digits(3) => row.gear.map(|gear| f64::from(gear.share));
         data GEAR_BAND_LOW => row.gear.map(|gear| f64::from(gear.band[0]));
         data GEAR_BAND_HIGH => row.gear.map(|gear| f64::from(gear.band[1]));
-        read GEAR_B_RANGE.titled("gear band (mm)") => row.gear.map_or("-".into(), |gear| {
-            amplitudes(track, f64::from(gear.band[1]), f64::from(gear.band[0]))
-        });
-        data ALLOWING_HIGH_BOUND => row.allowing.map(|(high, _)| high);
-        data ALLOWING_LOW_BOUND => row.allowing.map(|(_, low)| low);
+        read GEAR_B_RANGE.titled("gear band (mm)") => row.gear.map_or("-".into(), |gear| amplitudes(track, gear.band.map(f64::from)));
+        data ALLOWING_HIGH_BOUND => row.band.err().map(|none| none.high_bound);
+        data ALLOWING_LOW_BOUND => row.band.err().map(|none| none.low_bound);
     }
 }
 
@@ -234,7 +232,6 @@ fn describe_lot(lot: Restitution) -> String {
 }
 
 fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTime) -> Printout {
-    let lot = arguments.restitution;
     let mut view = band_view(track);
     if arguments.scatter.is_none() {
         let gear = [GEAR_K, GEAR_B, GEAR_B_RANGE, GEAR_BAND_LOW, GEAR_BAND_HIGH];
@@ -242,19 +239,17 @@ fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTi
         view = view.without(IN_GEAR_EXPECTED);
     }
     let (drive, contacts) = (arguments.drive, arguments.contact.describe());
-    let (text, frequency, incline) = (describe_lot(lot), drive.frequency, drive.incline);
+    let text = describe_lot(arguments.restitution);
+    let (frequency, incline) = (drive.frequency, drive.incline);
     let report = view.printout(rows).folded().heading(format!(
         "{text}, {frequency} Hz, incline {incline} degrees{contacts}; the setpoint has the largest margin in amplitude"
     ));
     let unknown = (!contact.is_instant()).then_some(
         "Chaos edge and what is reached from rest are known for impacts in no time only.",
     );
-    let empty = |row: &Row| match Band::common_with_contact(lot, row.order, contact) {
-        Err(BandError::Empty(none)) => Some(none.to_string()),
-        _ => None,
-    };
-    let empty = rows.iter().filter_map(empty);
-    let beyond_rest = rows.iter().filter_map(|row| row.reach.zip(row.band));
+    let empty = rows.iter().filter_map(|row| row.band.err());
+    let empty = empty.map(|none| none.to_string());
+    let beyond_rest = rows.iter().filter_map(|row| row.reach.zip(row.band.ok()));
     let unreached = beyond_rest
         .filter(|(reach, band)| reach.edge.is_none_or(|edge| edge < band.setpoint()))
         .map(|_| "From rest a part does not lock at these setpoints by itself: see kband capture.");

@@ -256,24 +256,14 @@ fields! {
 fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Printout> {
     let kicks = (0..task.arguments.attempts as u32).filter_map(|attempt| plan.attempt(attempt));
     let kicks: Vec<KickSettings> = kicks.map(|kick| kick.settings()).collect();
-    let none = KickSettings {
-        factor: 1.0,
-        hold: 0,
-        descent: 0,
-        release: 1.0,
-    };
+    let none = Kick::NONE.settings();
     let mut attempts = vec![("band alone".to_string(), none, rates.alone)];
     for (n, (kick, rate)) in kicks.iter().zip(&rates.by_attempt).enumerate() {
         attempts.push(((n + 1).to_string(), *kick, *rate));
     }
-    let (arguments, r, order, k) = (
-        task.arguments,
-        task.restitution(),
-        task.lot.order,
-        task.lot.k,
-    );
-    let (low, high) = (task.band.low(), task.band.high());
-    let (runs, seed) = (arguments.runs, arguments.seed);
+    let Lot { order, k, .. } = task.lot;
+    let (r, low, high) = (task.restitution(), task.band.low(), task.band.high());
+    let (runs, seed) = (task.arguments.runs, task.arguments.seed);
     let mut report = attempt_view().printout(&attempts).heading(format!(
         "R = {r}, order {order}, k = {k:.4} in the band {low:.4}..{high:.4}; {runs} runs, seed {seed}"
     ));
@@ -350,16 +340,14 @@ impl Kicks {
             Some(_) => (2 * usize::from(best.descent)).max(120),
             None => (10.0 * task.arguments.time_constant) as usize + LENGTH_COUNT / 4,
         });
-        let factors: Vec<f64> = task.arguments.factor.values().collect();
         let lengths = (0..LENGTH_COUNT).map(|n| (n * longest / (LENGTH_COUNT - 1)) as u16);
         let mut map = Self {
-            factors,
+            factors: task.arguments.factor.values().collect(),
             lengths: lengths.collect(),
             slow,
             shares: Vec::new(),
         };
-        let columns = map.lengths.len();
-        map.shares = desk.try_map("capture map", map.factors.len() * columns, |cell| {
+        map.shares = desk.try_map("capture map", map.factors.len() * LENGTH_COUNT, |cell| {
             let Ok(kick) = map.kick(cell) else {
                 return Ok(0.0);
             };
@@ -373,21 +361,20 @@ impl Kicks {
     }
 
     fn kick(&self, cell: usize) -> Result<Kick, OutOfRange> {
-        let factor = self.factors[cell / self.lengths.len()] as f32;
-        let length = self.lengths[cell % self.lengths.len()];
-        Kick::build(match self.slow {
-            None => KickSettings {
-                factor,
-                hold: length,
-                descent: 0,
-                release: 1.0,
-            },
-            Some((hold, release_share)) => KickSettings {
-                factor,
-                hold,
-                descent: length,
-                release: (1.0 + (factor - 1.0) * release_share).clamp(1.0, factor),
-            },
+        let factor = self.factors[cell / LENGTH_COUNT] as f32;
+        let length = self.lengths[cell % LENGTH_COUNT];
+        let (hold, descent, release) = match self.slow {
+            None => (length, 0, 1.0),
+            Some((hold, share)) => {
+                let release = 1.0 + (factor - 1.0) * share;
+                (hold, length, release.clamp(1.0, factor))
+            }
+        };
+        Kick::build(KickSettings {
+            factor,
+            hold,
+            descent,
+            release,
         })
     }
 
@@ -408,15 +395,11 @@ impl Kicks {
         let (left, right) = span(&lengths);
         let (bottom, top) = span(&self.factors);
         let is_slow = self.slow.is_some();
-        let title = if is_slow {
-            "descent of the amplitude"
-        } else {
-            "hold"
-        };
+        let title = ["hold", "descent of the amplitude"][usize::from(is_slow)];
         let length = Axis::new(title, "drive cycles", left, right);
         let factor = Axis::new("factor of the amplitude", "", bottom, top);
         let captured = Axis::new("share of the parts captured", "", 0.0, 1.0);
-        let grid = Grid::new(self.lengths.len(), self.shares.clone());
+        let grid = Grid::new(LENGTH_COUNT, self.shares.clone());
         let mut panel = Panel::new(length, factor)
             .height(420.0)
             .heat(grid, captured);

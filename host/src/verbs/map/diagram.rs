@@ -17,10 +17,11 @@ use crate::arguments::{
 };
 use crate::desk::Desk;
 use crate::ending::FILLS;
-use crate::picture::{Axis, Panel, Picture};
+use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
 use crate::report::{Column, Printout, Rows, fields, number, numbers, span};
+use crate::verbs::read;
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
@@ -95,46 +96,31 @@ pub enum ColumnStart {
 }
 
 impl ColumnStart {
-    fn name(self) -> &'static str {
+    /// Name in tables, and heading of the panel.
+    fn names(self) -> [&'static str; 2] {
+        let right = "followed to the right, each column from where the one before it ended";
         match self {
-            Self::Rest => "rest",
-            Self::Up => "up",
-            Self::Down => "down",
-        }
-    }
-
-    fn describe(self) -> &'static str {
-        match self {
-            Self::Rest => "from rest in each column",
-            Self::Up => "followed to the right, each column from where the one before it ended",
-            Self::Down => "followed to the left",
+            Self::Rest => ["rest", "from rest in each column"],
+            Self::Up => ["up", right],
+            Self::Down => ["down", "followed to the left"],
         }
     }
 }
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
-    let contact = arguments.contact.time(arguments.amplitude.hertz())?;
     if arguments.show == Show::Regimes {
-        let map = regimes::Map::compute(arguments, contact, desk)?;
+        let map = regimes::Map::compute(arguments, desk)?;
         return output.show(&map.report()?, || map.picture());
     }
-    let (over, range) = chosen(arguments)?;
-    let values: Vec<f64> = range.values().collect();
-    let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
-    let mut starts = arguments.starts.clone();
-    starts.dedup();
-    let diagram = Arc::new(Diagram {
-        over,
-        range,
-        velocity: arguments.show == Show::Velocity,
-        branches: follow(arguments, &tracks, contact, &starts, desk)?,
-        bands: bands(over, contact, &values),
-        contact,
-        fixed: over.fixed() + &arguments.contact.describe(),
-        values,
-    });
+    let diagram = Arc::new(Diagram::compute(arguments, desk)?);
     output.show(&diagram.report()?, || diagram.picture(arguments))
+}
+
+/// The picture for these options, for a page with several pictures.
+pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
+    let arguments = read(options)?;
+    Ok(Diagram::compute(&arguments, desk)?.picture(&arguments))
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -240,13 +226,37 @@ struct Diagram {
 }
 
 impl Diagram {
+    fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self> {
+        let contact = arguments.contact.time(arguments.amplitude.hertz())?;
+        let (over, range) = chosen(arguments)?;
+        let values: Vec<f64> = range.values().collect();
+        let tracks: Vec<(f64, f64)> = values.iter().map(|x| over.at(*x)).collect();
+        let mut starts = arguments.starts.clone();
+        starts.dedup();
+        Ok(Self {
+            over,
+            range,
+            velocity: arguments.show == Show::Velocity,
+            branches: follow(arguments, &tracks, contact, &starts, desk)?,
+            bands: bands(over, contact, &values),
+            contact,
+            fixed: over.fixed() + &arguments.contact.describe(),
+            values,
+        })
+    }
+
     fn report(self: &Arc<Self>) -> Result<Printout> {
         let (name, unit) = (self.over.column().name, self.over.column().unit);
         let mut all: Vec<Regimes> = Vec::new();
         for branch in &self.branches {
             all.extend(branch.regimes().into_iter().map(|(first, last, ending)| {
                 let ends = [self.values[first], self.values[last]];
-                (branch.start.name(), ends, last - first + 1, ending.name())
+                (
+                    branch.start.names()[0],
+                    ends,
+                    last - first + 1,
+                    ending.name(),
+                )
             }));
         }
         let regimes = stretches(&unit).objects(&all);
@@ -287,7 +297,7 @@ impl Diagram {
 
     fn impacts(&self, rows: &mut dyn Rows) -> Result<()> {
         for branch in &self.branches {
-            let start = branch.start.name();
+            let [start, _] = branch.start.names();
             for (x, column) in self.values.iter().zip(&branch.columns) {
                 for state in &column.states {
                     rows.row(&[
@@ -344,23 +354,20 @@ impl Diagram {
             self.range.count,
             arguments.settle
         ));
-        let mut names = Vec::new();
-        for (fill, name) in FILLS {
+        let occurs = |(fill, _): &(Fill, &str)| {
             let mut columns = self.branches.iter().flat_map(|branch| &branch.columns);
-            if columns.any(|column| column.ending.fill() == Some(fill)) {
-                names.push((fill, name));
-            }
-        }
+            columns.any(|column| column.ending.fill() == Some(*fill))
+        };
+        let names: Vec<_> = FILLS.into_iter().filter(occurs).collect();
         for (place, branch) in self.branches.iter().enumerate() {
             let named = |name: &'static str| if place == 0 { name } else { "" };
             let heights = branch.columns.iter().map(|column| {
                 let states = column.states.iter();
                 states.map(|state| self.height(*state) as f32).collect()
             });
-            let is_only = self.branches.len() == 1;
-            let height = if is_only { 420.0 } else { 240.0 };
+            let height = [240.0, 420.0][usize::from(self.branches.len() == 1)];
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
-                .heading(branch.start.describe())
+                .heading(branch.start.names()[1])
                 .height(height);
             let strip = named("band: the period-1 orbit attracts");
             for band in &self.bands {

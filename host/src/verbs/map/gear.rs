@@ -7,8 +7,8 @@ mod survey;
 
 use std::f64::consts::TAU;
 
-use kband::feeder::{Restitution, Track};
-use kband::impact::{ContactTime, Tone, Wave};
+use kband::feeder::Restitution;
+use kband::impact::{Tone, Wave};
 use kband::regime::band;
 use kband::regime::gear::Share;
 use serde_json::{Value as Json, json};
@@ -22,7 +22,7 @@ use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Exit, Result};
 use crate::report::{Printout, Value, fields, number, numbers, span, when};
-pub(in crate::verbs) use survey::{Lot, LotSettings};
+pub(in crate::verbs) use survey::Lot;
 
 /// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
 #[derive(Clone, Debug, clap::Args)]
@@ -112,7 +112,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
-    let lot = Lot::build(LotSettings {
+    let lot = Lot {
         restitution: arguments.restitution,
         parts: arguments.parts,
         scatter: arguments.scatter,
@@ -121,10 +121,15 @@ fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
         periods: arguments.periods as f64,
         seed: arguments.seed,
         contact,
-    })?;
+    };
     let k = match (arguments.k, arguments.b) {
         (Some(range), _) => range,
-        (None, Some(b)) => over_amplitude(b, &arguments.drive.track()?)?,
+        (None, Some(b)) => {
+            // Evenly spaced in k, as on the map.
+            let track = arguments.drive.track()?;
+            let [low, high] = [b.high, b.low].map(|b| arguments::k_of(&track, b));
+            Range::new(low?, high?, b.count)
+        }
         (None, None) => {
             let liveliest = arguments.restitution.high().min(0.99);
             let [edge, _] = band::edges_with_contact(liveliest, order, contact)?;
@@ -133,22 +138,11 @@ fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
             Range::new(0.15 / order, (1.02 * birth).min(1.0 / order), 41)
         }
     };
-    let planned = planned(arguments, contact);
+    // The controller's setpoint for this lot on an unlimited drive, as in `kband bands`.
+    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
+    let planned = causes::plan(&feeder, arguments.order as u8).map(|(plan, _)| plan.k.into());
     let k: Vec<f64> = k.values().collect();
     Survey::run(lot, &k, &waves(arguments)?, planned, desk)
-}
-
-/// Setpoint k of the controller for this lot on an unlimited drive, as in `kband bands`.
-fn planned(arguments: &Arguments, contact: ContactTime) -> Option<f64> {
-    let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
-    let (plan, _) = causes::plan(&feeder, arguments.order as u8)?;
-    Some(plan.k.into())
-}
-
-/// k for a range of amplitudes in mm, evenly spaced in k, as on the map.
-fn over_amplitude(b: Range, track: &Track) -> Result<Range> {
-    let [low, high] = [b.high, b.low].map(|b| arguments::k_of(track, b));
-    Ok(Range::new(low?, high?, b.count))
 }
 
 /// The waves to try; the sine is the first.
@@ -263,18 +257,16 @@ fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint
     } else {
         "two tones"
     };
-    let points = [
-        ("one tone", Some(&survey.one_tone)),
-        (two, survey.two_tones.as_ref()),
-        ("middle of the band", survey.band_middle.as_ref()),
-    ];
-    let named = |(name, point)| Some(NamedPoint::new(name, point?, arguments));
-    points.into_iter().filter_map(named).collect()
+    let mut points = vec![("one tone", &survey.one_tone), (two, &survey.two_tones)];
+    let middle = survey.band_middle.as_ref();
+    points.extend(middle.map(|point| ("middle of the band", point)));
+    let named = |(name, point)| NamedPoint::new(name, point, arguments);
+    points.into_iter().map(named).collect()
 }
 
 fn lot_name(arguments: &Arguments, survey: &Survey) -> String {
     let lot = arguments.restitution;
-    let parts = survey.lot.restitutions.len();
+    let parts = survey.lot.restitutions().len();
     let parts = when(parts > 1, || format!(" ({parts} parts)"));
     format!("R = {}{parts}", span(lot.low(), lot.high(), 6))
 }
@@ -301,25 +293,17 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
     let unlocked = survey.band_middle.is_none().then_some(
         "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
     );
-    let two = named.iter().find(|named| named.name.ends_with("tones"));
-    let second = two.map(|two| {
-        let ([on, off], quality) = (numbers(two.force, 3), number(arguments.quality, 4));
-        format!("The second tone takes {on} of the first one's force on a resonance of quality {quality}, {off} off it.")
-    });
-    let three = two.filter(|two| two.point.wave.third().amplitude > 0.0);
-    let third = three.map(|three| {
-        let [on, off] = numbers(three.third, 3);
+    let two = &named[1];
+    let ([on, off], quality) = (numbers(two.force, 3), number(arguments.quality, 4));
+    let second = format!(
+        "The second tone takes {on} of the first one's force on a resonance of quality {quality}, {off} off it."
+    );
+    let [on, off] = numbers(two.third, 3);
+    let third = when(two.point.wave.third().amplitude > 0.0, || {
         format!("The third tone takes {on} of it there, {off} off it.")
     });
     let point = |(k, share)| json!({"k": k, "in_gear": share});
     let over_k = |wave: usize| survey.over_k(wave).map(point).collect::<Json>();
-    let number_of_two =
-        two.and_then(|two| survey.waves.iter().position(|wave| *wave == two.point.wave));
-    let of_name = |name: &str| -> Json {
-        let mut points = named.iter();
-        let matching = points.find(|named| named.name.ends_with(name));
-        matching.map_or(Json::Null, |named| view.object(named))
-    };
     let json = json!({
         "restitution_low": lot.low(),
         "restitution_high": lot.high(),
@@ -327,12 +311,12 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
         "order": arguments.order,
         "seed": arguments.seed,
         "periods_watched": survey.lot.run_periods(),
-        "one_tone": of_name("one tone"),
-        "two_tones": of_name("tones"),
-        "band_middle": of_name("middle of the band"),
+        "one_tone": view.object(&named[0]),
+        "two_tones": view.object(two),
+        "band_middle": named.get(2).map(|middle| view.object(middle)),
         "over_k": {
             "one_tone": over_k(0),
-            "two_tones": number_of_two.map(over_k),
+            "two_tones": over_k(survey.best_wave()),
         },
     });
     let count = survey.k.len();
@@ -340,25 +324,22 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
         .map(|(n, shares)| (survey.waves[n / count], survey.k[n % count], *shares))
         .collect();
     let csv = map_point().table_of(&points);
-    let report = report.notes(unlocked).notes(second).notes(third);
+    let report = report.notes(unlocked).notes([second, third]);
     Ok(report.json(&json)?.csv_of(csv))
 }
 
 fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
-    let low = survey.k.first().copied().unwrap_or(0.0);
-    let high = survey.k.last().copied().unwrap_or(1.0);
+    let (low, high) = (survey.k[0], survey.k[survey.k.len() - 1]);
     let share = Axis::new("share of time in gear", "", 0.0, 1.0);
+    let two = &survey.two_tones;
+    let [e, th] = numbers([two.wave.second().amplitude, two.wave.second().angle], 4);
+    let best = [&survey.one_tone, two].map(|at| (at.k, at.shares.mean()));
+    let best_over_k = survey.over_k(survey.best_wave()).collect();
     let mut over = Panel::new(Axis::new("k", "", low, high), share)
         .heading("Over the amplitude, k = g cos α / (b ω²)")
-        .line("one tone", 0, survey.over_k(0).collect());
-    if let Some(two) = &survey.two_tones
-        && let Some(number) = survey.waves.iter().position(|wave| *wave == two.wave)
-    {
-        let best = [&survey.one_tone, two].map(|at| (at.k, at.shares.mean()));
-        over = over
-            .line(&label(&two.wave), 1, survey.over_k(number).collect())
-            .markers("best points, fresh runs", 2, best.to_vec());
-    }
+        .line("one tone", 0, survey.over_k(0).collect())
+        .line(&format!("e = {e}, th = {th}"), 1, best_over_k)
+        .markers("best points, fresh runs", 2, best.to_vec());
     if let Some(middle) = &survey.band_middle {
         over = over.mark(middle.k, "middle of the band");
     }
@@ -386,12 +367,6 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         picture = picture.panel(best);
     }
     picture
-}
-
-fn label(wave: &Wave) -> String {
-    let second = wave.second();
-    let [e, th] = numbers([second.amplitude, second.angle], 4);
-    format!("e = {e}, th = {th}")
 }
 
 #[cfg(test)]

@@ -9,9 +9,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
-use kband::impact::{
-    ContactTime, Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap,
-};
+use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
 use rows::{LaunchFile, Row, check_rows, compute_rows};
 
 use crate::arguments::{
@@ -23,8 +21,7 @@ use crate::file;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
-use crate::report::rows_file::row_bytes;
-use crate::report::{self, Column, Format, Rows, Value, number, print_rows, when};
+use crate::report::{Column, Format, Rows, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -115,13 +112,28 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         output: &output,
     };
     let contact = arguments.contact.time(arguments.amplitude.hertz())?;
-    let states = if !contact.is_instant() {
-        with_contact(&task, tones, contact)?
-    } else if one {
-        on_one_tone(&task)?
-    } else {
-        on_tones(&task, tones)?
+    let arithmetic = arguments.arithmetic;
+    let held = |Row { kernel, state }: &Row<WaveMap>| {
+        let (k, restitution) = (kernel.k(), kernel.restitution());
+        contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
     };
+    let states = match (arithmetic, contact.is_instant()) {
+        (Arithmetic::F64, false) => task.compute(build_on(tones), held),
+        (_, false) => Err(arithmetic.refuse(
+            "f64 with --contact",
+            "leave out --arithmetic, or leave out --contact",
+        )),
+        (Arithmetic::F64, true) if one => task.compute(Map::build, impact),
+        (Arithmetic::F32, true) if one => task.compute(Single::build, impact),
+        (Arithmetic::Integer, true) if one => task.compute(Integer::build, impact),
+        (Arithmetic::F64, true) => task.compute(build_on::<WaveMap>(tones), impact),
+        (Arithmetic::F32, true) => task.compute(build_on::<Single>(tones), impact),
+        (Arithmetic::Integer, true) => Err(arithmetic.refuse(
+            "f64 or f32 with --second-tone or --third-tone",
+            "choose one of them, or leave out the tones",
+        )),
+    };
+    let states = states?;
     output.draw(|| portrait(arguments, &drive_text, states))
 }
 
@@ -131,39 +143,8 @@ struct Task<'a> {
     output: &'a Output,
 }
 
-fn on_one_tone(task: &Task) -> Result<States> {
-    match task.arguments.arithmetic {
-        Arithmetic::F64 => task.compute(Map::build, impact),
-        Arithmetic::F32 => task.compute(Single::build, impact),
-        Arithmetic::Integer => task.compute(Integer::build, impact),
-    }
-}
-
-fn on_tones(task: &Task, tones: [Tone; 2]) -> Result<States> {
-    match task.arguments.arithmetic {
-        Arithmetic::F64 => task.compute(build_on::<WaveMap>(tones), impact),
-        Arithmetic::F32 => task.compute(build_on::<Single>(tones), impact),
-        other => Err(other.refuse(
-            "f64 or f32 with --second-tone or --third-tone",
-            "choose one of them, or leave out the tones",
-        )),
-    }
-}
-
 fn build_on<K: WaveKernel>(tones: [Tone; 2]) -> impl Fn(f64, f64) -> Result<K, OutOfRange> {
     move |k, restitution| K::on_tones(tones, k, restitution)
-}
-
-fn with_contact(task: &Task, tones: [Tone; 2], contact: ContactTime) -> Result<States> {
-    let arithmetic = task.arguments.arithmetic;
-    if arithmetic != Arithmetic::F64 {
-        let next = "leave out --arithmetic, or leave out --contact";
-        return Err(arithmetic.refuse("f64 with --contact", next));
-    }
-    task.compute(build_on::<WaveMap>(tones), |Row { kernel, state }| {
-        let (k, restitution) = (kernel.k(), kernel.restitution());
-        contact.hold(restitution, kernel.impact(*state), k, Some(kernel.wave()))
-    })
 }
 
 fn impact<K: Kernel>(row: &Row<K>) -> Impact<K::State> {
@@ -254,8 +235,6 @@ impl Task<'_> {
             print_rows(self.arguments.format, &columns, |printed| {
                 let mut sink = Sink {
                     task: self,
-                    columns: &columns,
-                    rows,
                     printed: Some(printed),
                     file,
                     states: self.output.draws().then(States::default),
@@ -271,8 +250,6 @@ impl Task<'_> {
 
 struct Sink<'a, 'p, 'f> {
     task: &'a Task<'a>,
-    columns: &'a [Column],
-    rows: u64,
     /// `None` after the reader has closed the pipe.
     printed: Option<&'p mut (dyn Rows + 'p)>,
     file: Option<&'f mut (dyn Rows + 'f)>,
@@ -301,27 +278,11 @@ impl Sink<'_, '_, '_> {
             states.add((next.phase, next.velocity));
         }
         self.count += 1;
-        if self.count == 1 {
-            self.state_sizes(row);
-        }
         if self.count.is_multiple_of(ROWS_AT_ONCE) {
             self.task.desk.check_stop()?;
             self.progress.advance(ROWS_AT_ONCE);
         }
         Ok(())
-    }
-
-    /// States the size of all rows, by the first one, if it is large.
-    fn state_sizes(&self, row: &[Value]) {
-        let form = match self.task.arguments.format {
-            Format::Json => "json",
-            Format::Csv | Format::Table => "csv",
-        };
-        let bytes = |ending: &str| row_bytes(ending, self.columns, row) * self.rows;
-        report::state_size("standard output", bytes(form));
-        if let Some(target) = self.task.output.rows_target() {
-            report::state_size(target.path().display(), bytes(&target.ending()));
-        }
     }
 }
 

@@ -10,16 +10,17 @@ mod lock;
 use std::path::PathBuf;
 
 use engine::{Check, Row};
+use kband::regime::band;
+use serde_json::Value as Json;
 
 use crate::arguments::{self, FormatArguments};
 use crate::desk::Desk;
 use crate::file::Destination;
-use crate::page::escaped;
-use crate::picture::Theme;
-use crate::provenance;
+use crate::page::{self, Page, escaped};
+use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, fields, number, when};
-use crate::verbs::map::transport;
+use crate::report::{Printout, fields, number};
+use crate::verbs::map::{diagram, transport};
 
 /// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
 /// recomputed, verdict.
@@ -56,13 +57,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         target.ends_in("--out", &["html", "htm"])?;
     }
     let rows = recompute(desk)?;
-    let failed = rows.iter().filter(|row| !row.holds);
+    let failed = rows.iter().filter(|row| !row.holds());
     let failed = failed.map(|row| format!("{} {}", row.equation, row.subject));
     let failed: Vec<String> = failed.collect();
     report(&rows).print(arguments.printed.format)?;
     if let Some(target) = target {
         let page = page(&rows, arguments.restitution, arguments.theme, desk)?;
-        target.write_bytes(page.as_bytes())?;
+        target.write_bytes(page.to_html().as_bytes())?;
         eprintln!("{}", target.describe_write());
     }
     if failed.is_empty() {
@@ -87,8 +88,13 @@ fn summarize(rows: &[Row]) -> String {
     let count = |verdict: &str| rows.iter().filter(|row| row.verdict == verdict).count();
     let verdicts = ["agrees", "corrected", "refuted", "own finding"];
     let ([agree, corrected, refuted, own], all) = (verdicts.map(count), rows.len());
+    let end = match rows.iter().filter(|row| !row.holds()).count() {
+        0 => "every recomputation agrees with its reference".into(),
+        failed => format!("{failed} recomputations DISAGREE with their reference"),
+    };
+    let cases: u64 = rows.iter().map(|row| row.evidence.cases).sum();
     format!(
-        "{all} rows: {agree} agree, {corrected} corrected, {refuted} refuted, {own} findings of our own"
+        "{all} rows: {agree} agree, {corrected} corrected, {refuted} refuted, {own} findings of our own; {cases} cases; {end}"
     )
 }
 
@@ -99,41 +105,29 @@ fields! {
         all PRINTED => row.printed.clone();
         all RECOMPUTED => row.recomputed.clone();
         all VERDICT => row.verdict.clone();
-        all RESIDUAL.digits(2) => row.residual;
+        all RESIDUAL.digits(2) => row.evidence.residual;
         all TOLERANCE.digits(2) => row.tolerance;
-        all PRINTED_ERROR.digits(2) => row.printed_error;
-        all CASES => row.cases;
-        all HOLDS => row.holds;
+        all PRINTED_ERROR.digits(2) => row.evidence.printed_error;
+        all CASES => row.evidence.cases;
+        all HOLDS => row.holds();
     }
 }
 
+const PAPER: &str = "M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)";
+
 fn report(rows: &[Row]) -> Printout {
-    let end = match rows.iter().filter(|row| !row.holds).count() {
-        0 => "every recomputation agrees with its reference".into(),
-        failed => format!("{failed} recomputations DISAGREE with their reference"),
-    };
-    let cases: u64 = rows.iter().map(|row| row.cases).sum();
-    lines()
-        .printout(rows)
-        .heading("M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)")
-        .note(format!("{}; {cases} cases; {end}", summarize(rows)))
+    let report = lines().printout(rows).heading(PAPER);
+    report.note(summarize(rows))
 }
 
-const STYLE: &str = "
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
-body.dark { background: #14181d; color: #ececec; }
-table { border-collapse: collapse; width: 100%; font-size: 13px; }
-th, td { text-align: left; vertical-align: top; padding: 4px 8px; border-bottom: 1px solid #8886; }
-td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-td.verdict { white-space: nowrap; font-weight: 600; }
-tr.fails td { background: #b03a00; color: #fff; }
-figure { margin: 2em 0; } figure svg { max-width: 100%; height: auto; }
-figcaption { font-size: 14px; }
-";
+/// Script of the page, whose pictures are drawn already: it only names the colour switch.
+const SCRIPT: &str = "coloured();\ndocument.documentElement.dataset.ready = \"\";\n";
 
-fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<String> {
+fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Page> {
     let r = number(restitution, 4);
     let conveying = |options: &str| transport::picture(options, desk);
+    let highest = number(1.1 * band::birth(restitution, 1)?, 4);
+    let over_k = format!("--restitution {r} --k 0.05..{highest} --starts rest,down");
     let pictures = [
         (
             figures::model(restitution)?,
@@ -145,7 +139,7 @@ fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Str
             "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.",
         ),
         (
-            figures::regimes(restitution, desk)?,
+            diagram::picture(&over_k, desk)?,
             &format!(
                 "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
                  rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
@@ -162,64 +156,32 @@ fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Str
              impact mean.",
         ),
     ];
-    let dark = when(theme == Theme::Dark, || " class=\"dark\"");
-    let mut page = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width\">\
-         <meta name=\"provenance\" content=\"{}\">\
-         <title>The paper, recomputed</title><style>{STYLE}</style></head><body{dark}>\n\
-         <h1>The paper, recomputed</h1>\n<p>M.-O. Hongler, J. Figour, <em>Periodic versus chaotic dynamics in \
-         vibratory feeders</em>, Helv. Phys. Acta (1989). Each row is recomputed from the exact map and compared \
-         with a reference of its own; the residual is the largest deviation over all cases.</p>\n\
-         <p><strong>{}. {}</strong></p>\n{}",
-        escaped(&provenance::line()),
-        summarize(rows),
-        match rows.iter().filter(|row| !row.holds).count() {
-            0 => "Every recomputation agrees with its reference.".into(),
-            failed => format!("{failed} recomputations disagree with their reference."),
-        },
-        table(rows),
-    );
-    for (n, (picture, caption)) in pictures.iter().enumerate() {
-        page.push_str(&format!(
-            "<figure>\n{}\n<figcaption>{}</figcaption></figure>\n",
-            picture.to_svg_element(theme, &format!("p{n}")),
-            escaped(caption)
-        ));
-    }
-    page.push_str("</body></html>\n");
-    Ok(page)
+    let figure = |(n, (picture, caption)): (usize, &(Picture, &str))| {
+        let svg = picture.to_svg(theme.into(), "", &format!("p{n}"));
+        let caption = format!("<figcaption>{}</figcaption>", escaped(caption));
+        format!("<figure><div class=\"wide\">\n{svg}</div>\n{caption}</figure>\n")
+    };
+    let figures: String = pictures.iter().enumerate().map(figure).collect();
+    let text = [
+        format!(
+            "{PAPER}. Each row is recomputed from the exact map and compared with a reference of its own; the residual is \
+             the largest deviation over all cases."
+        ),
+        format!("{}.", summarize(rows)),
+    ];
+    Ok(Page::new("The paper, recomputed", Json::Null, SCRIPT)
+        .section(
+            "Equations, numbers and claims",
+            &(page::paragraphs(&text) + &table(rows)),
+        )
+        .section("Figures", &figures))
 }
 
 fn table(rows: &[Row]) -> String {
-    let mut table = String::from(
-        "<table><thead><tr><th>equation</th><th>subject</th><th>printed</th><th>recomputed</th>\
-         <th>verdict</th><th>residual</th><th>allowed</th><th>printed is off by</th><th>cases</th></tr></thead>\
-         <tbody>\n",
-    );
-    for row in rows {
-        let (begin, verdict) = if row.holds {
-            ("<tr>", row.verdict.as_str())
-        } else {
-            ("<tr class=\"fails\">", "recomputation fails")
-        };
-        table.push_str(begin);
-        for word in [&row.equation, &row.subject, &row.printed, &row.recomputed] {
-            table.push_str(&format!("<td>{}</td>", escaped(word)));
-        }
-        table.push_str(&format!("<td class=\"verdict\">{verdict}</td>"));
-        let off = row.printed_error.map(|off| number(off, 2));
-        for value in [
-            number(row.residual, 2),
-            number(row.tolerance, 2),
-            off.unwrap_or_default(),
-            row.cases.to_string(),
-        ] {
-            table.push_str(&format!("<td class=\"number\">{value}</td>"));
-        }
-        table.push_str("</tr>\n");
-    }
-    table + "</tbody></table>\n"
+    let mut heads = lines().cells(rows);
+    let body = heads.split_off(1);
+    let heads = heads.iter().flatten().map(String::as_str);
+    page::table(&heads.collect::<Vec<_>>(), &body)
 }
 
 #[cfg(test)]
@@ -258,15 +220,16 @@ mod tests {
     #[test]
     fn every_row_holds_and_shows_its_evidence() {
         for row in rows() {
-            assert!(row.holds, "{row:?}");
-            assert!(row.cases > 0 && !row.recomputed.is_empty(), "{row:?}");
+            let evidence = &row.evidence;
+            assert!(row.holds(), "{row:?}");
+            assert!(evidence.cases > 0 && !row.recomputed.is_empty(), "{row:?}");
             for n in 1..=9 {
                 let open = format!("{{{n}}}");
                 assert!(!row.printed.contains(&open) && !row.recomputed.contains(&open));
             }
-            match (row.verdict.as_str(), row.printed_error) {
+            match (row.verdict.as_str(), evidence.printed_error) {
                 // The recomputed form is the printed form.
-                ("agrees", off) => assert_eq!(off, Some(row.residual), "{row:?}"),
+                ("agrees", off) => assert_eq!(off, Some(evidence.residual), "{row:?}"),
                 // The printed form of a corrected row fails its check.
                 (_, Some(off)) => assert!(off > 10.0 * row.tolerance, "{row:?}"),
                 (_, None) => assert!(!row.equation.starts_with('('), "{row:?}"),
@@ -283,8 +246,8 @@ mod tests {
         let bounded = ["(5)", "(12a,b)", "(18)", "finding lead"];
         let checks = [flight::CHECKS, lock::CHECKS].concat();
         let off = engine::recompute(&checks, 1e-3, &Desk::new(Some(2)).unwrap()).unwrap();
-        let exact = |row: &&Row| row.cases > 0 && row.tolerance < 1e-3;
-        let failed = off.iter().filter(exact).filter(|row| !row.holds).count();
+        let exact = |row: &&Row| row.evidence.cases > 0 && row.tolerance < 1e-3;
+        let failed = off.iter().filter(exact).filter(|row| !row.holds()).count();
         assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());
     }
 
@@ -293,11 +256,13 @@ mod tests {
         let rows = rows();
         let text = table(rows);
         assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
-        assert!(!text.contains("class=\"fails\""));
+        let fails = "<td>no</td>";
+        assert!(!text.contains(fails));
         let mut broken = rows[0].clone();
-        broken.holds = false;
-        assert!(table(&[broken]).contains("class=\"fails\""));
+        broken.evidence.residual = f64::NAN;
+        assert!(table(&[broken]).contains(fails));
         let page = page(rows, 0.2, Theme::Light, &Desk::new(Some(2)).unwrap()).unwrap();
+        let page = page.to_html();
         assert!(!page.contains("href=\"http"));
         let after = |mark| {
             let rests = page.split(mark).skip(1);
@@ -307,6 +272,7 @@ mod tests {
         let unique: std::collections::BTreeSet<&str> = ids.iter().copied().collect();
         assert!(ids.len() >= 7, "{ids:?}");
         assert_eq!(ids.len(), unique.len(), "an id stands twice: {ids:?}");
-        assert!(after("url(#").all(|id| unique.contains(id)));
+        let mut own = after("url(#").filter(|id| id.starts_with('p'));
+        assert!(own.all(|id| unique.contains(id)));
     }
 }

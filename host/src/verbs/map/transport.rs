@@ -92,6 +92,18 @@ pub struct Arguments {
     output: OutputArguments,
 }
 
+impl Arguments {
+    fn track_settings(&self) -> TrackSettings {
+        TrackSettings {
+            frequency: self.drive.frequency,
+            incline: self.drive.incline,
+            amplitude_ratio: self.amplitude_ratio,
+            phase_lead: self.phase_lead,
+            gravity: STANDARD_GRAVITY,
+        }
+    }
+}
+
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let (report, picture) = compute(arguments, desk)?;
@@ -131,13 +143,7 @@ struct Feeder<'a> {
 
 impl<'a> Feeder<'a> {
     fn build(arguments: &'a Arguments) -> Result<Self> {
-        let track = Track::build(TrackSettings {
-            frequency: arguments.drive.frequency,
-            incline: arguments.drive.incline,
-            amplitude_ratio: arguments.amplitude_ratio,
-            phase_lead: arguments.phase_lead,
-            gravity: STANDARD_GRAVITY,
-        })?;
+        let track = Track::build(arguments.track_settings())?;
         Ok(Self {
             arguments,
             contact: arguments.contact.time(arguments.drive.frequency)?,

@@ -4,6 +4,7 @@ use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::Wave;
 use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
 use kband::transport::locked;
+use kband_scene::restitutions;
 
 use super::{
     AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along, amplitudes, describe_lot,
@@ -25,36 +26,20 @@ struct Row {
     from_rest: Option<([f64; 2], f64)>,
 }
 
-pub(super) fn report_of(
-    arguments: &Arguments,
-    wave: &Wave,
-    track: &Track,
-    desk: &Desk,
-) -> Result<Printout> {
-    let rows = desk.try_map("bands", arguments.orders, |n| {
-        rows(wave, arguments.restitution, n as u32 + 1)
-    })?;
-    let rows: Vec<Row> = rows.into_iter().flatten().collect();
-    Ok(report(arguments, wave, track, &rows))
-}
-
+/// One row for each band of an order, or one without a band.
 fn rows(wave: &Wave, lot: Restitution, order: u32) -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
-    for band in WaveBands::common(wave, lot, order)?.iter() {
-        rows.push(Row {
+    let bands = WaveBands::common(wave, lot, order)?;
+    let mut bands: Vec<Option<WaveBand>> = bands.iter().map(Some).collect();
+    bands.resize(bands.len().max(1), None);
+    let row = |band: Option<WaveBand>| {
+        let from_rest = band.map(|band| from_rest(wave, lot, order, &band));
+        Ok(Row {
             order,
-            band: Some(band),
-            from_rest: from_rest(wave, lot, order, &band)?,
-        });
-    }
-    if rows.is_empty() {
-        rows.push(Row {
-            order,
-            band: None,
-            from_rest: None,
-        });
-    }
-    Ok(rows)
+            band,
+            from_rest: from_rest.transpose()?.flatten(),
+        })
+    };
+    bands.into_iter().map(row).collect()
 }
 
 fn from_rest(
@@ -63,24 +48,20 @@ fn from_rest(
     order: u32,
     band: &WaveBand,
 ) -> Result<Option<([f64; 2], f64)>> {
-    let parts = if lot.low() == lot.high() { 1 } else { PARTS };
+    let parts = restitutions(lot, PARTS);
+    let locks = |k: f64, restitution: f64| -> Result<bool> {
+        let lock = WaveLock::find_attracting(wave, k, restitution, order)?;
+        Ok(lock.is_some_and(|lock| lock.is_reached_from_rest(MAX_IMPACTS_TO_LOCK)))
+    };
     let mut reached: Vec<f64> = Vec::new();
     for n in 0..K_SAMPLES {
         let share = (f64::from(n) + 0.5) / f64::from(K_SAMPLES);
         let k = band.low.k + (band.high.k - band.low.k) * share;
         let mut all = true;
-        for part in 0..parts {
-            let along = f64::from(part) / f64::from((parts - 1).max(1));
-            let restitution = lot.low() + (lot.high() - lot.low()) * along;
-            all &= WaveLock::find_attracting(wave, k, restitution, order)?
-                .is_some_and(|lock| lock.is_reached_from_rest(MAX_IMPACTS_TO_LOCK));
-            if !all {
-                break;
-            }
+        for &restitution in &parts {
+            all = all && locks(k, restitution)?;
         }
-        if all {
-            reached.push(k);
-        }
+        reached.extend(all.then_some(k));
     }
     let ends = reached.first().zip(reached.last());
     Ok(ends.map(|(low, high)| ([*low, *high], reached.len() as f64 / f64::from(K_SAMPLES))))
@@ -155,7 +136,7 @@ fields! {
         all B.digits(4) => row.setpoint().map(|k| millimetres(feeder.track, k));
         data B_AT_K1 => row.map_band(|band| millimetres(feeder.track, band.high.k));
         data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
-        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, band.high.k, band.low.k)).unwrap_or("-".into());
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, [band.low.k, band.high.k])).unwrap_or("-".into());
         all THROW.digits(4) => row.setpoint().map(throw_number);
         all PEAK.digits(4) => row.setpoint().map(|k| {
             feeder.track.acceleration(feeder.track.amplitude(k)) * feeder.wave.peak_acceleration()
@@ -169,7 +150,16 @@ fields! {
     }
 }
 
-fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Printout {
+pub(super) fn report(
+    arguments: &Arguments,
+    wave: &Wave,
+    track: &Track,
+    desk: &Desk,
+) -> Result<Printout> {
+    let rows = desk.try_map("bands", arguments.orders, |n| {
+        rows(wave, arguments.restitution, n as u32 + 1)
+    })?;
+    let rows: Vec<Row> = rows.into_iter().flatten().collect();
     let feeder = Feeder {
         lot: arguments.restitution,
         track,
@@ -178,8 +168,8 @@ fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Pr
     let (second, third) = (wave.second(), wave.third());
     let text = || format!(", e3 = {}, th3 = {}", third.amplitude, third.angle);
     let third = when(third.amplitude > 0.0, text);
-    tone_view(&feeder)
-        .printout(rows)
+    Ok(tone_view(&feeder)
+        .printout(&rows)
         .folded()
         .heading(format!(
             "{}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
@@ -189,5 +179,5 @@ fn report(arguments: &Arguments, wave: &Wave, track: &Track, rows: &[Row]) -> Pr
         .note(format!(
             "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
              {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}; of a lot from its liveliest part to its dullest)."
-        ))
+        )))
 }

@@ -98,12 +98,13 @@ pub(super) fn follow(
     starts: &[ColumnStart],
     desk: &Desk,
 ) -> Result<Vec<Branch>> {
-    let columns = tracks.len();
-    let mut tasks: Vec<(ColumnStart, usize)> = Vec::new();
-    for start in starts {
+    let columns = 0..tracks.len();
+    let mut tasks: Vec<(ColumnStart, Vec<usize>)> = Vec::new();
+    for &start in starts {
         match start {
-            ColumnStart::Rest => tasks.extend((0..columns).map(|column| (*start, column))),
-            ColumnStart::Up | ColumnStart::Down => tasks.push((*start, 0)),
+            ColumnStart::Rest => tasks.extend(columns.clone().map(|column| (start, vec![column]))),
+            ColumnStart::Up => tasks.push((start, columns.clone().collect())),
+            ColumnStart::Down => tasks.push((start, columns.clone().rev().collect())),
         }
     }
     // Threads take tasks from both ends of the list, where the long tasks are.
@@ -113,35 +114,27 @@ pub(super) fn follow(
         ColumnStart::Down => 2,
     });
     let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_> {
-        let (start, column) = tasks[task];
-        let mut order: Vec<usize> = (0..columns).collect();
-        match start {
-            ColumnStart::Rest => order = vec![column],
-            ColumnStart::Up => {}
-            ColumnStart::Down => order.reverse(),
-        }
-        let mut simulated = Vec::with_capacity(order.len());
+        let (start, order) = &tasks[task];
         let mut state = None;
-        for column in &order {
+        let simulate = |&column: &usize| {
             desk.check_stop()?;
-            let stream = (*column as u64) << 2 | start as u64;
-            let track = tracks[*column];
-            simulated.push(simulate_column(
-                arguments, track, contact, stream, &mut state,
-            )?);
-        }
-        if start == ColumnStart::Down {
+            let stream = (column as u64) << 2 | *start as u64;
+            simulate_column(arguments, tracks[column], contact, stream, &mut state)
+        };
+        let simulated = order.iter().map(simulate);
+        let mut simulated = simulated.collect::<Result<Vec<Column>>>()?;
+        if *start == ColumnStart::Down {
             simulated.reverse();
         }
-        Ok(simulated)
+        Ok((*start, simulated))
     })?;
     let none = |start: &ColumnStart| Branch {
         start: *start,
         columns: Vec::new(),
     };
     let mut branches: Vec<Branch> = starts.iter().map(none).collect();
-    for ((start, _), columns) in tasks.iter().zip(results) {
-        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == *start) {
+    for (start, columns) in results {
+        if let Some(branch) = branches.iter_mut().find(|branch| branch.start == start) {
             branch.columns.extend(columns);
         }
     }

@@ -1,7 +1,6 @@
 //! Map of regimes over k and restitution.
 
 use kband::feeder::OutOfRange;
-use kband::impact::ContactTime;
 use kband::regime::band::{birth, flip};
 use kband::regime::classify::Regime;
 
@@ -45,7 +44,8 @@ const STARTS: [(&str, &str); 2] = [
 ];
 
 impl Map {
-    pub fn compute(arguments: &Arguments, contact: ContactTime, desk: &Desk) -> Result<Self> {
+    pub fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self> {
+        let contact = arguments.contact.time(arguments.amplitude.hertz())?;
         let (k, restitution) = ranges(arguments)?;
         let of_row = |restitution| k.values().map(move |k| (k, restitution));
         let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();

@@ -11,10 +11,11 @@ use kband::regime::gear::{Share, shares_from_rest};
 use kband_scene::restitutions;
 
 use crate::desk::Desk;
-use crate::refusal::{Refusal, Result};
+use crate::refusal::Result;
 
+/// Parts whose restitution scatters, and their runs.
 #[derive(Clone, Copy)]
-pub(in crate::verbs) struct LotSettings {
+pub(in crate::verbs) struct Lot {
     pub restitution: Restitution,
     /// Number of parts of the lot, including both ends.
     pub parts: usize,
@@ -26,12 +27,8 @@ pub(in crate::verbs) struct LotSettings {
     pub contact: ContactTime,
 }
 
-pub(in crate::verbs) struct Lot {
-    settings: LotSettings,
-    pub(super) restitutions: Vec<f64>,
-}
-
 /// Stages of the search, each with fresh runs: the whole map, its best points, the named points.
+/// Each has four times as many runs of a point as the one before.
 #[derive(Clone, Copy)]
 enum Stage {
     Map,
@@ -42,11 +39,7 @@ enum Stage {
 impl Stage {
     /// Number of runs for each point of the map.
     fn effort(self) -> usize {
-        match self {
-            Self::Map => 1,
-            Self::Choice => 4,
-            Self::Verdict => 16,
-        }
+        4_usize.pow(self as u32)
     }
 }
 
@@ -80,7 +73,7 @@ pub(super) struct Survey {
     /// Mean and smallest share of the parts for each wave at each k, wave by wave.
     pub map: Vec<[f64; 2]>,
     pub one_tone: Point,
-    pub two_tones: Option<Point>,
+    pub two_tones: Point,
     pub band_middle: Option<Point>,
 }
 
@@ -88,35 +81,27 @@ pub(super) struct Survey {
 const REFINED_POINTS: usize = 16;
 
 impl Lot {
-    pub fn build(settings: LotSettings) -> Result<Self> {
-        let restitutions = restitutions(settings.restitution, settings.parts);
-        for &restitution in &restitutions {
-            Scatter::build(restitution, settings.scatter, 0)?;
-        }
-        Ok(Self {
-            settings,
-            restitutions,
-        })
+    pub(super) fn restitutions(&self) -> Vec<f64> {
+        restitutions(self.restitution, self.parts)
     }
 
     /// Simulates every part at one point. The seed depends only on part, run and stage (common
     /// random numbers), to compare points.
     fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares> {
-        let settings = &self.settings;
-        let runs = settings.runs * stage.effort();
-        let mut scatters = Vec::with_capacity(runs * self.restitutions.len());
-        for (part, &restitution) in self.restitutions.iter().enumerate() {
+        let restitutions = self.restitutions();
+        let runs = self.runs * stage.effort();
+        let mut scatters = Vec::with_capacity(runs * restitutions.len());
+        for (part, &restitution) in restitutions.iter().enumerate() {
             for run in 0..runs {
                 let number = (stage as u64) << 48 | (part as u64) << 32 | run as u64;
-                let seed = settings.seed.rotate_left(20) ^ number;
-                scatters.push(Scatter::build(restitution, settings.scatter, seed)?);
+                let seed = self.seed.rotate_left(20) ^ number;
+                scatters.push(Scatter::build(restitution, self.scatter, seed)?);
             }
         }
-        let map = WaveMap::on(*wave, k, self.restitutions[0])?;
-        let mut shares = vec![Share::default(); self.restitutions.len()];
-        let (contact, order, periods) = (settings.contact, settings.order, settings.periods);
+        let map = WaveMap::on(*wave, k, restitutions[0])?;
+        let mut shares = vec![Share::default(); restitutions.len()];
         let add = |n: usize, share: Share| shares[n / runs] = shares[n / runs].plus(&share);
-        shares_from_rest(&map, contact, &scatters, order, periods, add)?;
+        shares_from_rest(&map, self.contact, &scatters, self.order, self.periods, add)?;
         Ok(Shares(shares))
     }
 
@@ -127,14 +112,12 @@ impl Lot {
 
     /// Simulated drive periods of each part at a named point.
     pub(super) fn run_periods(&self) -> f64 {
-        0.75 * self.settings.periods * (self.settings.runs * Stage::Verdict.effort()) as f64
+        0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
     }
 
     /// k in the middle of the lot's band; `None` without a band.
     fn middle_of_band(&self) -> Result<Option<f64>> {
-        let settings = &self.settings;
-        let (lot, order, contact) = (settings.restitution, settings.order, settings.contact);
-        match Band::common_with_contact(lot, order, contact) {
+        match Band::common_with_contact(self.restitution, self.order, self.contact) {
             Ok(band) => Ok(Some(band.setpoint())),
             Err(BandError::Empty(_)) => Ok(None),
             Err(BandError::OutOfRange(refusal)) => Err(refusal.into()),
@@ -143,8 +126,8 @@ impl Lot {
 }
 
 impl Survey {
-    /// The map over `k` and `waves`. On one tone the named point is at `planned`, the controller's
-    /// setpoint, if the map contains it.
+    /// The map over `k` and `waves`; the sine is the first of at least two. On one tone the named
+    /// point is at `planned`, the controller's setpoint, if the map contains it.
     pub fn run(
         lot: Lot,
         k: &[f64],
@@ -157,32 +140,30 @@ impl Survey {
             let (wave, k) = place(n);
             lot.at(wave, k)
         })?;
-        let verdict = |wave: Wave, k: f64| -> Result<Point> {
-            let shares = lot.simulate(&wave, k, Stage::Verdict)?;
+        let verdict = |wave: &Wave, k: f64| -> Result<Point> {
+            let shares = lot.simulate(wave, k, Stage::Verdict)?;
+            let wave = *wave;
             Ok(Point { wave, k, shares })
         };
-        let named = |from: usize, to: usize| -> Result<Option<Point>> {
-            let mut order: Vec<usize> = (from..to).collect();
-            order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]).then(a.cmp(&b)));
+        let best = |points: std::ops::Range<usize>| {
+            let mut order: Vec<usize> = points.collect();
+            order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]));
             order.truncate(REFINED_POINTS);
             let repeated = desk.try_map("best points", order.len(), |n| {
                 let (wave, k) = place(order[n]);
                 Ok(lot.simulate(wave, k, Stage::Choice)?.mean())
             })?;
-            let best = (0..order.len())
-                .max_by(|&a, &b| repeated[a].total_cmp(&repeated[b]).then(b.cmp(&a)));
-            let Some(best) = best else { return Ok(None) };
+            let worse_first = |a: &usize, b: &usize| repeated[*a].total_cmp(&repeated[*b]);
+            let best = (0..order.len()).rev().max_by(worse_first).unwrap_or(0);
             let (wave, k) = place(order[best]);
-            verdict(*wave, k).map(Some)
+            verdict(wave, k)
         };
-        let on_sine = |k| verdict(Wave::sine(), k);
-        let (low, high) = (k.first(), k.last());
+        let on_sine = |k| verdict(&Wave::sine(), k);
         let one_tone = match planned {
-            Some(planned) if low <= Some(&planned) && Some(&planned) <= high => on_sine(planned)?,
-            _ => named(0, k.len())?
-                .ok_or_else(|| Refusal::new("no k was given", "give --k LO..HI"))?,
+            Some(planned) if k[0] <= planned && planned <= k[k.len() - 1] => on_sine(planned)?,
+            _ => best(0..k.len())?,
         };
-        let two_tones = named(k.len(), waves.len() * k.len())?;
+        let two_tones = best(k.len()..waves.len() * k.len())?;
         let band_middle = lot.middle_of_band()?.map(on_sine).transpose()?;
         Ok(Self {
             lot,
@@ -193,6 +174,12 @@ impl Survey {
             two_tones,
             band_middle,
         })
+    }
+
+    /// Number of the wave of the point on two tones.
+    pub fn best_wave(&self) -> usize {
+        let is_best = |wave: &Wave| *wave == self.two_tones.wave;
+        self.waves.iter().position(is_best).unwrap_or(0)
     }
 
     pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
@@ -211,35 +198,28 @@ mod tests {
     use super::*;
     use kband::impact::Tone;
 
-    fn lot(low: f64, high: f64, scatter: f64) -> LotSettings {
-        LotSettings {
-            restitution: Restitution::interval(low, high).unwrap(),
+    #[test]
+    fn a_second_tone_holds_parts_that_one_tone_loses() {
+        let desk = Desk::new(Some(2)).unwrap();
+        let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
+        let lot = Lot {
+            restitution: Restitution::interval(0.3, 0.3).unwrap(),
             parts: 2,
-            scatter,
+            scatter: 0.05,
             order: 1,
             runs: 2,
             periods: 400.0,
             seed: 1,
             contact: ContactTime::INSTANT,
-        }
-    }
-
-    fn waves() -> [Wave; 2] {
+        };
         let second = Tone::new(0.15, 2.356);
-        [Wave::sine(), Wave::build(second, Tone::default()).unwrap()]
-    }
-
-    #[test]
-    fn a_second_tone_holds_parts_that_one_tone_loses() {
-        let desk = Desk::new(Some(2)).unwrap();
-        let k: Vec<f64> = (0..16).map(|n| 0.30 + 0.02 * f64::from(n)).collect();
-        let lot = Lot::build(lot(0.3, 0.3, 0.05)).unwrap();
-        let survey = Survey::run(lot, &k, &waves(), None, &desk).unwrap();
+        let waves = [Wave::sine(), Wave::build(second, Tone::default()).unwrap()];
+        let survey = Survey::run(lot, &k, &waves, None, &desk).unwrap();
         // Reference by an independent program: 0.82 at k = 0.45, and 1.00 with the second tone.
-        let (one, two) = (&survey.one_tone, survey.two_tones.as_ref().unwrap());
+        let (one, two) = (&survey.one_tone, &survey.two_tones);
         assert!((0.40..=0.50).contains(&one.k), "{}", one.k);
         assert!((0.75..0.90).contains(&one.shares.mean()));
-        assert!(two.shares.mean() > 0.995 && two.wave == waves()[1]);
+        assert!(two.shares.mean() > 0.995 && two.wave == waves[1]);
         assert_eq!(survey.map.len(), 32);
         let best = survey.best_over_k(0);
         assert!(survey.over_k(0).all(|(_, share)| share <= best));

@@ -20,10 +20,10 @@ use crate::report::number;
 const TABLE: &str = include_str!("rows.toml");
 
 /// One equation, number or claim, with its numerical evidence.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 pub(super) struct Row {
     /// Number of the equation as printed, or `example`, `claim`, `finding`.
-    #[serde(default)]
+    #[serde(skip)]
     pub equation: String,
     pub subject: String,
     #[serde(default)]
@@ -31,24 +31,25 @@ pub(super) struct Row {
     pub recomputed: String,
     /// `agrees`, `corrected`, `refuted` or `own finding`.
     pub verdict: String,
-    /// Largest deviation of the recomputed form from its reference, over all cases.
-    #[serde(default)]
-    pub residual: f64,
     pub tolerance: f64,
-    /// Largest deviation of the printed form in the same measure, if it can be evaluated.
-    pub printed_error: Option<f64>,
-    #[serde(default)]
-    pub cases: u64,
+    #[serde(skip)]
+    pub evidence: Evidence,
+}
+
+impl Row {
     /// Whether the residual is within the tolerance.
-    #[serde(default)]
-    pub holds: bool,
+    pub fn holds(&self) -> bool {
+        self.evidence.residual <= self.tolerance
+    }
 }
 
 #[derive(Clone, Debug, Default)]
-struct Evidence {
-    residual: f64,
-    printed_error: Option<f64>,
-    cases: u64,
+pub(super) struct Evidence {
+    /// Largest deviation of the recomputed form from its reference, over all cases.
+    pub residual: f64,
+    /// Largest deviation of the printed form in the same measure, if it can be evaluated.
+    pub printed_error: Option<f64>,
+    pub cases: u64,
     values: Vec<String>,
 }
 
@@ -123,22 +124,20 @@ impl Ledger {
 
     /// Completes a row with its evidence; without evidence it fails.
     fn complete(&mut self, key: &str, row: &mut Row) {
-        let evidence = self.evidence.remove(key).unwrap_or(Evidence {
+        row.evidence = self.evidence.remove(key).unwrap_or(Evidence {
             residual: f64::NAN,
             ..Evidence::default()
         });
-        for (value, n) in evidence.values.iter().zip(1..) {
+        for (value, n) in row.evidence.values.iter().zip(1..) {
             let place = format!("{{{n}}}");
             row.printed = row.printed.replace(&place, value);
             row.recomputed = row.recomputed.replace(&place, value);
         }
         row.equation = key.split(' ').next().unwrap_or(key).into();
-        row.residual = evidence.residual;
         // For an agreeing row the recomputed form is the printed form.
-        let agrees = (row.verdict == "agrees").then_some(row.residual);
-        row.printed_error = agrees.or(evidence.printed_error);
-        row.cases = evidence.cases;
-        row.holds = row.residual <= row.tolerance;
+        if row.verdict == "agrees" {
+            row.evidence.printed_error = Some(row.evidence.residual);
+        }
     }
 }
 

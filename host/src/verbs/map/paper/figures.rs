@@ -1,12 +1,11 @@
-//! Figures of the paper, computed from the map: the model, a motion, and the regimes over k.
+//! Figures of the paper, computed from the map: the model and a motion.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
-use kband::impact::{Kernel, Map, Orbit, OrbitEvent, PartState, Tangential, TangentialSettings};
-use kband::regime::{Lock, band};
+use kband::impact::{Kernel, Map, PartState, Tangential, TangentialSettings};
+use kband::regime::band;
 
 use super::lock::lock;
-use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
 use crate::report::number;
@@ -146,77 +145,6 @@ pub(super) fn motion(restitution: f64) -> Result<Picture> {
         ))
         .panel(above)
         .panel(below))
-}
-
-/// Fig. 3: phases of impact over k, with the bands.
-pub(super) fn regimes(restitution: f64, desk: &Desk) -> Result<Picture> {
-    const COLUMNS: usize = 840;
-    let (low, high) = (0.05, 1.1 * band::birth(restitution, 1)?);
-    // Points of parts that hop, and of parts that rest.
-    let columns = desk.try_map("Fig. 3", COLUMNS, |column| -> Result<_> {
-        let k = low + (high - low) * (column as f64 + 0.5) / COLUMNS as f64;
-        let map = Map::build(k, restitution)?;
-        let mut orbits = vec![Orbit::from_rest(&map)];
-        for order in 1..=3 {
-            // Below its band a start near the lock leads to the cascade or the chaos beyond it. The
-            // small distance avoids drawing the unstable orbit itself.
-            orbits.extend(Lock::build(k, restitution, order)?.map(|lock| {
-                let state = lock.state();
-                Orbit::new(&map, PartState::new(state.phase + 1e-3, state.velocity))
-            }));
-        }
-        let mut series = [Vec::new(), Vec::new()];
-        for orbit in orbits {
-            let (rests, phases) = settled(orbit);
-            series[usize::from(rests)].extend(phases.into_iter().map(|phase| (k, phase)));
-        }
-        Ok(series)
-    })?;
-    let phase = Axis::new("phase of impact", "rad", -0.5 * PI, 1.5 * PI).in_pi();
-    let mut panel = Panel::new(Axis::of_k(low, high), phase).height(460.0);
-    for order in 1..=3 {
-        let flip = band::flip(restitution, order)?;
-        let birth = band::birth(restitution, order)?;
-        if flip > low {
-            panel = panel
-                .strip("stable period 1", flip, birth)
-                .caption(0.5 * (flip + birth), format!("r={order}"));
-        }
-    }
-    let points = |n: usize| {
-        let points = columns.iter().flat_map(|series| &series[n]);
-        points.copied().collect()
-    };
-    let hopping = panel
-        .clone()
-        .heading("Parts that hop and never rest")
-        .density("impacts", points(0));
-    let rested = panel
-        .heading("Parts that come to rest: impacts between two rests, chatter left out")
-        .density("impacts", points(1));
-    let r = number(restitution, 4);
-    Ok(Picture::new("Regimes over k (Fig. 3)")
-        .caption(format!("R = {r}, from rest and from the locks r = 1, 2, 3"))
-        .panel(hopping)
-        .panel(rested))
-}
-
-/// Whether the settled orbit rests, and its phases of impact.
-fn settled(mut orbit: Orbit<'_>) -> (bool, Vec<f64>) {
-    orbit.watch(1500, &mut ());
-    let (mut rests, mut phases) = (false, Vec::new());
-    for event in orbit.take(160) {
-        match event {
-            // The last hops of chatter all have the phase of rest.
-            OrbitEvent::Impact(impact) if impact.next.velocity > 1e-3 => {
-                let phase = impact.next.phase;
-                phases.push(if phase > 1.5 * PI { phase - TAU } else { phase });
-            }
-            OrbitEvent::Impact(_) => {}
-            OrbitEvent::Rest { .. } | OrbitEvent::LiftOff { .. } => rests = true,
-        }
-    }
-    (rests, phases)
 }
 
 #[cfg(test)]

@@ -156,29 +156,16 @@ fn above_one(rows: &mut Ledger) -> Result<()> {
     Ok(())
 }
 
+/// k of doublings by a 40-digit continuation, rounded to f64.
+const FLIPS: [&str; 3] = [
+    "0.3930521675861729 0.3660006566864214 0.36027829182640934 0.3590562477372074 0.35879462174647017 0.3587385952157853",
+    "0.6549544650505744 0.5998330086127758 0.5893513363304449 0.5871368213423557 0.5866628757051153 0.5865613640350892",
+    "0.42178481267168056 0.4067847780218912 0.40382187771044555 0.4031859602639487 0.4030495842049985",
+];
+
 /// (19): the cascade and its constant.
 fn cascade(rows: &mut Ledger) -> Result<()> {
-    // Restitution, order, and k of the doublings by a 40-digit continuation, rounded to f64.
-    for (restitution, order, flips) in [
-        (
-            0.2,
-            1,
-            "0.3930521675861729 0.3660006566864214 0.36027829182640934 0.3590562477372074 \
-             0.35879462174647017 0.3587385952157853",
-        ),
-        (
-            0.5,
-            1,
-            "0.6549544650505744 0.5998330086127758 0.5893513363304449 0.5871368213423557 \
-             0.5866628757051153 0.5865613640350892",
-        ),
-        (
-            0.5,
-            2,
-            "0.42178481267168056 0.4067847780218912 0.40382187771044555 0.4031859602639487 \
-             0.4030495842049985",
-        ),
-    ] {
+    for ((restitution, order), flips) in [(0.2, 1), (0.5, 1), (0.5, 2)].into_iter().zip(FLIPS) {
         let flips: Vec<&str> = flips.split(' ').collect();
         let cascade = Cascade::locate(restitution, order, flips.len())?;
         for (n, flip) in flips.iter().enumerate() {

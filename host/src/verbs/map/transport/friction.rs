@@ -8,13 +8,13 @@
 //! Regimes have the names of Hongler & Figour 1989: always in contact (S), hop and slide (H-S),
 //! hopping (H).
 
-use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::feeder::{Track, TrackSettings};
 use kband::impact::{Friction, FrictionSettings, Kernel, Map, Tone, Wave, WaveMap};
 use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Arguments, Computed, Feeder, ORDERS};
+use super::{Computed, Feeder, ORDERS};
 use crate::arguments::Range;
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
@@ -80,51 +80,11 @@ const FILLS: [(Fill, &str); 3] = [
     (Fill::Locked, "H: hops on"),
 ];
 
-/// The track's motion. With several tones also the bands in which parts may lock, each with its
-/// order.
-struct Shape {
-    wave: Wave,
-    bands: Vec<(u32, WaveBand)>,
-}
-
-impl Shape {
-    fn from_arguments(arguments: &Arguments) -> Result<Self> {
-        let wave = arguments.tones.wave()?;
-        let mut bands = Vec::new();
-        if !wave.is_sine() {
-            for order in ORDERS {
-                let ranges = WaveBands::find(&wave, arguments.restitution, order)?;
-                bands.extend(ranges.iter().map(|band| (order, band)));
-            }
-        }
-        Ok(Self { wave, bands })
-    }
-
-    /// Throw number above which a part that lies on the track slides up it, or down.
-    fn slides_above(&self, settings: &FrictionSettings, upwards: bool) -> Option<f64> {
-        if self.wave.is_sine() {
-            settings.sliding_throw_number(upwards)
-        } else {
-            settings.sliding_throw_number_on(&self.wave, upwards)
-        }
-    }
-
-    fn describe(&self) -> impl Iterator<Item = String> {
-        let named = [
-            (self.wave.second(), "e", "th"),
-            (self.wave.third(), "e3", "th3"),
-        ];
-        let given = named.into_iter().filter(|(tone, ..)| tone.amplitude > 0.0);
-        given.map(|(Tone { amplitude, angle }, e, th)| {
-            let (amplitude, angle) = (number(amplitude, 4), number(angle, 5));
-            format!("{e} = {amplitude} at {th} = {angle}")
-        })
-    }
-}
-
 struct Task<'a> {
     feeder: Feeder<'a>,
-    shape: Shape,
+    wave: Wave,
+    /// Bands in which parts may lock on several tones, each with its order.
+    bands: Vec<(u32, WaveBand)>,
     over: Over,
     range: Range,
     /// Amplitude in mm, unless the axis is amplitude or throw number.
@@ -134,9 +94,16 @@ struct Task<'a> {
 impl<'a> Task<'a> {
     fn new(feeder: Feeder<'a>, over: Over) -> Result<Self> {
         let (range, amplitude) = requested_range(&feeder, over)?;
+        let wave = feeder.arguments.tones.wave()?;
+        let mut bands = Vec::new();
+        for order in ORDERS.filter(|_| !wave.is_sine()) {
+            let ranges = WaveBands::find(&wave, feeder.arguments.restitution, order)?;
+            bands.extend(ranges.iter().map(|band| (order, band)));
+        }
         Ok(Self {
             feeder,
-            shape: Shape::from_arguments(feeder.arguments)?,
+            wave,
+            bands,
             over,
             range,
             amplitude,
@@ -148,11 +115,8 @@ impl<'a> Task<'a> {
         let arguments = self.feeder.arguments;
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
         let mut settings = TrackSettings {
-            frequency: arguments.drive.frequency,
             incline: self.feeder.track.incline().to_degrees(),
-            amplitude_ratio: arguments.amplitude_ratio,
-            phase_lead: arguments.phase_lead,
-            gravity: STANDARD_GRAVITY,
+            ..arguments.track_settings()
         };
         match over {
             Over::Incline => settings.incline = value,
@@ -181,12 +145,12 @@ impl<'a> Task<'a> {
     /// Starts on the locks that attract at `k`.
     fn locked(&self, k: f64) -> Result<Vec<Origin>> {
         let restitution = self.feeder.arguments.restitution;
-        if self.shape.wave.is_sine() {
+        if self.wave.is_sine() {
             return Ok(self.feeder.locked(k).collect());
         }
         let mut starts = Vec::new();
-        for (order, band) in &self.shape.bands {
-            let lock = WaveLock::find_in_band(band, &self.shape.wave, k, restitution, *order)?;
+        for (order, band) in &self.bands {
+            let lock = WaveLock::find_in_band(band, &self.wave, k, restitution, *order)?;
             starts.extend(lock.map(|lock| Origin::Hop(lock.state())));
         }
         Ok(starts)
@@ -194,7 +158,7 @@ impl<'a> Task<'a> {
 
     fn measured(&self, point: &Point, start: Origin) -> Result<Measured> {
         let (k, restitution) = (point.k, self.feeder.arguments.restitution);
-        let (wave, effort) = (&self.shape.wave, self.feeder.effort());
+        let (wave, effort) = (&self.wave, self.feeder.effort());
         let along = Friction::on(wave, k, point.settings)?;
         if wave.is_sine() {
             let map = Map::build(k, restitution)?;
@@ -237,7 +201,7 @@ impl<'a> Task<'a> {
     }
 
     /// Notable points: onset of sliding and hopping, best phase lead, change of sign of the speed.
-    fn notes(&self, rows: &[Row]) -> Result<Vec<(f64, String)>> {
+    fn notes(&self, rows: &[Row]) -> Result<Vec<Note>> {
         let over = self.over;
         let mut notes = Vec::new();
         // In `b w`; `None` where friction cannot hold the part.
@@ -247,17 +211,21 @@ impl<'a> Task<'a> {
                 Over::Throw => 1.0,
                 _ => self.feeder.amplitude(1.0),
             };
-            let point = self.point(Over::Throw, 1.0)?;
-            let threshold = |upwards: bool| self.shape.slides_above(&point.settings, upwards);
-            let hops = 1.0 / self.shape.wave.highest_throw();
-            for (throw, text) in [
+            let settings = self.point(Over::Throw, 1.0)?.settings;
+            // A part that lies on the track slides above it, up or down.
+            let threshold = |upwards: bool| match self.wave.is_sine() {
+                true => settings.sliding_throw_number(upwards),
+                false => settings.sliding_throw_number_on(&self.wave, upwards),
+            };
+            let hops = 1.0 / self.wave.highest_throw();
+            let thresholds = [
                 (threshold(true), "slides forward"),
                 (threshold(false), "slides backward"),
                 (Some(hops), "hops"),
-            ] {
-                if let Some(throw) = throw.filter(|throw| *throw <= hops) {
-                    notes.push((throw * unit, text.to_string()));
-                }
+            ];
+            for (throw, text) in thresholds {
+                let throw = throw.filter(|throw| *throw <= hops);
+                notes.extend(throw.map(|throw| (throw * unit, text)));
             }
         }
         let rest = rows.iter().filter(|row| row.from_rest);
@@ -270,10 +238,9 @@ impl<'a> Task<'a> {
                 Over::Incline => "just climbs",
                 _ => "reverses",
             };
-            if at_low * at_high < 0.0
-                && let Some(root) = bisect(velocity, low, high, at_low)?
-            {
-                notes.push((root, text.to_string()));
+            if at_low * at_high < 0.0 {
+                let root = bisect(velocity, low, high, at_low)?;
+                notes.extend(root.map(|root| (root, text)));
             }
         }
         let moving = rest
@@ -284,9 +251,8 @@ impl<'a> Task<'a> {
         {
             let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
             let range = [(best - step).max(-180.0), (best + step).min(180.0)];
-            if let Some(best) = golden_section_maximum(velocity, range)? {
-                notes.push((best, "conveys most".to_string()));
-            }
+            let best = golden_section_maximum(velocity, range)?;
+            notes.extend(best.map(|best| (best, "conveys most")));
         }
         Ok(notes)
     }
@@ -316,7 +282,13 @@ impl<'a> Task<'a> {
         }
         let (frequency, contact) = (feeder.track.frequency(), arguments.contact.describe());
         terms.push(format!("{} Hz{contact}", number(frequency, 6)));
-        terms.extend(self.shape.describe());
+        for (Tone { amplitude, angle }, e, th) in [
+            (self.wave.second(), "e", "th"),
+            (self.wave.third(), "e3", "th3"),
+        ] {
+            let (size, angle) = (number(amplitude, 4), number(angle, 5));
+            terms.extend((amplitude > 0.0).then(|| format!("{e} = {size} at {th} = {angle}")));
+        }
         terms.join(", ")
     }
 }
@@ -501,7 +473,10 @@ fields! {
     }
 }
 
-fn report(over: Over, rows: &[Row], notes: &[(f64, String)], text: &str) -> Result<Printout> {
+/// A notable value of the axis, and what happens there.
+type Note = (f64, &'static str);
+
+fn report(over: Over, rows: &[Row], notes: &[Note], text: &str) -> Result<Printout> {
     let axis = |axis: Over, value: fn(&Row) -> f64| match axis == over {
         true => Field::json(axis.column(), value),
         false => Field::all(axis.column(), value),
@@ -515,8 +490,8 @@ fn report(over: Over, rows: &[Row], notes: &[(f64, String)], text: &str) -> Resu
     .and(motions());
     let unheld = "no speed where friction cannot hold the part: it slides down ever faster";
     let is_unheld = rows.iter().any(|row| row.speed().is_none());
-    let in_words = |(value, what): &(f64, String)| format!("{what} at {}", number(*value, 6));
-    let in_json = |(value, what): &(f64, String)| json!({"value": value, "what": what});
+    let in_words = |(value, what): &Note| format!("{what} at {}", number(*value, 6));
+    let in_json = |(value, what): &Note| json!({"value": value, "what": what});
     let in_json: Vec<_> = notes.iter().map(in_json).collect();
     view.printout(rows)
         .heading(format!("Conveying speed with friction; {text}"))
@@ -525,14 +500,14 @@ fn report(over: Over, rows: &[Row], notes: &[(f64, String)], text: &str) -> Resu
         .json(&json!({"rows": view.objects(rows), "notes": in_json}))
 }
 
-fn picture(over: Over, range: Range, rows: &[Row], notes: &[(f64, String)], text: &str) -> Picture {
+fn picture(over: Over, range: Range, rows: &[Row], notes: &[Note], text: &str) -> Picture {
     let speeds = rows.iter().filter_map(Row::speed).chain([0.0]);
     let speed = Axis::over_values("conveying speed", "mm/s", speeds);
     let mut panel = Panel::new(over.axis(range), speed).height(380.0);
     let points = |from_rest: bool| -> Vec<(f64, f64)> {
         let own = rows.iter().filter(|row| row.from_rest == from_rest);
-        let points = own.map(|row| (row.value, row.speed().unwrap_or(f64::NAN)));
-        points.collect()
+        own.map(|row| (row.value, row.speed().unwrap_or(f64::NAN)))
+            .collect()
     };
     panel = panel.line("from rest", 0, points(true));
     let locked = points(false);
@@ -540,7 +515,7 @@ fn picture(over: Over, range: Range, rows: &[Row], notes: &[(f64, String)], text
         panel = panel.markers("from a lock", 2, locked);
     }
     for (value, text) in notes {
-        panel = panel.mark(*value, text);
+        panel = panel.mark(*value, *text);
     }
     let rest = || rows.iter().filter(|row| row.from_rest);
     let fills = rest().map(|row| (row.value, regime(row.measured.motion).1));
@@ -578,10 +553,9 @@ mod tests {
             let rows = run(&format!(
                 "--k 0.43 --friction 0.3 --restitution 0.2 --incline 3 --contact {milliseconds}"
             ));
-            let mut hopping = rows
-                .iter()
-                .filter(|row| row.measured.motion == Motion::Hopping);
-            let hopping = hopping.next().unwrap();
+            let mut rows = rows.iter();
+            let hopping = rows.find(|row| row.measured.motion == Motion::Hopping);
+            let hopping = hopping.unwrap();
             let contact = ContactTime::from_milliseconds(milliseconds, 50.0).unwrap();
             let lock = Lock::with_contact(0.43, 0.2, 1, contact).unwrap().unwrap();
             let dead = TangentialSettings::on(&hopping.point.track, 0.0);

@@ -16,7 +16,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
-use crate::report::{Printout, columns, counted, fields, span};
+use crate::report::{Printout, columns, counted, fields, span, when};
 
 /// Smallest number of drive cycles between rests for which a part conveys like one without rests.
 const MIN_CYCLES_BETWEEN_RESTS: u32 = 100;
@@ -48,6 +48,9 @@ fn is_same_orbit(one: Regime, other: Regime) -> bool {
 
 #[derive(Clone, Copy, Debug)]
 struct Run {
+    /// Number of its k.
+    column: usize,
+    from_rest: bool,
     regime: Regime,
     in_gear: Option<InGear>,
     time_mean: f64,
@@ -135,39 +138,35 @@ impl Over {
             values = vec![only * 0.95, only, only * 1.05];
             displayed = 1..2;
         }
-        let k = if amplitude {
-            let all = values.iter().map(|value| k_of(&feeder.track, *value));
-            all.collect::<Result<_>>()?
-        } else {
-            values
-        };
+        if amplitude {
+            for value in &mut values {
+                *value = k_of(&feeder.track, *value)?;
+            }
+        }
         Ok(Self {
             amplitude,
             low: range.low,
             high: range.high,
-            k,
+            k: values,
             displayed,
         })
     }
 
     fn place(&self, feeder: &Feeder, k: f64) -> f64 {
-        if self.amplitude {
-            feeder.amplitude(k)
-        } else {
-            k
+        match self.amplitude {
+            true => feeder.amplitude(k),
+            false => k,
         }
     }
 
     fn axis(&self) -> Axis {
-        let axis = if self.amplitude {
-            Axis::of_b(self.low, self.high)
-        } else {
-            Axis::of_k(self.low, self.high)
+        let axis = match self.amplitude {
+            true => Axis::of_b(self.low, self.high),
+            false => Axis::of_k(self.low, self.high),
         };
-        if self.high > 4.0 * self.low {
-            axis.logarithmic()
-        } else {
-            axis
+        match self.high > 4.0 * self.low {
+            true => axis.logarithmic(),
+            false => axis,
         }
     }
 
@@ -193,10 +192,8 @@ fn starts(k: f64, feeder: &Feeder) -> impl Iterator<Item = Origin> {
         let velocity = (0.5 + n / (PLASTIC * PLASTIC)).fract() * highest;
         Origin::Hop(PartState::new(phase, velocity))
     });
-    [Origin::Rest]
-        .into_iter()
-        .chain(feeder.locked(k))
-        .chain(spread)
+    let unspread = [Origin::Rest].into_iter().chain(feeder.locked(k));
+    unspread.chain(spread)
 }
 
 fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
@@ -206,26 +203,18 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
         tasks.extend(starts(*k, feeder).map(|start| (n, start)));
     }
     // With scatter there is no final regime.
-    let constant = match scatter.scatter {
-        0.0 => over.k.len(),
-        _ => 0,
-    };
+    let constant = when(scatter.scatter == 0.0, || over.k.len());
     let endings = desk.spread("regimes", constant, ORBITS_PER_BLOCK, |columns| {
         let tracks: Vec<_> = columns.iter().map(|n| (over.k[*n], restitution)).collect();
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
     })?;
     let runs = desk.try_map("conveying", tasks.len(), |task| {
-        let (n, start) = tasks[task];
+        let (column, start) = tasks[task];
         let scatter = scatter.stream(restitution, task as u64)?;
-        run(feeder, over.k[n], endings.get(n), start, scatter)
+        run(feeder, over, column, endings.get(column), start, scatter)
     })?;
-    let mut rows: Vec<Row> = Vec::new();
-    let mut first = 0;
-    for (n, k) in over.k.iter().enumerate() {
-        let last = tasks[first..].iter().take_while(|task| task.0 == n).count() + first;
-        rows.extend(grouped(*k, &tasks[first..last], &runs[first..last]));
-        first = last;
-    }
+    let of_column = runs.chunk_by(|one, other| one.column == other.column);
+    let mut rows: Vec<Row> = of_column.flat_map(|runs| grouped(over, runs)).collect();
     for n in 0..rows.len() {
         rows[n].sensitivity = sensitivity(over, &rows, &rows[n]);
     }
@@ -234,14 +223,16 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// One orbit at `k` from a start; with scatter there is no final regime, so no `endings`.
+/// One orbit at a k from a start; with scatter there is no final regime, so no `endings`.
 fn run(
     feeder: &Feeder,
-    k: f64,
+    over: &Over,
+    column: usize,
     endings: Option<&Endings>,
     start: Origin,
     scatter: Option<Scatter>,
 ) -> Result<Run> {
+    let (k, from_rest) = (over.k[column], start == Origin::Rest);
     let map = Map::build(k, feeder.arguments.restitution)?;
     let tangential = Tangential::build(k, feeder.settings)?;
     let regime = match (endings, start) {
@@ -270,6 +261,8 @@ fn run(
     let stationary = phases.impact_mean(k, map.restitution(), &feeder.settings);
     let exponent = growth.exponent();
     Ok(Run {
+        column,
+        from_rest,
         regime,
         in_gear: gears.longest().filter(|_| scatters),
         time_mean: conveyed.time_mean().unwrap_or(0.0),
@@ -280,23 +273,21 @@ fn run(
     })
 }
 
-fn grouped(k: f64, tasks: &[(usize, Origin)], runs: &[Run]) -> Vec<Row> {
-    let regimes = counted(runs.iter().map(|run| run.regime)).into_iter();
+/// Rows of the runs of one column, one for each regime.
+fn grouped(over: &Over, runs: &[Run]) -> Vec<Row> {
     let row = |(regime, _): (Regime, usize)| {
         let own = runs.iter().filter(|run| run.regime == regime);
-        let all = tasks.iter().zip(runs);
-        let runs_of_rest = all.filter(|(task, _)| task.1 == Origin::Rest);
-        let mut regimes_from_rest = runs_of_rest.map(|(_, run)| run.regime);
         Row {
-            k,
+            k: over.k[runs[0].column],
             regime,
             in_gear: InGear::from_orbits(own.clone().map(|run| run.in_gear)),
+            from_rest: own.clone().any(|run| run.from_rest),
             runs: own.copied().collect(),
-            from_rest: regimes_from_rest.any(|reached| reached == regime),
             sensitivity: None,
         }
     };
-    regimes.map(row).collect()
+    let regimes = counted(runs.iter().map(|run| run.regime));
+    regimes.into_iter().map(row).collect()
 }
 
 /// Sensitivity from the same regime at the neighbouring values of k, at both if it exists at both.
@@ -393,19 +384,15 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
         (None, []) => None,
         (None, [slope]) => Some(format!("{slope:.2}°, from equation 20")),
         (None, slopes) => {
-            let min_slope = slopes.iter().copied().fold(f64::INFINITY, f64::min);
-            let max_slope = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            Some(format!(
-                "{min_slope:.2}° to {max_slope:.2}° by k, from equation 20"
-            ))
+            let lowest = slopes.iter().copied().fold(f64::INFINITY, f64::min);
+            let highest = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let text = format!("{lowest:.2}° to {highest:.2}° by k, from equation 20");
+            Some(text)
         }
     };
     let text = text.map(|text| format!("locked parts stand still on an incline of {text}"));
-    let heading = format!(
-        "Conveying speed at {}; {}",
-        over.describe(),
-        feeder.describe()
-    );
+    let (range, drive) = (over.describe(), feeder.describe());
+    let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
     report.json(&json!({
         "rows": objects,
@@ -467,11 +454,9 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
             .map(|n| {
                 let part = f64::from(n) / 600.0;
                 let at = first * (last / first).powf(part);
-                let track = &feeder.track;
-                let k = if over.amplitude {
-                    track.k(1e-3 * at)
-                } else {
-                    at
+                let k = match over.amplitude {
+                    true => feeder.track.k(1e-3 * at),
+                    false => at,
                 };
                 let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
                 (at, speed.unwrap_or(f64::NAN))

@@ -1,0 +1,193 @@
+//! Rows written one by one, for results too large for a table: as CSV, JSON or Parquet.
+
+use std::io::Write;
+
+use serde_json::{Value as Json, to_string_pretty};
+
+use super::columns::units_of;
+use super::{Column, Value};
+use crate::file::Destination;
+use crate::provenance;
+use crate::refusal::Refusal;
+
+/// Receiver of rows one by one.
+pub trait Rows {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
+
+    /// Completes the output after the last row.
+    fn end(&mut self) -> Result<(), Refusal> {
+        Ok(())
+    }
+}
+
+/// Writer of rows as JSON or CSV.
+pub(super) fn writer<'a>(
+    out: &'a mut dyn Write,
+    is_json: bool,
+    columns: &[Column],
+) -> Result<Box<dyn Rows + 'a>, Refusal> {
+    Ok(match is_json {
+        true => Box::new(JsonRows::begin(out, columns)?),
+        false => Box::new(CsvRows::begin(out, columns)?),
+    })
+}
+
+/// Writer of rows as CSV: provenance, units in the header, 17 significant digits.
+pub struct CsvRows<'a> {
+    out: &'a mut dyn Write,
+}
+
+impl<'a> CsvRows<'a> {
+    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+        let names: Vec<String> = columns.iter().map(Column::header).collect();
+        let written = provenance::write_comments(super::units(columns), out);
+        let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
+        written.map_err(|error| write_refusal(&error))?;
+        Ok(Self { out })
+    }
+}
+
+impl Rows for CsvRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        let cells: Vec<String> = row.iter().map(Value::csv).collect();
+        writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
+    }
+}
+
+pub(crate) fn write_refusal(error: &std::io::Error) -> Refusal {
+    let cause = format!("the rows cannot be written: {error}");
+    Refusal::new(cause, "check space and permissions of the folder")
+}
+
+/// Writer of rows as JSON: an object with the provenance and the array `rows`. The bytes are equal
+/// to those of a [`Table`] of the rows.
+struct JsonRows<'a> {
+    out: &'a mut dyn Write,
+    names: Vec<String>,
+    started: bool,
+}
+
+const NO_ROWS: &str = "[]\n}";
+
+impl<'a> JsonRows<'a> {
+    /// Writes the document up to the first row.
+    fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+        let sample = columns.iter().map(|column| (column.name, Json::Null));
+        let units = units_of(&sample.collect());
+        let document = to_string_pretty(&provenance::add(Json::Array(Vec::new()), units));
+        let document = document.map_err(|error| write_refusal(&error.into()))?;
+        let head = document.strip_suffix(NO_ROWS).unwrap_or(&document);
+        write!(out, "{head}[").map_err(|error| write_refusal(&error))?;
+        let names = columns.iter().map(|column| column.name.into());
+        Ok(Self {
+            out,
+            names: names.collect(),
+            started: false,
+        })
+    }
+}
+
+impl Rows for JsonRows<'_> {
+    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+        let mut text = String::from(if self.started { ",\n    {" } else { "\n    {" });
+        for (n, (name, value)) in self.names.iter().zip(row).enumerate() {
+            let comma = if n == 0 { "" } else { "," };
+            text += &format!("{comma}\n      \"{name}\": {}", value.json());
+        }
+        self.started = true;
+        write!(self.out, "{text}\n    }}").map_err(|error| write_refusal(&error))
+    }
+
+    fn end(&mut self) -> Result<(), Refusal> {
+        let indent = if self.started { "\n  " } else { "" };
+        writeln!(self.out, "{indent}]\n}}").map_err(|error| write_refusal(&error))
+    }
+}
+
+/// Refuses the file of an option whose ending is no row format of this build.
+pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
+    let (accepted, next) = match target.ending().as_str() {
+        "csv" => return Ok(()),
+        "parquet" if cfg!(feature = "parquet") => return Ok(()),
+        "parquet" => (
+            "a name that ends in .csv: this kband was built without Parquet",
+            "cargo install --path host --features parquet brings it",
+        ),
+        _ => ("a name that ends in .csv or .parquet", "change the ending"),
+    };
+    let path = target.path().display();
+    Err(Refusal::value(option, path, accepted, next))
+}
+
+/// Calls `work` with the writer of rows for `target`, or with `None` without a target.
+pub fn write<T>(
+    target: Option<&Destination>,
+    columns: &[Column],
+    work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
+) -> Result<T, Refusal> {
+    let Some(target) = target else {
+        return work(None);
+    };
+    if target.ending() != "json" {
+        check("the file", target)?;
+    }
+    target.write_by(|out| {
+        #[cfg(feature = "parquet")]
+        if target.ending() == "parquet" {
+            let mut rows = super::parquet::ParquetRows::begin(out, columns)?;
+            let result = work(Some(&mut rows))?;
+            rows.end()?;
+            return Ok(result);
+        }
+        let mut rows = writer(out, target.ending() == "json", columns)?;
+        let result = work(Some(&mut *rows))?;
+        rows.end()?;
+        Ok(result)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{Format, Printout, Table, columns};
+
+    #[test]
+    fn streamed_rows_have_the_bytes_of_a_table() {
+        let columns = [columns::N, columns::PHASE, columns::FLIGHT];
+        let mut table = Table::new(&columns);
+        for count in 0..4_u32 {
+            let mut streamed = Vec::new();
+            let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
+            table.write_rows(&mut rows).unwrap();
+            rows.end().unwrap();
+            let document: Json = serde_json::from_slice(&streamed).unwrap();
+            assert_eq!(document["rows"], table.to_json());
+            let mut whole = Vec::new();
+            let printout = Printout::new(table.clone());
+            printout.write(Format::Json, &mut whole).unwrap();
+            let [streamed, whole] = [streamed, whole].map(|text| String::from_utf8(text).unwrap());
+            // Without rows a table has no units.
+            assert!(count == 0 || streamed == whole, "{streamed}\n{whole}");
+            table.push([count.into(), 0.1.into(), Value::Missing]);
+        }
+    }
+
+    #[test]
+    fn csv_has_units_in_the_header_and_quotes_commas() {
+        let columns = [("k", ""), ("b", "mm"), ("regime", "")];
+        let mut table = Table::new(&columns.map(|(name, unit)| Column::new(name, unit)));
+        table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
+        table.push([0.25.into(), Value::Missing, "rest".into()]);
+        let mut csv = Vec::new();
+        let mut rows = CsvRows::begin(&mut csv, &table.columns).unwrap();
+        table.write_rows(&mut rows).unwrap();
+        let csv = String::from_utf8(csv).unwrap();
+        let (comments, rows): (Vec<&str>, Vec<&str>) =
+            csv.lines().partition(|line| line.starts_with('#'));
+        assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
+        assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
+        let first = "0.10000000000000001,1.234567,\"locked, r = 1\"";
+        assert_eq!(rows, ["k,b (mm),regime", first, "0.25,,rest"]);
+        assert!(csv.ends_with('\n'));
+    }
+}
