@@ -7,12 +7,11 @@
 //!
 //! `cargo run --release -p kband-plant --example board`
 
-use std::error::Error;
-
 use kband_control::{
     Command, Controller, Cycle, PLAN_SLICES, Settings, Signal, StartCause, State, Target,
 };
 use kband_plant::{Bench, Scene};
+use std::error::Error;
 
 /// Data exchanged between the interrupt and the main loop.
 #[derive(Default)]

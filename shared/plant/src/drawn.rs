@@ -3,13 +3,12 @@
 //! `KBAND_SCENES` sets the number of feeders, `KBAND_SEED` the seed; a plain test run uses fixed
 //! ones.
 
-use core::f32::consts::TAU;
-use std::vec::Vec;
-
 use super::{ClosedLoop, EnvelopeLoop, Moment, Scene};
 use crate::model::drive::UpperMode;
+use core::f32::consts::TAU;
 use kband::arithmetic::Noise;
 use kband_control::{Fault, Report, Shape, Target, UpperTone};
+use std::vec::Vec;
 
 /// Largest true amplitude and acceleration over their hard limits.
 const MAX_EXCESS: f32 = 1.1;

@@ -7,15 +7,13 @@
 //! a decaying oscillation. The output is the sum of squared residuals, in (m/s^2)^2, of each of 32
 //! sectors. As on the board, a quarter of the sectors is handed over per cycle.
 
-use core::f64::consts::TAU;
-
-use num_complex::Complex64 as Complex;
-
 use super::onset::RESIDUAL_SAMPLES;
 use super::powers::Powers;
 use super::recurrence::{exp, turn};
+use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband_control::signal_path::{SECTORS, SECTORS_PER_CYCLE, Sectors};
+use num_complex::Complex64 as Complex;
 
 /// Bits of a phase below its sector number.
 const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();

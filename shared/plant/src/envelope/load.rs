@@ -5,12 +5,10 @@
 //! `m (1 + R) s`. With one impact a cycle at phase t0 the fundamental is
 //! `-2 m g cos(alpha) cos(tau - t0)`. A part at rest presses with `m (g cos(alpha) + x'')`.
 
-use core::f64::consts::FRAC_1_PI;
-
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::turn;
 use crate::model::scene::{PARTS, Scene};
+use core::f64::consts::FRAC_1_PI;
+use num_complex::Complex64 as Complex;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Rest {
@@ -92,9 +90,8 @@ impl TrackLoad {
 
 #[cfg(test)]
 mod tests {
-    use core::f64::consts::TAU;
-
     use super::*;
+    use core::f64::consts::TAU;
 
     fn load() -> TrackLoad {
         let scene = Scene {

@@ -3,18 +3,16 @@
 //! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
 //! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
-use core::f64::consts::{PI, TAU};
-
-use num_complex::Complex64 as Complex;
-
 use super::blanking::Blanking;
 use super::energy::RingingEnergy;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use crate::model::scene::SensorModel;
+use core::f64::consts::{PI, TAU};
 use kband::arithmetic::{Noise, Phase};
 use kband_control::SAMPLE_RATE;
 use kband_control::signal_path::{HighPass, OnsetDetector, Sectors};
+use num_complex::Complex64 as Complex;
 
 /// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
 /// Hz, the lowest ringing frequency of a scene, and a period at the default.
@@ -538,10 +536,9 @@ impl Tuning {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use crate::model::drive::Ringing;
+    use std::vec::Vec;
 
     /// Impacts of a height in m/s^2, from the time `next` on every `spacing`, in samples. The drive
     /// turns by `theta` rad a sample with an acceleration `swing`; `sigma` is the RMS of the noise,

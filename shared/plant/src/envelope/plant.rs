@@ -3,11 +3,6 @@
 //! The track's complex amplitude follows its exact recurrence, and the parts follow the impact map.
 //! Demodulator and onset detector are evaluated in closed form.
 
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-use num_complex::{Complex32, Complex64 as Complex};
-
 use super::load::TrackLoad;
 use super::onset::{Background, DetectedOnset, OnsetModel, SampledImpact};
 use super::readings::{Read, Readings, Sense};
@@ -19,6 +14,8 @@ use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::{Noise, Phase};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
@@ -27,6 +24,7 @@ use kband_control::signal_path::{
     last_cycle_gain,
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
+use num_complex::{Complex32, Complex64 as Complex};
 
 /// Largest number of events of one part in one cycle; later events move to the next cycle. A
 /// chatter is summed long before.

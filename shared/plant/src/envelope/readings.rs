@@ -1,7 +1,5 @@
 //! Sample-by-sample readings of the envelope plant, for cycles with saturation or averaging.
 
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::Recurrence;
 use super::upper::UpperEnvelope;
 use crate::model::drive::Ringing;
@@ -10,6 +8,7 @@ use crate::model::scene::SensorModel;
 use kband::arithmetic::{Noise, Phase};
 use kband_control::Cycle;
 use kband_control::signal_path::{OnsetDetector, SynchronousAverage};
+use num_complex::Complex64 as Complex;
 
 /// Constants that follow from the accelerometer's noise and sensitivity.
 #[derive(Clone, Copy, Debug, Default)]

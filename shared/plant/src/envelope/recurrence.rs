@@ -4,14 +4,12 @@
 //! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
 //! demodulator are geometric series.
 
-use core::f64::consts::TAU;
-
-use num_complex::Complex64 as Complex;
-
 use crate::model::drive::Swing;
 use crate::model::scene::DriveModel;
+use core::f64::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband_control::{SAMPLE_RATE, Shape, phase_of};
+use num_complex::Complex64 as Complex;
 
 /// `e^(i angle)`.
 pub(crate) fn turn(angle: f64) -> Complex {

@@ -4,13 +4,12 @@
 //! steps of 2^-32 turns of the output, phases and delays in rad. Lift-off of a resting part is
 //! where the track's acceleration rises through k (docs/theory-impacts.md#t4.2).
 
-use core::f64::consts::{FRAC_PI_2, TAU};
-
 use super::load::Rest;
 use super::recurrence::{Recurrence, Swinging};
 use super::upper::UpperEnvelope;
 use crate::model::drive::Swing;
 use crate::model::part::{Track, WaveCache, wrap_angle};
+use core::f64::consts::{FRAC_PI_2, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::{Kernel, Map, Wave, WaveMap};
 

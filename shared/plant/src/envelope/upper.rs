@@ -1,16 +1,14 @@
 //! Upper tones of the track in steps of a drive cycle: one slowly varying complex envelope per tone
 //! and mode.
 
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::{exp, turn};
 use crate::model::drive::{Swing, UpperMode};
 use crate::model::scene::DriveModel;
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::Phase;
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
+use num_complex::Complex64 as Complex;
 
 /// A mode under one upper tone. Under the output `Im(U e^(i n phi))` its displacement is
 /// `Im(X e^(i n phi))`.

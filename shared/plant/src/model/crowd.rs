@@ -1,9 +1,8 @@
 //! The parts of a scene, and their common quantities.
 
-use heapless::Vec;
-
 use super::part::Part;
 use super::scene::{Change, PARTS, Scene};
+use heapless::Vec;
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;
 use kband::impact::Scatter;

@@ -1,16 +1,13 @@
 //! Resonant drive of the waveform plant: damped oscillators discretized exactly with zero-order
 //! hold (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 1997).
 
+use super::scene::{DriveModel, SensorModel};
 use core::f32::consts::{PI, TAU};
 use core::f64::consts::PI as PI64;
-
-use num_complex::{Complex32 as Complex, Complex64};
-
 use heapless::Vec;
-
-use super::scene::{DriveModel, SensorModel};
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
+use num_complex::{Complex32 as Complex, Complex64};
 
 /// A damped oscillator under an output held between samples, exact at the samples. In the pair (x,
 /// v / w0) a step is a decay and a rotation.

@@ -1,9 +1,8 @@
 //! Event-driven simulation of one part: the impact map at the track's amplitude at launch.
 
-use core::f64::consts::TAU;
-
 use super::drive::Swing;
 use super::law::Law;
+use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband::impact::{
     ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential, Tone,

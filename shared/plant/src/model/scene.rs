@@ -2,9 +2,8 @@
 //!
 //! It is the input of both simulations. [`Scene::check`] names the first parameter out of range.
 
-use heapless::Vec;
-
 use super::law::Law;
+use heapless::Vec;
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY, Track, accept};
 use kband::impact::{ContactTime, FrictionSettings, TangentialSettings};
 use kband_control::{Settings, StartCause, Target};
@@ -387,9 +386,8 @@ fn ringing_share(periods: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use core::f64::consts::PI;
-
     use super::*;
+    use core::f64::consts::PI;
 
     /// Amplitude of an undamped oscillator after a force of half a sine, by numerical integration.
     #[test]

@@ -1,9 +1,5 @@
 //! Waveform plant: drive, parts, accelerometer and disturbances, simulated sample by sample.
 
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-
 use super::massive::{Ground, MassivePart, Stroke};
 use crate::model::Moment;
 use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean, restitutions};
@@ -13,6 +9,8 @@ use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use crate::model::timeline::Timeline;
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::{Noise, Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;

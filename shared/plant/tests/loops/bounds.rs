@@ -1,14 +1,12 @@
 //! The measured amplitude of drawn machines keeps every limit. The method is a random walk through
 //! the accepted settings.
 
+use super::fidelity::{changes, drive_of, unwatched};
+use super::lots::number;
 use core::f32::consts::{PI, TAU};
-
 use kband::arithmetic::Noise;
 use kband_control::{SAMPLE_RATE, Settings, Target};
 use kband_plant::{Change, EnvelopeLoop, Scene};
-
-use super::fidelity::{changes, drive_of, unwatched};
-use super::lots::number;
 
 /// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
 const MAX_EXCESS: f32 = 1.05;

@@ -1,11 +1,10 @@
 //! Captures of lots that fit the configured one, and of parts that do not.
 
+use super::lots::{between, random_lot};
 use kband::arithmetic::Noise;
 use kband::regime::classify::Regime;
 use kband_control::{Event, Limits, State, Target};
 use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
-
-use super::lots::{between, random_lot};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Parts {

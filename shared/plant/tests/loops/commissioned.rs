@@ -1,9 +1,8 @@
 //! Tests of a commissioned sensor: at rest, by a small swing at each start, and in the run.
 
+use super::fidelity::changes;
 use kband_control::{Fault, State, Target};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
-
-use super::fidelity::changes;
 
 /// A commissioned machine whose sensor measures the share `mean` of 1 g at rest.
 fn commissioned(mean: f32) -> Scene {

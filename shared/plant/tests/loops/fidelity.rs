@@ -1,14 +1,13 @@
 //! Both plants under the controller, and the true and estimated time in gear of their parts.
 
 use core::f64::consts::TAU;
-use std::sync::Mutex;
-
 use kband::regime::classify::Regime;
 use kband::regime::gear::GearWatch;
 use kband_control::{Controller, GearPlanned, Settings, Target};
 use kband_plant::{
     Change, ClosedLoop, Disturbance, Disturbances, DriveModel, EnvelopeLoop, Moment, Scene, Strike,
 };
+use std::sync::Mutex;
 
 pub enum Loop {
     Envelope(Box<EnvelopeLoop>),

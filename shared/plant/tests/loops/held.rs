@@ -4,10 +4,9 @@
 //! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
 //! of the same loop.
 
+use super::fidelity::unwatched;
 use kband_control::{State, Target};
 use kband_plant::Scene;
-
-use super::fidelity::unwatched;
 
 #[derive(Clone, Copy, Debug)]
 struct Start {

@@ -1,11 +1,9 @@
 //! Amplitude control while a hopper drops heavy parts onto the track, in both plants.
 
+use super::fidelity::changes;
 use core::f64::consts::TAU;
-
 use kband_control::{Limits, Target};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Moment, Scene};
-
-use super::fidelity::changes;
 
 /// Time in s at which the hopper opens above the empty track, and end of the measurement.
 const OPENED: f64 = 5.0;

@@ -2,17 +2,14 @@
 //!
 //! `KBAND_LOTS` sets the number of random lots, `KBAND_SEED` their seed.
 
+use super::fidelity::{Loop, record};
 use core::f64::consts::TAU;
-use std::sync::OnceLock;
-
 use kband::arithmetic::Noise;
-
 use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::gear::GearWatch;
 use kband_control::{Limits, Target};
 use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
-
-use super::fidelity::{Loop, record};
+use std::sync::OnceLock;
 
 /// Drive cycles of a window in which the true share in gear is counted, and windows of a run.
 const WINDOW: u32 = 512;

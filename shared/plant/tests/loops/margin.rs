@@ -1,12 +1,10 @@
 //! The estimated margin of gear compared with the plant's own.
 
+use super::fidelity::{CYCLES, SETTLED, lot, unwatched};
 use core::f64::consts::TAU;
-
 use kband::regime::gear::{GearWatch, is_in_gear};
 use kband_control::{GearMargin, Shape, Target, UpperTone};
 use kband_plant::Scene;
-
-use super::fidelity::{CYCLES, SETTLED, lot, unwatched};
 
 /// Parts evenly over a lot, at a fixed k, with a second tone of ratio e and angle th.
 #[derive(Debug)]

@@ -1,12 +1,11 @@
 //! Parts that do not fit the configured lot: time to detection and setpoint after it. Parts of the
 //! lot are never detected as such.
 
+use super::fidelity::{Loop, changes};
+use super::lots::{between, random_lot};
 use kband::arithmetic::Noise;
 use kband_control::{Limits, State, Target};
 use kband_plant::{Change, Scene};
-
-use super::fidelity::{Loop, changes};
-use super::lots::{between, random_lot};
 
 /// Seconds from the setpoint within which such parts are detected.
 const MAX_DETECTION_SECONDS: f64 = 10.0;

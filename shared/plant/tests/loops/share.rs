@@ -1,9 +1,8 @@
 //! The estimated share in gear of many parts compared with the plant's own.
 
+use super::fidelity::{lot, measure_share};
 use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
-
-use super::fidelity::{lot, measure_share};
 
 /// Crowds of 1, 6 and 24 parts, of one restitution or of a range.
 #[test]

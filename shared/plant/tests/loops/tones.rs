@@ -1,9 +1,8 @@
 //! Tests: the closed loop on drives with two and three tones, in both plants.
 
+use super::fidelity::{changes, drive_of};
 use kband_control::{Event, Limits, Report, Settings, Shape, State, Target, UpperTone};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
-
-use super::fidelity::{changes, drive_of};
 
 const TWO_TONES: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
 
