@@ -19,8 +19,7 @@ pub fn radians_of(phase: Phase) -> f32 {
     phase.bits() as i32 as f32 * STEP
 }
 
-/// Advance of the phase per sample for a frequency in Hz, 0..5000. Error at most 2.4e-6 Hz or
-/// 1.2e-7 of it.
+/// Advance of the phase per sample for a frequency in Hz, 0..5000; error 2.4e-6 Hz or 1.2e-7 of it.
 ///
 /// ```
 /// use kband_control::{SAMPLE_RATE, phase_step};

@@ -40,8 +40,7 @@ pub enum Target {
     /// Identification of the parts' restitution from hops and rests
     /// ([`Identification`](crate::Identification)): a step of commissioning.
     Identify,
-    /// Parts in gear, one flight every `order` cycles, for as large a share of time as the lot's
-    /// scatter allows.
+    /// Parts in gear, one flight every `order` cycles, for as long as the lot allows.
     Gear {
         /// Drive cycles per flight (symbol r), 1..=8.
         order: u8,
@@ -53,11 +52,9 @@ pub enum Target {
         /// The upper tones; their ratios at most the settings `second_tone` and `third_tone`.
         shape: Shape,
     },
-    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow with the parts
-    /// on the track.
+    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow.
     Flow(f32),
-    /// Parts a minute, above 0: the lock that conveys touching parts of the setting `part_length`
-    /// at this rate.
+    /// Parts a minute, above 0: the lock that conveys touching parts of `part_length` at this rate.
     PartsPerMinute(f32),
 }
 

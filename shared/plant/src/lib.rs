@@ -1,8 +1,7 @@
 //! Simulated feeder for the controller: drive, parts, accelerometer, and the closed loop.
 //!
-//! A part's flight is one step of the impact map at the track's amplitude at launch. The change of
-//! the amplitude within a flight is neglected; at Q = 25 it is at most an eighth of the remaining
-//! change.
+//! A part's flight is one step of the impact map at the track's amplitude at launch. Its change
+//! within a flight is neglected; at Q = 25 it is at most an eighth of the remaining change.
 //!
 //! There are two plants. The waveform ([`ClosedLoop`]) passes each sample through the firmware's
 //! signal path. It uses integers, single precision and the map's arithmetic only, so desk and

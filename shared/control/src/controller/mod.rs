@@ -21,9 +21,8 @@ pub const PLAN_SLICES: usize = 16;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path
-/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle
-/// time.
+/// [`Controller::cycle`] runs once per drive cycle; the signal path latches its command at the next
+/// wrap of the phase. [`Controller::plan_step`] belongs in idle time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -148,8 +147,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target. The error
-    /// names the number out of range; target and settings then stay.
+    /// Sets target and settings of a recipe. The error names a number out of range; both then stay.
     pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;

@@ -11,8 +11,7 @@ use core::f32::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use num_complex::Complex32 as Complex;
 
-/// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
-/// doubling (docs/theory-capture.md#t7.4).
+/// Cycles per quarter of the setpoint from a lock to chaos (docs/theory-capture.md#t7.4).
 const GLIDE_CYCLES_PER_QUARTER: f32 = 150.0;
 /// Relative error of the amplitude at which the setpoint counts as reached.
 const SETPOINT_TOLERANCE: f32 = 0.01;

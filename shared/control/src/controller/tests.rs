@@ -128,9 +128,8 @@ fn a_stop_without_rest_ends_after_four_soft_stops() {
     assert_eq!(stopping.count(), 81);
 }
 
-/// Any field of a cycle may be NaN, or too large for a converter. From that cycle on the output is
-/// off, with fault 13, and no field of the report is NaN. After the acknowledgement the drive
-/// starts as before.
+/// Any field of a cycle may be NaN, or too large. From that cycle on the output is off, with fault
+/// 13, and the report has no NaN. After the acknowledgement the drive starts as before.
 #[test]
 fn nan_reading_stops_the_drive_and_is_forgotten() {
     type Corrupt = fn(&mut Cycle, f32);

@@ -112,8 +112,7 @@ pub struct AmplitudeLoop {
     quarter_cycles: f32,
     /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// References at the ends of four cycles, newest first, in m: the next cycle, the running one,
-    /// the measured one, the one before.
+    /// References at the ends of four cycles, newest first, in m: next, running, measured, before.
     reference: [f32; 4],
     /// The reference through the inverse, in m.
     inverted: f32,

@@ -181,8 +181,7 @@ mod tests {
     use crate::testing::with;
     use num_complex::Complex64;
 
-    /// Gain margin, phase margin in degrees and least distance to -1 of the loop. The mode's
-    /// frequency is that of the tone times `1 + detuning`.
+    /// Margins of the loop, with the mode at the tone's frequency times `1 + detuning`.
     fn margins(harmonic: u8, quality: f32, detuning: f64) -> LoopMargins {
         let settings = with(Settings::default(), |it| it.quality = quality);
         let response = Complex::new(0.0, -5e-4);

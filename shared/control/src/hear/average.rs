@@ -23,8 +23,7 @@ impl BinLayout {
     /// No bins.
     pub const NONE: Self = Self { stride: 1, bins: 0 };
 
-    /// Layout at an advance of the phase per sample. Each sample has its bin; if half a turn has
-    /// more than [`MAX_BINS`] samples, only every second or third has one.
+    /// Layout at an advance of the phase per sample. Above [`MAX_BINS`] samples, bins skip some.
     pub fn from_step(step: u32) -> Self {
         let step = step.max(1);
         let samples = AVERAGED_LENGTH / step;

@@ -53,8 +53,7 @@ const LANDING_DEVIATION: f32 = 0.015;
 const BOUNCED_LANDING: [f32; 2] = [0.1, 0.14];
 /// Weight of such landings in the likelihood ratio: measured, R of 0.1 to 0.6, s of 0.03 to 0.10.
 const BOUNCED_WEIGHT: f32 = 0.35;
-/// Weight of a landing from rest after an unknown flight, in rad. It accepts within 2.0 deviations,
-/// by `sqrt(2 ln(0.4 0.3/LANDING))`.
+/// Weight of a landing from rest after an unknown flight, in rad: it accepts within 2.0 deviations.
 const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise.
 const MIN_IMPACT_TO_NOISE: f32 = 2.2;
@@ -130,8 +129,7 @@ struct FlightFromRest {
 }
 
 impl FlightFromRest {
-    /// Computes the flight at k; arrival 0 if the acceleration never reaches k. Lift-off by
-    /// bisection, landing by Newton's method with bounded steps.
+    /// The flight at k, by bisection and Newton's method; arrival 0 if no acceleration reaches k.
     fn evaluate(k: f32, track: TrackMotion) -> Self {
         let step = Phase::from_bits(1 << 27);
         // Backwards from the maximum of A to its rise through k.
@@ -417,8 +415,7 @@ impl GearEstimator {
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was one flight (`None`).
-    /// Else the part was thrown from rest, with this arrival, or bounced.
+    /// Likelihood-ratio test of one flight (`None`) against a throw from rest, or bounces.
     fn detect_missed_flight(
         &self,
         last: &Impact,

@@ -495,8 +495,7 @@ mod tests {
                 let Verdict::Restitution(actual) = verdict else {
                     panic!("{k} {lasting}: {verdict:?}");
                 };
-                // The averages come from the map. Errors: noise of a hundredth of the first ringing,
-                // and half a sample of the onset (0.004 in R).
+                // Errors: noise, and half a sample of the onset (0.004 in R).
                 let holds = (actual - restitution).abs() < 0.005;
                 assert!(holds, "{k} {lasting}: {actual}");
                 assert!((fit.all().unwrap() - actual).abs() < 1e-3);

@@ -63,8 +63,7 @@ const MIN_EVIDENCE: f32 = 48.0;
 const MIN_RESTITUTION: f32 = 0.04;
 /// Time limit in drive cycles: twice the need of some 20 levels and 16 averages of 40 to 70 cycles.
 const TIME_LIMIT_CYCLES: u16 = 4000;
-/// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5
-/// (docs/theory-real-parts.md#t10.1).
+/// k at which R of about 0.3, 0.1, 0.5 enters gear from rest (docs/theory-real-parts.md#t10.1).
 const GEAR_CHECK_K: [f64; 3] = [0.46, 0.37, 0.55];
 /// Duration of that check, in drive cycles.
 const GEAR_CHECK_CYCLES: u16 = 300;
@@ -78,8 +77,7 @@ const MAX_NO_SCATTER: f32 = 0.015;
 const AGREEMENT_TOLERANCE: f32 = 0.02;
 /// Threshold on the estimated number of parts for several; one gives at most 1.05, two give 2.2.
 const MIN_SEVERAL_PARTS: f32 = 1.5;
-/// Standard error of the averages' result by sampling and bias, times the squared samples per
-/// turn: 0.0018 at 50 Hz (docs/commissioning.md).
+/// Standard error by sampling and bias, times squared samples per turn: 0.0018 at 50 Hz.
 const SAMPLING_ERROR: f32 = 288.0;
 /// Largest standard error of a result: a lot of twice that to either side is the default's width.
 const MAX_ERROR: f32 = 0.01;

@@ -251,8 +251,7 @@ numbered! {
         ThirdToneUnlike = 24 "third tone differs",
         /// No amplitude holds the lot in gear; the best one is held, for its predicted share.
         GearPoor = 25 "gear poor for the lot",
-        /// The mass of the parts is estimated for the first time, or it changed by a tenth since
-        /// the last event.
+        /// The mass of the parts is estimated first, or differs by a tenth from the last event's.
         Weighed = 26 "weighed",
         /// The mass of the parts can no longer be estimated.
         NotWeighed = 27 "no longer weighed",

@@ -8,8 +8,7 @@ use crate::model::timeline::Timeline;
 use kband::feeder::OutOfRange;
 use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 
-/// Controller and envelope plant, joined as in [`ClosedLoop`](crate::ClosedLoop). A command at the
-/// end of a cycle takes effect in the cycle after next.
+/// Controller and envelope plant. A command at the end of a cycle acts in the cycle after next.
 #[derive(Clone, Debug)]
 pub struct EnvelopeLoop {
     controller: Controller,
@@ -60,8 +59,7 @@ impl EnvelopeLoop {
         self.advance_supplied(|_| {});
     }
 
-    /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches that the
-    /// controller begins in this cycle.
+    /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches begun here.
     pub fn advance_supplied(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
@@ -117,17 +115,15 @@ impl EnvelopeLoop {
         }
     }
 
-    /// Sets whether outputs without effect on the loop are computed: the displacement along the
-    /// track, and the regime if the controller does not use it. Otherwise both stay constant and
-    /// cost nothing.
+    /// Sets whether outputs without effect on the loop are computed: displacement along the track,
+    /// and the regime if the controller does not use it. Else they stay constant.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
         self.plant.watch_displacement(watched);
         self.controller.watch_regime(watched);
     }
 
-    /// Sets whether the displacement along the track is computed, as [`EnvelopeLoop::watch`] does
-    /// for all outputs.
+    /// Sets whether the displacement along the track is computed.
     pub fn watch_displacement(&mut self, watched: bool) {
         self.plant.watch_displacement(watched);
     }

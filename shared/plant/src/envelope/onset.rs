@@ -20,22 +20,18 @@ pub(super) const RESIDUAL_SAMPLES: usize = 10;
 /// Sample index for "not within [`RESIDUAL_SAMPLES`] samples".
 const NO_SAMPLE: usize = usize::MAX;
 const START_SHARES: usize = 8;
-/// Relative level at which the detector's peak memory of a ringing counts as 0. It is below the
-/// noise of any measurable ringing.
+/// Relative level, below any measurable ringing's noise, at which the peak memory counts as 0.
 const NEGLIGIBLE_PEAK: f64 = 1.354e-4;
-/// Forgetting weight per sample of the hidden share of time; 2000 samples, twice the memory of the
-/// detector's median.
+/// Forgetting per sample of the hidden share of time: twice the memory of the detector's median.
 const HIDDEN_SHARE_FORGETTING: f64 = 5e-4;
 
 /// The onset detector's response to impacts, in closed form.
 ///
-/// Both high-pass filters are linear. So the residual of a ringing, n samples after its first, is
-/// its complex start times a constant of n.
+/// The filters are linear: n samples on, a residual is the ringing's complex start times a number.
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetModel {
     ringing: Complex,
-    /// Residual of a ringing of unit height n samples after its start. It is the imaginary part of
-    /// a complex number; real parts come first, then imaginary parts.
+    /// Residual of a ringing of unit height n samples after its start: real and imaginary parts.
     response: [[f64; RESIDUAL_SAMPLES]; 2],
     /// The same after the transient of the filters.
     steady: [[f64; RESIDUAL_SAMPLES]; 2],
@@ -46,11 +42,9 @@ pub struct OnsetModel {
     /// Increase of the hidden share of time per decay time of a hiding ringing.
     filling: f64,
     pub(super) tuning: Tuning,
-    /// Share of time in which ringing hides the noise, with exponential forgetting over some
-    /// cycles.
+    /// Share of time in which ringing hides the noise, with exponential forgetting.
     hidden: f64,
-    /// Share of time by which ringing on the drive's leakage exceeds the median more than the
-    /// leakage alone.
+    /// Share of time by which ringing on the drive's leakage exceeds the median more than it alone.
     raised: f64,
     /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; START_SHARES + 1],
@@ -72,15 +66,13 @@ pub struct OnsetModel {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tuning {
     theta: f64,
-    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r of a sample and for
-    /// its conjugate.
+    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r and its conjugate.
     sums: [Complex; 2],
     /// Powers of `e^(i theta) r` for both.
     turns: [Powers; 2],
     /// `e^(i theta)`.
     turn: Complex,
-    /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
-    /// number.
+    /// Gain of both high-pass filters at the drive's frequency: magnitude, and complex number.
     pub(super) leak: f64,
     complex_gain: Complex,
 }
@@ -180,8 +172,7 @@ impl RingingState {
     }
 }
 
-/// Imaginary parts of the products of one number with others, given by their real and imaginary
-/// parts.
+/// Imaginary parts of the products of a number with others, given by real and imaginary parts.
 #[inline(always)]
 fn sines(
     number: Complex,
@@ -284,10 +275,8 @@ impl OnsetModel {
     }
 
     /// Median of the absolute residual in m/s^2, for an RMS and for the drive's share of its power.
-    /// Ringing raises it by the share of time that it fills.
     pub fn median(&self, rms: f64, swing: f64) -> f64 {
-        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
-        // numerical integration.
+        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation errs by at most 0.013.
         let square = swing * swing;
         let single =
             OnsetDetector::QUARTILE + square * (0.14 + (0.86 - OnsetDetector::QUARTILE) * square);
@@ -302,8 +291,7 @@ impl OnsetModel {
         rms * (single + of_noise + (of_sine - of_noise) * sine)
     }
 
-    /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
-    /// cosine.
+    /// Residual of the drive's acceleration, both as complex amplitudes of the cosine.
     pub fn leaked(&self, swing: Complex) -> Complex {
         swing * self.tuning.complex_gain
     }
@@ -328,8 +316,7 @@ impl OnsetModel {
             .strike(sample, self.initial_phasor(share) * height);
     }
 
-    /// Adds an impact. Returns its detection, and the sum of its unblanked ringing times the
-    /// drive's phase factor.
+    /// Adds an impact. Its detection, and the sum of its unblanked ringing times the phasor.
     pub fn impact(
         &mut self,
         impact: SampledImpact,
@@ -389,9 +376,8 @@ impl OnsetModel {
         (detected, sum)
     }
 
-    /// Net change, in samples, of the time in which the residual exceeds the median, due to ringing
-    /// on the drive's leakage. It covers the time from an impact to a sample. The phase of the
-    /// ringing counts as random.
+    /// Net change, in samples, of the time above the median due to ringing on the drive's leakage,
+    /// from an impact to a sample. The phase of the ringing counts as random.
     fn excess(&self, ring: &RingingState, until: u64) -> f64 {
         const STEPS: usize = 12;
         let mut leak = ring.leak;
@@ -419,8 +405,7 @@ impl OnsetModel {
         sum * each
     }
 
-    /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
-    /// until the detector's memory has decayed.
+    /// Sum of the ringing before its first loud sample and after the detector's memory has decayed.
     #[inline(always)]
     fn is_detected(
         &mut self,
@@ -495,9 +480,8 @@ impl OnsetModel {
     }
 }
 
-/// Number of decay times for which a ringing hides the noise; `folds` is the logarithm of its start
-/// over the median. It is twice the integral of the excess over 1/2, within a tenth of numerical
-/// integration.
+/// Number of decay times for which a ringing hides the noise, within a tenth of the integral;
+/// `folds` is the logarithm of its start over the median.
 fn hidden_time(folds: f64) -> f64 {
     if folds < 2.0 {
         0.24 * folds * folds
@@ -540,9 +524,8 @@ mod tests {
     use crate::model::drive::Ringing;
     use std::vec::Vec;
 
-    /// Impacts of a height in m/s^2, from the time `next` on every `spacing`, in samples. The drive
-    /// turns by `theta` rad a sample with an acceleration `swing`; `sigma` is the RMS of the noise,
-    /// both in m/s^2.
+    /// Detections from sample `from` on and final median, of detector and closed form. Impacts of
+    /// `height` (m/s^2) come from `next` on, every `spacing` samples; the drive turns by `theta`.
     ///
     /// Detections from sample `from` on, and final median, of the detector and of the closed form.
     fn onsets(

@@ -26,8 +26,7 @@ use kband_control::signal_path::{
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
 use num_complex::{Complex32, Complex64 as Complex};
 
-/// Largest number of events of one part in one cycle; later events move to the next cycle. A
-/// chatter is summed long before.
+/// Largest number of events of one part in one cycle; later events move to the next cycle.
 const EVENTS_PER_CYCLE: usize = 200;
 /// Largest number of detected impacts that wait for the cycle of their sample.
 const MAX_PENDING_IMPACTS: usize = 2 * MAX_IMPACTS_PER_CYCLE;
@@ -59,8 +58,7 @@ pub struct EnvelopePlant {
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
-    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive. It is the
-    /// time of the last output sample before this cycle.
+    /// Time up to which the parts are simulated, in 2^-32 turns: the last sample before the cycle.
     time: i64,
     /// Samples before this cycle.
     sample: u64,
@@ -151,8 +149,7 @@ impl EnvelopePlant {
         };
     }
 
-    /// Simulates one drive cycle under a command. `next` is the signal path's command for the next
-    /// cycle, which selects folding and blanking.
+    /// Simulates a drive cycle; `next` is the command of the next one, for averaging and blanking.
     pub(crate) fn cycle(&mut self, command: &Command, next: &Command) -> Cycle {
         let (output, step) = (f64::from(command.amplitude), command.step);
         self.strikes.clear();
@@ -190,8 +187,7 @@ impl EnvelopePlant {
         };
         // An impact detected only in the next cycle has a phase of this one.
         let read = (clipped || self.readings.averages()).then(|| self.read_each(&mut cycle));
-        // Parts with mass seldom ring simultaneously. Without saturation the closed form applies,
-        // with blanking.
+        // Parts with mass seldom ring at once: without saturation the closed form applies.
         let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
         let readings = read.filter(|_| cut);
         let ringing_sum = self.detect_impacts(max_acceleration);
@@ -308,8 +304,7 @@ impl EnvelopePlant {
                 from = next;
                 let swing = motion.swing(next);
                 let wave = motion.wave(&swing, waves);
-                // The track recoils from a part with mass, which acts on the flight as more
-                // gravity.
+                // The track recoils from a part with mass, which acts like more gravity.
                 let jumping = Track {
                     wave,
                     normal_gravity: normal_gravity * (1.0 + share),
@@ -506,8 +501,7 @@ impl EnvelopePlant {
         self.time += i64::from(samples) * i64::from(step);
     }
 
-    /// Sets whether the displacement along the track is computed; if not, it stays constant and
-    /// costs nothing.
+    /// Sets whether the displacement along the track is computed.
     pub(crate) fn watch_displacement(&mut self, watched: bool) {
         self.watched = watched;
     }

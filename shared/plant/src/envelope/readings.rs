@@ -32,8 +32,7 @@ pub(crate) struct Sense {
     pub full: f64,
 }
 
-/// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and averaging
-/// needs each reading.
+/// Simulates a cycle's readings sample by sample: clipping is nonlinear, averaging needs each.
 #[derive(Clone, Debug)]
 pub(crate) struct Readings {
     ringing: Ringing,

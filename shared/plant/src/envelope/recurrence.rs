@@ -1,8 +1,7 @@
 //! Resonant drive and demodulator in steps of a drive cycle, exact at the samples but for rounding.
 //!
 //! The drive is its zero-order-hold discretization in modal coordinates (K. J. Åström and B.
-//! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
-//! demodulator are geometric series.
+//! Wittenmark, Computer-Controlled Systems, 1997). All sums are geometric series.
 
 use crate::model::drive::Swing;
 use crate::model::scene::DriveModel;
@@ -120,8 +119,7 @@ struct Tuning {
     drift: Complex,
     /// Phase lead of the steady swing over the output.
     lead: Phase,
-    /// The track's `b e^(i phase)` of a state z, rotated back by `lead`:
-    /// `swing[0] z + swing[1] conj(z)`.
+    /// The track's `b e^(i phase)`, rotated back by `lead`: `swing[0] z + swing[1] conj(z)`.
     swing: [Complex; 2],
     /// Samples per phase step of 2^-32 turns.
     per_step: f64,
@@ -136,8 +134,7 @@ struct CycleConstants {
     samples: u32,
     /// `l^N`.
     decay: Complex,
-    /// `r^N` and the sum of `r^n` over `n = 1..N-1`, for `r = l e^(i theta)` and `r = conj(l)
-    /// e^(i theta)`.
+    /// `r^N` and the sum of `r^n`, `n = 1..N-1`; `r = l e^(i theta)`, or `r = conj(l) e^(i theta)`.
     forward: [Complex; 2],
     backward: [Complex; 2],
 }
@@ -165,8 +162,7 @@ impl Tuning {
         let forward = mode.input * half / (sample - mode.sample);
         let backward = -mode.input * half / (sample.conj() - mode.sample);
         let shorter = ((1_u64 << 32) / u64::from(step)) as u32;
-        // The imaginary part is the displacement, the real part the velocity over the angular
-        // frequency.
+        // Imaginary part: displacement. Real part: velocity over the angular frequency.
         let quadrature = mode.natural / (theta * f64::from(SAMPLE_RATE));
         let damping = Complex::new(0.0, quadrature * mode.zeta * mode.per_damped);
         let swing = [
@@ -209,8 +205,7 @@ pub struct Recurrence {
     transient: Complex,
     /// Steady state of this cycle: `steady[0] e^(i phase) + steady[1] e^(-i phase)`.
     steady: [Complex; 2],
-    /// Acceleration of steady state and transient: real part of the first times `e^(i phase)`, and
-    /// of the second times `l^n`.
+    /// Acceleration of steady state, times `e^(i phase)`, and transient, times `l^n`: real parts.
     reading: [Complex; 2],
     /// Output phase at the first sample of the cycle, its `e^(i phase)` and the square of that.
     phase: u32,
@@ -238,8 +233,7 @@ impl Recurrence {
         }
     }
 
-    /// Begins a cycle with a complex output amplitude, whose imaginary part leads by a quarter
-    /// turn, and a phase step per sample.
+    /// Begins a cycle with a complex output, whose imaginary part leads, and a step per sample.
     pub fn begin(&mut self, output: Complex, step: u32) {
         let step = step.max(1);
         if step != self.tuning.step {
@@ -266,8 +260,7 @@ impl Recurrence {
         self.steady[0] * at + self.steady[1] * at.conj()
     }
 
-    /// Ends the cycle and returns its demodulated acceleration: cosine and sine parts in m/s^2. The
-    /// drive's output is a sine of the same phase.
+    /// Ends the cycle; its demodulated acceleration, cosine and sine parts in m/s^2.
     pub fn end(&mut self) -> Complex {
         let constants = &self.tuning.cycles[self.longer];
         let advance = u64::from(self.tuning.step) * u64::from(constants.samples);
@@ -356,17 +349,14 @@ impl Recurrence {
 #[derive(Clone, Copy, Debug)]
 pub struct Swinging<'a> {
     pub drive: &'a Recurrence,
-    /// Transient at the start of the cycle relative to the rotating phase; `None` if it has
-    /// decayed.
+    /// Transient at the start of the cycle over the rotating phase; `None` once it has decayed.
     transient: Option<Complex>,
-    /// Contributions of the steady state's `e^(-i phase)` to the swing: a constant, and the factor
-    /// of `e^(-2 i phase)`.
+    /// Part of the swing from the steady `e^(-i phase)`: a constant, and that of `e^(-2 i phase)`.
     counter_rotating: [Complex; 2],
 }
 
 impl Swinging<'_> {
-    /// Swing at the drive's frequency, `ticks` output steps of 2^-32 turns after the first sample
-    /// of the cycle.
+    /// Swing at the drive's frequency, `ticks` of 2^-32 turns after the first sample of the cycle.
     pub fn at(&self, ticks: i64) -> Swing {
         let (tuning, steady) = (&self.drive.tuning, &self.drive.steady);
         let phase = self.drive.phase.wrapping_add(ticks as u32);
@@ -401,8 +391,7 @@ mod tests {
         let force = model.gain * 1e-3 / model.quality;
         let mut fast = Recurrence::new(model, phase_step(frequencies[0]));
         let (mut phase, mut held) = (0_u32, 0.0_f32);
-        // The waveform's matrix in f32 has a rounding of 6e-8, which changes the decay zeta w0 h
-        // per sample.
+        // The waveform's matrix in f32 has a rounding of 6e-8, which changes its decay.
         let rounding = 6e-8 / -fast.mode.log.re;
         let mut largest = 0.0_f64;
         for cycle in 0..90 {

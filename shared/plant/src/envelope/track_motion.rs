@@ -22,8 +22,7 @@ pub(crate) struct TrackMotion<'a> {
 }
 
 impl<'a> TrackMotion<'a> {
-    /// Motion from a drive with this number of upper tones; `time` is that of the output sample
-    /// before the cycle.
+    /// Motion from a drive with this number of upper tones; `time`: that of the last output sample.
     pub fn new(
         drive: &'a Recurrence,
         upper: Option<&'a UpperEnvelope>,

@@ -29,8 +29,7 @@ pub(crate) fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter
     })
 }
 
-/// Applies a change of the restitution to that of a part. A value out of range is rejected, and the
-/// old one remains.
+/// Applies a change to a part's restitution; a value out of range is rejected.
 pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
     let changed = match change {
         Change::Restitution(mean) => restitution.with_mean(mean.into()),

@@ -3,8 +3,7 @@
 use super::scene::{PARTS, Scene};
 use kband::arithmetic::Phase;
 
-/// Arrival time of each part on the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the
-/// hopper.
+/// Arrival time of each part on the track, in 2^-32 turns of the drive; `u64::MAX` in the hopper.
 #[derive(Clone, Debug)]
 pub struct Hopper {
     arrives: [u64; PARTS],

@@ -50,18 +50,15 @@ pub struct Part {
     pub restitution: Scatter,
     motion: Motion,
     rested: bool,
-    /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the
-    /// drive.
+    /// Start of the flight, or of the contact before it, in 2^-32 turns of the drive.
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
-    /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
-    /// mass.
+    /// Change of velocity by the last impact in m/s: momentum for the track over the part's mass.
     pub pushed: f64,
     /// Displacement along the track so far in m, positive upwards.
     pub displacement: f64,
-    /// Time from which the part lies on the track, in steps of 2^-32 turns of the drive; `None` in
-    /// flight. Earlier sliding is in its displacement.
+    /// Time from which the part lies on the track, in 2^-32 turns; `None` in flight.
     rest_start: Option<u64>,
 }
 
@@ -158,8 +155,7 @@ impl Part {
         self.restitution.mean().max(0.0)
     }
 
-    /// Map of its flights at `k`. With scattered restitution the map is elastic, and the
-    /// restitution is drawn at the impact.
+    /// Map of its flights at `k`; elastic for scattered restitution, which impacts draw.
     fn map(&self, k: f64) -> Option<Map> {
         let scatters = self.restitution.deviation() > 0.0;
         let restitution = if scatters { 1.0 } else { self.mean() };
@@ -190,8 +186,7 @@ impl Part {
         }
     }
 
-    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `None` if not.
-    /// `swing` is the track's at `time`.
+    /// Throws a part at rest where the acceleration exceeds gravity; `swing` is that at `time`.
     pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) -> Option<()> {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
@@ -211,8 +206,7 @@ impl Part {
         Some(())
     }
 
-    /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
-    /// event.
+    /// Processes the due event; its impact, if it is one. `swing` is the track's at the event.
     pub fn event(&mut self, swing: Swing, track: &Track<'_>) -> Option<Strike> {
         let Motion::Flying {
             until: time,
@@ -371,8 +365,7 @@ impl Part {
         }
     }
 
-    /// Slides a part at rest up to `time`; `swing` is the track's at that time. With friction its
-    /// displacement is current only up to the last call.
+    /// Slides a part at rest up to `time`, with the track's `swing` at that time.
     pub fn slide(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
@@ -459,8 +452,7 @@ impl Flight {
         let arrival = if map.restitution() > 1e-6 {
             impact.next.velocity / map.restitution()
         } else {
-            // At restitution 0 the speed is that of a launch from rest, which such a part always
-            // has.
+            // At restitution 0 the speed is that of a launch from rest.
             (k * impact.flight - 2.0 * libm::sin(phase + half) * libm::sin(half)).max(0.0)
         };
         Self {
@@ -471,8 +463,7 @@ impl Flight {
         }
     }
 
-    /// Elastic flight on several tones, whose launch velocity after the impact is the arrival
-    /// speed.
+    /// Elastic flight on several tones: its launch velocity after the impact is the arrival speed.
     fn on_tones(map: &WaveMap, phase: f64, impact: Impact<PartState>) -> Self {
         Self {
             k: map.k(),

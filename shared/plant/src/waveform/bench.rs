@@ -16,12 +16,10 @@ use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
 
-/// Largest number of events of one part in one sample; later events move to the next sample. A
-/// chatter is summed long before.
+/// Largest number of events of one part in one sample; later events move to the next sample.
 const EVENTS_PER_SAMPLE: usize = 16;
 
-/// Sensitivity of the current sensor in V/A if the settings have none: the emulated board gets its
-/// settings later.
+/// Sensitivity of the current sensor in V/A without a configured one, as on the emulated board.
 const CURRENT_SENSITIVITY: f32 = 0.3;
 
 /// The simulated feeder of a scene with its disturbances, for any controller.
@@ -50,8 +48,7 @@ pub struct Bench {
     parts: Vec<Part, PARTS>,
     /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
-    /// Acceleration in m/s^2 from the weight of the lying parts, and static deflection of the
-    /// spring under all parts on the track, in m.
+    /// Acceleration by the weight of lying parts in m/s^2, deflection of the spring under all in m.
     pressed: f32,
     sagged: f64,
     hopper: Hopper,
@@ -90,8 +87,7 @@ fn all<'a>(
 }
 
 impl Bench {
-    /// The bench of a scene at time 0: parts at rest, drive off, enable input on. An error names
-    /// the parameter out of range.
+    /// The bench of a scene at time 0: parts at rest, drive off. It refuses a number out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -207,8 +203,7 @@ impl Bench {
             acceleration
         };
         let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
-        // `clamp` may panic with both numbers in the message; their formatting takes 15 KiB of the
-        // emulated image.
+        // `clamp` may panic with both numbers, which takes 15 KiB of the emulated image.
         self.last_code = code.max(0.0).min(self.full) as u16;
         AdcCode(self.last_code)
     }
@@ -463,8 +458,7 @@ impl Bench {
         self.timeline.new_target()
     }
 
-    /// Whether the board's supply sagged in this cycle, returned once; controller and cycle must
-    /// restart.
+    /// Whether the supply sagged in this cycle, returned once; controller and cycle must restart.
     pub fn sagged(&mut self) -> bool {
         self.timeline.sagged()
     }

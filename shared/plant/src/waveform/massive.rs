@@ -10,9 +10,8 @@ use kband::impact::Scatter;
 /// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
 const BISECTIONS: usize = 30;
 
-/// Velocities of track and part after an impact with a part of `share` of the track's mass.
-/// Momentum is conserved, and the relative velocity is reversed times `restitution`. All velocities
-/// have the same unit.
+/// Velocities of track and part after an impact with a part of `share` of the track's mass. It
+/// keeps momentum, and reverses the relative velocity times `restitution`.
 pub fn collide(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
     let change = (1.0 + restitution) * (track - part) / (1.0 + share);
     [track - share * change, part + change]
@@ -27,8 +26,7 @@ pub struct Ground {
     pub gravity: [f64; 2],
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
-    /// Motion along the track over that normal to it, as cosine and sine parts of its lead (symbols
-    /// eta cos gamma, eta sin gamma).
+    /// Motion along the track over that normal to it: eta cos gamma, eta sin gamma.
     pub along: [f64; 2],
     /// Mean displacement of the swinging track in m.
     pub level: f64,
@@ -162,8 +160,7 @@ impl MassivePart {
         (self.began, self.rested) = (now, true);
     }
 
-    /// Simulates a sample at rest. The part presses with `normal` m/s^2, and the track accelerates
-    /// along itself by `along`.
+    /// Simulates a sample at rest: it presses with `normal`, the track accelerates by `along`.
     pub fn rest_on(&mut self, ground: &Ground, normal: f64, along: f64) {
         let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
         else {
@@ -193,8 +190,7 @@ impl MassivePart {
         }
     }
 
-    /// Begins a flight with a height, a velocity normal to the track and a velocity along it
-    /// relative to the track.
+    /// Begins a flight with height and velocity `own`, and a velocity along the track over it.
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
         let [launch_position, track_velocity] = ground.along(track);
         self.began = now;

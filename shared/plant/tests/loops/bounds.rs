@@ -1,5 +1,4 @@
-//! The measured amplitude of drawn machines keeps every limit. The method is a random walk through
-//! the accepted settings.
+//! The measured amplitude of drawn machines keeps every limit: a walk through accepted settings.
 
 use super::fidelity::{changes, drive_of, unwatched};
 use super::lots::number;
@@ -50,8 +49,7 @@ fn strength(settings: &Settings, frequency: f32) -> f32 {
     1e-3 * settings.gain * response
 }
 
-/// Complete machines whose sensor has the configured sensitivity or less. The bound is on the
-/// measured amplitude, because a board knows no other.
+/// Machines whose sensor has the configured sensitivity or less; a board knows no other amplitude.
 #[test]
 fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
     const MEAN: usize = 100;

@@ -70,8 +70,7 @@ impl Drop for Loop {
     }
 }
 
-/// The envelope of a scene without displacement, READY and a regime that no decision needs: a run
-/// for other quantities takes half as long.
+/// The envelope without displacement, READY and an unneeded regime, in half of the time.
 pub fn unwatched(scene: &Scene) -> EnvelopeLoop {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     closed.watch(false);
@@ -112,8 +111,7 @@ pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
     }
 }
 
-/// Parts evenly spaced over a lot, at a fixed k. Their restitutions and their scatter are
-/// configured correctly.
+/// Parts evenly spaced over a lot, configured correctly, at a fixed k.
 pub fn lot([low, high]: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
     let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
     let mut scene = Scene {

@@ -1,8 +1,6 @@
-//! Tests: the amplitude loop settles at its setpoint for drives over the whole range of the
-//! settings.
+//! Tests: the amplitude loop settles at its setpoint over the whole range of the settings.
 //!
-//! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
-//! of the same loop.
+//! The machines have no parts. `kband margins` prints the stability margins of the same loop.
 
 use super::fidelity::unwatched;
 use kband_control::{State, Target};
@@ -11,8 +9,7 @@ use kband_plant::Scene;
 #[derive(Clone, Copy, Debug)]
 struct Start {
     peak: f32,
-    /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
-    /// the setpoint, less eight cycles of dead time and noise.
+    /// Settling time to 5 % from the reference's arrival, in time constants, less eight cycles.
     settles: f32,
     swing: f32,
     state: State,

@@ -25,9 +25,8 @@ fn log_between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     libm::exp(between(noise, libm::log(low), libm::log(high)))
 }
 
-/// A feeder of 20 to 300 Hz for gear of order 1 or 2. It has 1 to 12 parts of R 0.1 to 0.6 and s
-/// 0.02 to 0.10. The sensor's gain is 0.7 to 1.4 of the configured one, and equal to it in a
-/// quarter of the lots.
+/// A feeder of 20 to 300 Hz for gear of order 1 or 2, with 1 to 12 parts of R 0.1 to 0.6. s is 0.02
+/// to 0.10; the sensor's gain is 0.7 to 1.4, and 1 in a quarter of the lots.
 pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let noise = &mut Noise::new(seed.wrapping_mul(1_000_003).wrapping_add(number));
     let order = 1 + (noise.bits() % 2) as u8;
@@ -191,8 +190,7 @@ fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
 #[test]
 fn reported_errors_cover_the_true_share() {
     let (covered, lots) = coverage(configured());
-    // The share of 0.28 of 1000 lots is reported. The bound is three standard deviations of a
-    // binomial count.
+    // Three standard deviations of a binomial count below the share of 0.28 of 1000 lots.
     let expected = 0.28 * self::lots() as f64;
     let minimum = expected - 3.0 * (0.72 * expected).sqrt();
     assert!(lots > minimum, "{lots} lots");

@@ -16,8 +16,7 @@ struct Lot {
     tone: [f32; 2],
 }
 
-/// True values of the plant from 5 s to 60 s, over flights in gear from the eighth in a row on.
-/// Also the drive cycles in gear, and the losses.
+/// True values from 5 s to 60 s, over flights in gear from the eighth in a row on.
 #[derive(Debug)]
 struct Actual {
     trace: f64,
@@ -128,8 +127,7 @@ fn estimated_margin_matches_the_plant() {
             assert!(estimate.error < 0.02, "{case}");
             assert!((estimate.scatter / scatter - 1.0).abs() < 0.15, "{case}");
             let longest = actual.cycles / actual.losses.max(1.0);
-            // If gear lasts a dozen flights, one part has few flights in gear in a minute, unlike
-            // many parts.
+            // If gear lasts a dozen flights, one part has few flights in gear in a minute.
             let tolerance = if longest > 15.0 { 0.12 } else { 0.35 };
             let difference = (f64::from(estimate.trace) - actual.trace).abs();
             assert!(difference < tolerance, "{case}");

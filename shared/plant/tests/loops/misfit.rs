@@ -1,5 +1,4 @@
-//! Parts that do not fit the configured lot: time to detection and setpoint after it. Parts of the
-//! lot are never detected as such.
+//! Parts that do not fit the configured lot: time to detection and setpoint after it.
 
 use super::fidelity::{Loop, changes};
 use super::lots::{between, random_lot};
@@ -112,8 +111,7 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
     assert_eq!((found, missed), ([22, 10], [3, 15]));
 }
 
-/// Parts that bounce more regularly than configured strike at fewer phases than predicted, but at
-/// the predicted ones.
+/// Regular parts strike at fewer phases than predicted, but at the predicted ones.
 #[test]
 fn parts_that_scatter_less_than_configured_fit() {
     let (mut ready_count, mut misfits) = (0, Vec::new());

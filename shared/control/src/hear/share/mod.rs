@@ -93,8 +93,7 @@ const MIN_MISFIT_DURATION: f32 = 2.6;
 const MIN_MISFIT_CYCLES: [f32; 2] = [64.0, 128.0];
 /// Number of fits of a hypothesis before the next one.
 const MIN_FITS: u32 = 2;
-/// Hypotheses on the scatter: factors on the configured one. Parts that bounce more regularly are
-/// in gear too, at fewer phases than predicted.
+/// Hypotheses on the scatter, over the configured one: regular parts are in gear at fewer phases.
 const SCATTER_FACTORS: [f32; 3] = [1.0, 0.4, 0.1];
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
 const INITIAL_DELAY: f32 = 2.5;
@@ -488,8 +487,7 @@ impl ShareEstimator {
         }
     }
 
-    /// Fits the mixture from the last one, by whose expected energy each sector is weighed. Returns
-    /// that energy, the weights and their covariance.
+    /// Fits the mixture, weighed by the last one; expected energy, weights and their covariance.
     fn fit_weights(
         &self,
         measured_energy: &SectorEnergy,
