@@ -125,7 +125,6 @@ struct RunResult {
     max_excess: f32,
     swing: f32,
     deviation: f32,
-    /// Whether a number was not finite.
     broken: bool,
     fault: u8,
 }

@@ -43,7 +43,6 @@ impl SpeedSearch {
         (self.order > *ORDERS.end()).then(|| self.choice())
     }
 
-    /// Distance of a speed from the requested one, in mm/s.
     fn distance(&self, speed: f32) -> f32 {
         (speed - self.requested).abs()
     }

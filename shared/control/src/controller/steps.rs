@@ -112,12 +112,21 @@ impl Controller {
         if !motion.is_finite() {
             motion = Complex::default();
         }
+        // Displacement over acceleration, at twice and three times the frequency.
+        let tone = |[cosine, sine]: [f32; 2], scale: f32| {
+            Complex::new(sine, cosine) * (scale / self.scale.angular_squared)
+        };
+        let [second, third] = cycle.upper;
+        let upper = [tone(second, -1.0 / 4.0), tone(third, -1.0 / 9.0)];
         View {
             cycle,
             finite,
             measured: square_root_single(motion.norm_sqr()),
             lead: phase_of(libm::atan2f(motion.im, motion.re)),
-            motion: self.motion(cycle, motion),
+            motion: TrackMotion {
+                first: motion,
+                upper,
+            },
         }
     }
 
@@ -160,17 +169,6 @@ impl Controller {
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
         (self.meter.as_mut()).map_or(motion, |meter| meter.cycle(&observed))
-    }
-
-    /// Converts the demodulated acceleration to the track's motion, in m.
-    fn motion(&self, cycle: &Cycle, first: Complex) -> TrackMotion {
-        // Displacement over acceleration at twice and three times the frequency.
-        let scales = [-1.0 / 4.0, -1.0 / 9.0];
-        let mut upper = [Complex::default(); UPPER];
-        for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
-            *tone = Complex::new(sine, cosine) * (scale / self.scale.angular_squared);
-        }
-        TrackMotion { first, upper }
     }
 
     /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
@@ -256,7 +254,6 @@ impl Controller {
         untrusted
     }
 
-    /// Follows the enable input, and the run bit of a bus in control.
     fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let at_rest =
             self.reference.value <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
@@ -536,9 +533,7 @@ impl Controller {
             min_k: f64::from(self.scale.k(self.scale.reach(&self.settings))),
             normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
-            margin: self.listener.margin(),
-            speed_from_rest: self.listener.gear.landing_speed_from_rest(),
-            energy_per_squared_speed: self.listener.gear.energy_per_squared_speed(),
+            listener: &self.listener,
         };
         match self.identifier.cycle(&driven, view.cycle) {
             Step::Going => {}

@@ -39,7 +39,6 @@ fn build(settings: &Settings, target: Target) -> Controller {
     Controller::build(settings, target, StartCause::Ordinary).unwrap()
 }
 
-/// A controller whose setpoint is found.
 fn planned(settings: &Settings, target: Target) -> Controller {
     let mut controller = build(settings, target);
     while !controller.is_setpoint_found() {
@@ -61,7 +60,6 @@ fn ideal_amplitude(controller: &Controller) -> f32 {
     0.5 * controller.scale.full_amplitude * absolute(next + running)
 }
 
-/// Readings of the next cycle of that drive.
 fn ideal(controller: &Controller) -> Cycle {
     Cycle {
         samples: 400,
@@ -76,7 +74,6 @@ fn enabled() -> Inputs {
     with(Inputs::default(), |it| it.enable = true)
 }
 
-/// A cycle of that drive, and some slices of planning.
 fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     let inputs = with(Inputs::default(), |it| it.enable = enable);
     let report = controller.cycle(&ideal(controller), &inputs);
@@ -86,7 +83,6 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
-/// The report after a number of such cycles.
 fn follow_for(cycles: u32, controller: &mut Controller, enable: bool) -> Report {
     let reports = (0..cycles).map(|_| follow(controller, enable, 1));
     reports.last().unwrap()

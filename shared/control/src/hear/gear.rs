@@ -200,10 +200,6 @@ struct Impact {
 }
 
 impl Impact {
-    fn phase(&self) -> f32 {
-        radians_of(Phase::from_bits(self.time as u32))
-    }
-
     /// Launch speed over b w below which the part returns at once, while the track still rises.
     fn max_short_launch_speed(&self, k: f32, track: &TrackMotion) -> f32 {
         let [launch_displacement, velocity, _] = self.track;
@@ -224,7 +220,7 @@ fn normal_density(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct DriveState {
     pub count: u32,
     pub lead: Phase,
@@ -240,7 +236,6 @@ pub struct DriveState {
     pub contact: ContactTime,
     /// Whether gear is to be detected for READY; only then is the short histogram fitted.
     pub detects_gear: bool,
-    /// Whether a decision needs the regime.
     pub needs_regime: bool,
 }
 
@@ -424,7 +419,8 @@ impl GearEstimator {
         duration: f32,
         noise: f32,
     ) -> Option<Option<f32>> {
-        let difference = impact.phase() - self.flight_from_rest.phase;
+        let phase = radians_of(Phase::from_bits(impact.time as u32));
+        let difference = phase - self.flight_from_rest.phase;
         let landing_density = normal_density(difference / LANDING_DEVIATION) / LANDING_DEVIATION;
         let arrival = (difference > -4.0 * LANDING_DEVIATION
             && difference < 4.0 * LANDING_DEVIATION)
@@ -646,17 +642,10 @@ mod tests {
     /// An estimator after 1000 drive cycles, each with an energy of 3 and an impact at this phase.
     fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
         let drive_state = DriveState {
-            count: 0,
             lead: Phase::from_radians(-1.2),
             order: 1,
             k: k as f32,
-            shape: Shape::SINE,
-            step: 0,
-            lot: None,
-            settled: true,
-            contact: ContactTime::INSTANT,
-            detects_gear: true,
-            needs_regime: true,
+            ..DriveState::default()
         };
         for count in 0..1000 {
             let impact = DetectedImpact {

@@ -44,7 +44,6 @@ const MAX_ORDER: usize = 8;
 /// Forgetting factor per drive cycle: memory of 16 cycles.
 const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
 
-/// A part over the whole; 0 without a whole.
 pub fn share_of(part: f32, whole: f32) -> f32 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }

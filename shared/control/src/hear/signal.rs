@@ -141,7 +141,6 @@ struct CycleTiming {
     /// Advance of the phase per sample, and its inverse.
     step: u32,
     inverse: f32,
-    /// Largest number of blanked samples.
     max_blanked: f32,
 }
 
@@ -556,7 +555,6 @@ mod tests {
         Signal::build(&Settings::default()).unwrap()
     }
 
-    /// Runs to the end of a cycle with these readings.
     fn cycle(signal: &mut Signal, code: AdcCode) -> Cycle {
         while !signal.sample(code).wrapped {}
         signal.cycle().clone()

@@ -150,7 +150,6 @@ impl Fit {
         self.grid_step = (highest - self.lowest).max(2.0 * GRID_MARGIN) / (GRID_POINTS - 1) as f32;
     }
 
-    /// Stores some bins of an average, from index `first`.
     pub fn store(&mut self, first: usize, residual: &[f32; BINS_PER_CYCLE]) {
         for (n, value) in residual.iter().enumerate() {
             if let Some(slot) = self.residual.get_mut(first + n) {

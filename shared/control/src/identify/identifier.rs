@@ -11,7 +11,7 @@
 
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
-use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact};
+use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact, Listener};
 use crate::{Cycle, GearMargin, phase_of};
 use core::f32::consts::TAU;
 use heapless::Vec;
@@ -154,8 +154,8 @@ pub enum Step {
 }
 
 /// State of the drive in one cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Driven {
+#[derive(Clone, Copy, Debug)]
+pub struct Driven<'a> {
     /// Relative error of the amplitude; infinite while it changes.
     pub amplitude_error: f32,
     pub k: f64,
@@ -168,11 +168,7 @@ pub struct Driven {
     /// Advance of the phase per sample.
     pub step: u32,
     /// Estimates of parts in gear, of any restitution.
-    pub margin: Option<GearMargin>,
-    /// Landing speed over b w of a part thrown from rest.
-    pub speed_from_rest: f32,
-    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, (m/s^2)^2.
-    pub energy_per_squared_speed: Option<f32>,
+    pub listener: &'a Listener,
 }
 
 /// Sequence of one identification.
@@ -271,7 +267,7 @@ impl Identifier {
         }
     }
 
-    pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
+    pub fn cycle(&mut self, driven: &Driven<'_>, cycle: &Cycle) -> Step {
         let average = &cycle.average;
         let old = self.check_time_limit();
         if old != Step::Going {
@@ -319,7 +315,8 @@ impl Identifier {
                 self.cycles_with_impact += u16::from(!cycle.impacts.is_empty());
                 let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
                 self.energy += cycle.sectors.energy.iter().sum::<f32>() - noise;
-                let speed = driven.speed_from_rest / driven.k as f32;
+                let from_rest = driven.listener.gear.landing_speed_from_rest();
+                let speed = from_rest / driven.k as f32;
                 self.squares += speed * speed;
                 self.stage = if cycles + 1 < AVERAGED_CYCLES {
                     Stage::Averaging(from, cycles + 1)
@@ -342,7 +339,7 @@ impl Identifier {
                 if let (true, Some(result)) =
                     (cycles + 1 >= GEAR_CHECK_CYCLES, self.averages_result)
                 {
-                    let margin = driven.margin.filter(|margin| {
+                    let margin = driven.listener.margin().filter(|margin| {
                         let count = self.estimate_parts(driven, margin.restitution);
                         count.is_some_and(|count| count < MIN_SEVERAL_PARTS)
                     });
@@ -363,7 +360,6 @@ impl Identifier {
         self.stage == Stage::Comparing && self.fit.step()
     }
 
-    /// Begins the next stage once the amplitude has settled.
     fn settled(&mut self, lead: Phase) -> Step {
         if self.averages_result.is_some() {
             self.stage = Stage::Checking(0);
@@ -485,12 +481,12 @@ impl Identifier {
     }
 
     /// Estimates the number n of parts from two energies: n^2 of joint landings, n in gear.
-    fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
+    fn estimate_parts(&self, driven: &Driven<'_>, restitution: f32) -> Option<f32> {
         let bounces = BounceTrain::simulate(self.first?, restitution, self.fit.contact)?;
         let trained: f32 = (bounces.impacts.iter().map(|(_, speed)| speed * speed)).sum();
         let relative_energy = self.energy / (self.squares * trained);
         let k = driven.k as f32;
-        Some(relative_energy / (driven.energy_per_squared_speed? * k * k))
+        Some(relative_energy / (driven.listener.gear.energy_per_squared_speed()? * k * k))
     }
 
     /// Result of the averages; `None` before it is significant and accurate enough.

@@ -12,7 +12,7 @@ const ACKNOWLEDGE_SECONDS: f32 = 0.5;
 const LOCKOUT_SECONDS: f32 = 60.0;
 
 /// The causes that keep the drive off.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Interlock {
     pub(crate) fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
@@ -46,15 +46,8 @@ impl Interlock {
                 StartCause::Refused => Some(Fault::SettingsInvalid),
             },
             latched: start != StartCause::Ordinary,
-            locked_out: false,
-            now: 0,
-            faults: [None; 2],
-            withdrawn: 0,
             rate,
-            settings_saved: false,
-            stopped_by_link: false,
-            bus_controls: false,
-            run_was_off: false,
+            ..Self::default()
         }
     }
 

@@ -48,7 +48,7 @@ impl EnvelopeLoop {
         Moment {
             time: self.plant.seconds(),
             report: self.controller.report(),
-            strikes: self.plant.strikes().len() as u32,
+            strikes: self.plant.strikes.len() as u32,
             displacement: self.plant.displacement(),
             load: self.plant.load(),
         }
@@ -119,13 +119,13 @@ impl EnvelopeLoop {
     /// and the regime if the controller does not use it. Else they stay constant.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
-        self.plant.watch_displacement(watched);
+        self.plant.watched = watched;
         self.controller.watch_regime(watched);
     }
 
     /// Sets whether the displacement along the track is computed.
     pub fn watch_displacement(&mut self, watched: bool) {
-        self.plant.watch_displacement(watched);
+        self.plant.watched = watched;
     }
 
     /// Sets whether READY is detected, as [`Controller::watch_ready`] does.
@@ -140,7 +140,7 @@ impl EnvelopeLoop {
 
     /// Impacts of the last cycle.
     pub fn strikes(&self) -> &[Strike] {
-        self.plant.strikes()
+        &self.plant.strikes
     }
 
     /// True normal amplitude of the track (symbol b) at the end of the last cycle, in m.

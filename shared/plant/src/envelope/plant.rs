@@ -68,8 +68,10 @@ pub struct EnvelopePlant {
     lost: bool,
     inverted: bool,
     law: Law,
-    watched: bool,
-    strikes: Vec<Strike, MAX_STRIKES>,
+    /// Whether the displacement along the track is computed.
+    pub(super) watched: bool,
+    /// Impacts of the last cycle in order of time.
+    pub(super) strikes: Vec<Strike, MAX_STRIKES>,
     /// Detected impacts of cycles that have not ended, in order of time.
     pending_impacts: Vec<DetectedOnset, MAX_PENDING_IMPACTS>,
     /// Demodulated acceleration of the last cycle under a load, along sine and cosine of the phase.
@@ -227,7 +229,7 @@ impl EnvelopePlant {
         let turns = f64::from(step) / Phase::TURN;
         let frequency_difference = (2.0 * self.mains - 2.0 * turns) * TAU;
         let samples = f64::from(self.drive.samples());
-        let phase = f64::from(self.drive.phase()) / Phase::TURN + 0.5 * samples * turns;
+        let phase = f64::from(self.drive.phase) / Phase::TURN + 0.5 * samples * turns;
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
         let ripple = turn(beat)
@@ -257,13 +259,14 @@ impl EnvelopePlant {
     }
 
     fn move_parts(&mut self) {
-        let (samples, step) = (self.drive.samples(), self.drive.step());
+        let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
         let end = (self.time + i64::from(samples) * i64::from(step)).max(0) as u64;
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
         let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
         let track = Track {
             normal_gravity,
-            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
+            angular: f64::from(self.drive.tuning.step)
+                * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             law: self.watched.then_some(self.law),
             wave: None,
             contact: self.contact,
@@ -349,7 +352,7 @@ impl EnvelopePlant {
     /// Detects this cycle's impacts and returns the demodulated part of their ringing.
     fn detect_impacts(&mut self, max_acceleration: f64) -> Complex {
         self.onset
-            .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
+            .tune(f64::from(self.drive.tuning.step) * (TAU / Phase::TURN));
         let sense = self.sense;
         let leak = self.onset.tuning.leak * max_acceleration * sense.factor;
         let square = sense.residual * sense.residual + 0.5 * leak * leak;
@@ -361,7 +364,7 @@ impl EnvelopePlant {
         let median = self.onset.median(level, swinging).clamp(low, high);
         self.median = median.max(sense.floor);
         let leaked = self.onset.leaked(self.drive.steady_swing() * sense.factor);
-        let (samples, step) = (self.drive.samples(), self.drive.step());
+        let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
         self.onset
             .begin(self.sample, samples, self.drive.phase_at(0), step);
         let mut sum = Complex::ZERO;
@@ -375,7 +378,7 @@ impl EnvelopePlant {
             });
             index += count;
             // The state at a sample results from the output of the sample before.
-            let samples = (strike.time as i64 - self.time) as f64 * self.drive.per_step();
+            let samples = (strike.time as i64 - self.time) as f64 * self.drive.tuning.per_step;
             let down = samples as u32;
             let next_sample = down + u32::from(f64::from(down) < samples);
             let impact = SampledImpact {
@@ -392,11 +395,13 @@ impl EnvelopePlant {
             let (detected, ringing) = self.onset.impact(impact, background, &mut self.noise);
             sum += ringing * at;
             if let Some(detected) = detected {
-                self.queue_impact(detected);
+                let at =
+                    (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
+                let _ = self.pending_impacts.insert(at, detected);
             }
         }
         if !self.strikes.is_empty() {
-            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / sense.factor.max(1e-9);
+            sum *= 2.0 * f64::from(self.drive.tuning.step) / Phase::TURN / sense.factor.max(1e-9);
         }
         sum
     }
@@ -443,9 +448,9 @@ impl EnvelopePlant {
         if self.sensor.hum <= 0.0 {
             return Complex::ZERO;
         }
-        let drive = f64::from(self.drive.step()) / Phase::TURN;
+        let drive = f64::from(self.drive.tuning.step) / Phase::TURN;
         // Phase at the middle of the cycle that ended, half a cycle back.
-        let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
+        let phase = f64::from(self.drive.phase) / Phase::TURN - 0.5 * samples * drive;
         let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
         let half = 0.5 * TAU * samples;
         let difference_term = sinc(half * (self.mains - drive));
@@ -470,16 +475,11 @@ impl EnvelopePlant {
         self.readings.read(&of, cycle, &mut self.noise)
     }
 
-    fn queue_impact(&mut self, detected: DetectedOnset) {
-        let at = (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
-        let _ = self.pending_impacts.insert(at, detected);
-    }
-
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
     fn report_impacts(&mut self, cycle: &mut Cycle, samples: u32) {
-        let step = self.drive.step();
+        let step = self.drive.tuning.step;
         // The drive's phase is already that of the next cycle.
-        let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
+        let began = self.drive.phase.wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
         let pending = &self.pending_impacts;
@@ -501,11 +501,6 @@ impl EnvelopePlant {
         self.time += i64::from(samples) * i64::from(step);
     }
 
-    /// Sets whether the displacement along the track is computed.
-    pub(crate) fn watch_displacement(&mut self, watched: bool) {
-        self.watched = watched;
-    }
-
     /// Normal amplitude of the track in m.
     pub fn amplitude(&self) -> f64 {
         let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
@@ -518,11 +513,6 @@ impl EnvelopePlant {
         let on = |index: &usize| self.hopper.arrives(*index) <= now;
         let shares = (0..self.parts.len()).filter(on);
         (self.load.as_ref()).map_or(0.0, |load| shares.map(|part| load.share(part)).sum())
-    }
-
-    /// Impacts of the last cycle in order of time, at most 96.
-    pub fn strikes(&self) -> &[Strike] {
-        &self.strikes
     }
 
     /// Time since the start in s.
@@ -554,7 +544,7 @@ impl EnvelopePlant {
             Change::Ripple(ripple) => self.ripple = ripple,
             Change::Hum(hum) => self.sensor.hum = hum,
             Change::Dump(seconds) => {
-                let step = f64::from(self.drive.step());
+                let step = f64::from(self.drive.tuning.step);
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
                 self.hopper.dump(self.time.max(0) as u64, turns);
             }
@@ -569,7 +559,6 @@ impl EnvelopePlant {
     }
 }
 
-/// `sin(x)/x`.
 fn sinc(x: f64) -> f64 {
     if x.abs() < 1e-6 {
         1.0

@@ -94,7 +94,7 @@ impl Readings {
         for n in 0..samples {
             while let Some(strike) = strikes.peek() {
                 let delay =
-                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.per_step();
+                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.tuning.per_step;
                 if delay < 0.0 {
                     break;
                 }

@@ -16,7 +16,6 @@ pub(crate) fn turn(angle: f64) -> Complex {
     Complex::new(cosine, sine)
 }
 
-/// `e^z`.
 pub(crate) fn exp(z: Complex) -> Complex {
     turn(z.im) * libm::exp(z.re)
 }
@@ -106,8 +105,8 @@ impl Mode {
 
 /// Constants of a drive frequency: steady response and sums of the demodulator.
 #[derive(Clone, Copy, Debug)]
-struct Tuning {
-    step: u32,
+pub(super) struct Tuning {
+    pub step: u32,
     /// Phase advance per sample in rad.
     theta: f64,
     /// Steady state per unit output: `forward e^(i phase) + backward e^(-i phase)`.
@@ -122,7 +121,7 @@ struct Tuning {
     /// The track's `b e^(i phase)`, rotated back by `lead`: `swing[0] z + swing[1] conj(z)`.
     swing: [Complex; 2],
     /// Samples per phase step of 2^-32 turns.
-    per_step: f64,
+    pub per_step: f64,
     /// `1 / (e^(2 i theta) - 1)`.
     double: Complex,
     /// Transient decay and demodulator sums over the shorter and the longer cycle.
@@ -198,7 +197,7 @@ impl Tuning {
 #[derive(Clone, Copy, Debug)]
 pub struct Recurrence {
     mode: Mode,
-    tuning: Tuning,
+    pub(super) tuning: Tuning,
     /// State z at the first sample of the cycle.
     state: Complex,
     /// The state minus the steady state of this cycle.
@@ -208,7 +207,7 @@ pub struct Recurrence {
     /// Acceleration of steady state, times `e^(i phase)`, and transient, times `l^n`: real parts.
     reading: [Complex; 2],
     /// Output phase at the first sample of the cycle, its `e^(i phase)` and the square of that.
-    phase: u32,
+    pub phase: u32,
     began: Complex,
     squared: Complex,
     /// Index of this cycle's length.
@@ -308,11 +307,6 @@ impl Recurrence {
         (self.reading[0] * at).re + (self.reading[1] * exp(self.mode.log * n)).re
     }
 
-    /// Output phase at the first sample of this cycle.
-    pub fn phase(&self) -> u32 {
-        self.phase
-    }
-
     pub fn swinging(&self) -> Swinging<'_> {
         let transient =
             (self.transient.norm_sqr() > 1e-30).then(|| self.transient * self.began.conj());
@@ -333,16 +327,6 @@ impl Recurrence {
     pub fn phase_at(&self, samples: u32) -> Phase {
         let forward = samples.wrapping_mul(self.tuning.step);
         Phase::from_bits(self.phase.wrapping_add(forward))
-    }
-
-    /// Samples per phase step of 2^-32 turns.
-    pub fn per_step(&self) -> f64 {
-        self.tuning.per_step
-    }
-
-    /// Phase advance per sample.
-    pub fn step(&self) -> u32 {
-        self.tuning.step
     }
 }
 
@@ -435,7 +419,7 @@ mod tests {
                 }
             }
             let demodulated = fast.end();
-            assert_eq!(fast.phase(), phase);
+            assert_eq!(fast.phase, phase);
             let slow = [2.0 * cosines / weight, 2.0 * sines / weight];
             largest = largest.max(slow[0].hypot(slow[1]));
             let error = (demodulated.re - slow[0]).hypot(demodulated.im - slow[1]);

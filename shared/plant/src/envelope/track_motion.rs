@@ -45,8 +45,8 @@ impl<'a> TrackMotion<'a> {
             return swing;
         };
         let drive = self.swinging.drive;
-        let phase = Phase::from_bits(drive.phase().wrapping_add(ticks as u32));
-        upper.complete(swing, ticks as f64 * drive.per_step(), phase)
+        let phase = Phase::from_bits(drive.phase.wrapping_add(ticks as u32));
+        upper.complete(swing, ticks as f64 * drive.tuning.per_step, phase)
     }
 
     /// Wave of a swing; `None` for a sine.
@@ -57,10 +57,9 @@ impl<'a> TrackMotion<'a> {
 
     pub fn output_phase(&self, time: u64) -> f64 {
         let ticks = (time as i64 - self.time) as u32;
-        Phase::from_bits(self.swinging.drive.phase().wrapping_add(ticks)).radians()
+        Phase::from_bits(self.swinging.drive.phase.wrapping_add(ticks)).radians()
     }
 
-    /// A rest between two times, on the moving track.
     pub fn rest(&self, from: u64, until: u64) -> Rest {
         let duration = until.saturating_sub(from);
         let swing = self.swing(from + duration / 2);

@@ -41,7 +41,6 @@ pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
     }
 }
 
-/// Mean of the parts' displacements; 0 without parts.
 pub(crate) fn mean(displacements: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = displacements.len().max(1);
     displacements.sum::<f64>() / count as f64

@@ -13,19 +13,9 @@ pub enum Law {
 impl Law {
     /// Acceleration of a free part along the track over it, in `b w^2`, at a phase in rad.
     pub fn push(&self, wave: Option<&Wave>, k: f64, phase: f64) -> f64 {
-        let (ratio, lead, incline) = match *self {
-            Self::Restitution(TangentialSettings {
-                amplitude_ratio,
-                phase_lead,
-                incline_tangent,
-                ..
-            })
-            | Self::Friction(FrictionSettings {
-                amplitude_ratio,
-                phase_lead,
-                incline_tangent,
-                ..
-            }) => (amplitude_ratio, phase_lead, incline_tangent),
+        let [ratio, lead, incline] = match self {
+            Self::Restitution(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
+            Self::Friction(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
         };
         let phase = phase + lead;
         let acceleration = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));

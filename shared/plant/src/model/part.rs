@@ -144,7 +144,6 @@ impl Part {
         }
     }
 
-    /// Lays the part at rest onto the track at `time`.
     pub fn rest_at(&mut self, time: u64) {
         self.motion = Motion::Resting;
         (self.rested, self.along, self.rest_start) = (true, 0.0, Some(time));
@@ -190,18 +189,20 @@ impl Part {
     pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) -> Option<()> {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
-        if let Some(wave) = track.wave {
-            return self.throw_on_tones(wave, k, swing, track, time);
-        }
-        let map = self.map(k)?;
-        let lift_off = map.lift_off()?;
-        // The sample is late by up to one; the launch itself is at arcsin k.
-        let delay = wrap_angle(swing.phase.radians() - lift_off);
-        let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
-        let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
-        self.end_rest(track, k, launch.phase, amplitude, start);
+        let (flight, start) = match track.wave {
+            Some(wave) => Flight::from_rest_on_tones(wave, k, swing.phase.radians(), time)?,
+            None => {
+                let map = self.map(k)?;
+                let lift_off = map.lift_off()?;
+                // The sample is late by up to one; the launch itself is at arcsin k.
+                let delay = wrap_angle(swing.phase.radians() - lift_off);
+                let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
+                let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
+                (Flight::on_sine(&map, launch.phase, impact), start)
+            }
+        };
+        self.end_rest(track, k, flight.phase, amplitude, start);
         self.rested = true;
-        let flight = Flight::on_sine(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
         Some(())
     }
@@ -244,7 +245,9 @@ impl Part {
         let restitution = self.restitution.draw();
         let launch_speed = restitution * arrival;
         self.pushed = arrival + launch_speed;
-        self.apply_impact_friction(track, arrival, launch_speed);
+        if let Some(Law::Friction(settings)) = track.law {
+            self.along = settings.velocity_after_impact(self.along, self.pushed);
+        }
         let velocity = launch_speed / (amplitude * track.angular);
         let mut state = PartState { phase, velocity };
         let impact_time = time;
@@ -293,34 +296,6 @@ impl Part {
         Some(strike)
     }
 
-    /// As [`Part::throw`], on a track with several tones.
-    fn throw_on_tones(
-        &mut self,
-        wave: &Wave,
-        k: f64,
-        swing: Swing,
-        track: &Track<'_>,
-        time: u64,
-    ) -> Option<()> {
-        /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
-        const MAX_THROW_DELAY: f64 = 0.2;
-        let map = WaveMap::on(*wave, k, 1.0).ok()?;
-        let (wait, phase) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))?;
-        // It may also be early by this, if the amplitude changed since the search.
-        if wait > 2.0 * MAX_THROW_DELAY {
-            return None;
-        }
-        let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
-        let Release { launch, impact } = map.release(phase)?;
-        let amplitude = f64::from(swing.amplitude);
-        let start = time.saturating_add_signed(ticks);
-        self.end_rest(track, k, launch.phase, amplitude, start);
-        self.rested = true;
-        let flight = Flight::on_tones(&map, launch.phase, impact);
-        self.begin_flight(&flight, amplitude, track, start);
-        Some(())
-    }
-
     fn bounce_on_tones(
         &mut self,
         wave: &Wave,
@@ -347,13 +322,6 @@ impl Part {
                 let flight = Flight::on_tones(&map, state.phase, impact);
                 self.begin_flight(&flight, amplitude, track, time);
             }
-        }
-    }
-
-    /// Applies the friction of an impact with these arrival and launch speeds in m/s.
-    fn apply_impact_friction(&mut self, track: &Track<'_>, arrival: f64, launch_speed: f64) {
-        if let Some(Law::Friction(settings)) = track.law {
-            self.along = settings.velocity_after_impact(self.along, arrival + launch_speed);
         }
     }
 
@@ -461,6 +429,22 @@ impl Flight {
             impact,
             arrival,
         }
+    }
+
+    /// The flight of a part at rest at a phase (rad) and a time, and its start.
+    fn from_rest_on_tones(wave: &Wave, k: f64, phase: f64, time: u64) -> Option<(Self, u64)> {
+        /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
+        const MAX_THROW_DELAY: f64 = 0.2;
+        let map = WaveMap::on(*wave, k, 1.0).ok()?;
+        let (wait, phase) = map.throw(wrap_angle(phase - MAX_THROW_DELAY))?;
+        // It may also be early by this, if the amplitude changed since the search.
+        if wait > 2.0 * MAX_THROW_DELAY {
+            return None;
+        }
+        let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
+        let Release { launch, impact } = map.release(phase)?;
+        let flight = Self::on_tones(&map, launch.phase, impact);
+        Some((flight, time.saturating_add_signed(ticks)))
     }
 
     /// Elastic flight on several tones: its launch velocity after the impact is the arrival speed.

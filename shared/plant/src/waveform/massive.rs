@@ -87,7 +87,6 @@ pub struct Blow {
 enum Motion {
     /// At rest normal to the track, with a velocity along it in m/s relative to it.
     Lying(f64),
-    /// In free fall.
     Flying(Fall),
 }
 

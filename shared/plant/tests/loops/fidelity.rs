@@ -139,7 +139,6 @@ pub struct ShareResult {
     pub error: f64,
     /// Cycles without an estimate.
     pub deaf_cycles: usize,
-    /// Cycles with a detected lock.
     pub locked: usize,
 }
 

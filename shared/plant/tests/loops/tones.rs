@@ -14,7 +14,6 @@ fn scene(change: impl Fn(&mut Settings)) -> Scene {
     scene_of(TWO_TONES, change)
 }
 
-/// As [`scene`], with a given shape.
 fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
     let mut scene = Scene {
         target: Target::Tones { k: 0.35, shape },
