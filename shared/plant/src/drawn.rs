@@ -142,13 +142,11 @@ fn finite(moment: &Moment) -> bool {
     !std::format!("{moment:?}").contains("NaN") && !std::format!("{masked:?}").contains("inf")
 }
 
-/// Runs a feeder for some cycles. `cycle` returns the moment, READY, the amplitude in m, and the
-/// peaks of displacement in m and of acceleration over the squared angular frequency.
-fn run(
-    scene: &Scene,
-    cycles: usize,
-    mut cycle: impl FnMut() -> (Moment, bool, f32, [f32; 2]),
-) -> RunResult {
+/// A cycle: moment, READY, amplitude in m, and the peaks of displacement in m and of acceleration over
+/// the squared angular frequency.
+type Observed = (Moment, bool, f32, [f32; 2]);
+
+fn run(scene: &Scene, cycles: usize, mut cycle: impl FnMut() -> Observed) -> RunResult {
     let settings = &scene.settings;
     let square = (TAU * settings.frequency) * (TAU * settings.frequency);
     let mut result = RunResult::default();

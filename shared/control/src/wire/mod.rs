@@ -23,9 +23,9 @@ mod receiver;
 mod update;
 
 pub use frame::{
-    Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_frozen_request,
-    read_request, write_identity, write_identity_request, write_request, write_response,
-    write_update_answer, write_update_request,
+    Encoded, FrameBuffer, Identity, Incoming, Outgoing, Unsendable, crc32, read_answer,
+    read_frozen_request, read_request, write_identity, write_identity_request, write_request,
+    write_response, write_update_answer, write_update_request,
 };
 pub use message::{
     Access, Counters, FaultRecord, Pin, Record, Refusal, Request, Response, SavedSettings,

@@ -6,7 +6,7 @@
 //! a decaying oscillation. The output is the sum of squared residuals, in (m/s^2)^2, of each of 32
 //! sectors. As on the board, a quarter of the sectors is handed over per cycle.
 
-use super::onset::RESIDUAL_SAMPLES;
+use super::onset::{RESIDUAL_SAMPLES, Response};
 use super::powers::Powers;
 use super::recurrence::{exp, turn};
 use core::f64::consts::TAU;
@@ -24,7 +24,7 @@ const NEGLIGIBLE_HEIGHT_SQUARED: f64 = 1e-6;
 pub struct RingingEnergy {
     /// Residual of a ringing of unit height in steady state, and its transient at first.
     steady: Complex,
-    transient: [Complex; RESIDUAL_SAMPLES],
+    transient: Response,
     /// Decay of a ringing in one sample and in several.
     sample: Complex,
     decay: Powers,
@@ -52,11 +52,7 @@ pub struct RingingEnergy {
 
 impl RingingEnergy {
     /// For a ringing (logarithm of its decay per sample) and the detector's response to it.
-    pub fn new(
-        ringing: Complex,
-        response: &[Complex; RESIDUAL_SAMPLES],
-        steady: &[Complex; RESIDUAL_SAMPLES],
-    ) -> Self {
+    pub fn new(ringing: Complex, response: &Response, steady: &Response) -> Self {
         let sample = exp(ringing);
         let decay = Powers::new(ringing);
         Self {

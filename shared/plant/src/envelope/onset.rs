@@ -17,6 +17,9 @@ use num_complex::Complex64 as Complex;
 /// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
 /// Hz, the lowest ringing frequency of a scene, and a period at the default.
 pub(super) const RESIDUAL_SAMPLES: usize = 10;
+/// Residuals of these samples, and complex ones.
+type Residuals = [f64; RESIDUAL_SAMPLES];
+pub(super) type Response = [Complex; RESIDUAL_SAMPLES];
 /// Sample index for "not within [`RESIDUAL_SAMPLES`] samples".
 const NO_SAMPLE: usize = usize::MAX;
 const START_SHARES: usize = 8;
@@ -32,9 +35,9 @@ const HIDDEN_SHARE_FORGETTING: f64 = 5e-4;
 pub struct OnsetModel {
     ringing: Complex,
     /// Residual of a ringing of unit height n samples after its start: real and imaginary parts.
-    response: [[f64; RESIDUAL_SAMPLES]; 2],
+    response: [Residuals; 2],
     /// The same after the transient of the filters.
-    steady: [[f64; RESIDUAL_SAMPLES]; 2],
+    steady: [Residuals; 2],
     /// Height of a ringing in the residual over its height in the acceleration.
     share: f64,
     /// RMS of the residual over the RMS of white noise in the reading.
@@ -132,14 +135,14 @@ impl RingingState {
 
     /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
     /// because the result only affects whether a close impact counts as the same ringing.
-    fn complete(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
+    fn complete(&mut self, residuals: &Residuals) {
         for residual in residuals.iter().skip(self.sample_count) {
             self.add_residual(residual.abs());
         }
     }
 
     #[inline(always)]
-    fn residuals(&self, model: &OnsetModel) -> [f64; RESIDUAL_SAMPLES] {
+    fn residuals(&self, model: &OnsetModel) -> Residuals {
         let mut residuals = sines(self.began, &model.response);
         if !self.is_single() {
             let before = sines(self.earlier_phasor, &model.steady);
@@ -174,10 +177,7 @@ impl RingingState {
 
 /// Imaginary parts of the products of a number with others, given by real and imaginary parts.
 #[inline(always)]
-fn sines(
-    number: Complex,
-    [real, imaginary]: &[[f64; RESIDUAL_SAMPLES]; 2],
-) -> [f64; RESIDUAL_SAMPLES] {
+fn sines(number: Complex, [real, imaginary]: &[Residuals; 2]) -> Residuals {
     core::array::from_fn(|n| number.re * imaginary[n] + number.im * real[n])
 }
 
@@ -224,7 +224,7 @@ impl OnsetModel {
             passes[1].filter(OnsetDetector::CORNER, once)
         };
         let mut passes = [HighPass::default(); 2];
-        let response: [Complex; RESIDUAL_SAMPLES] =
+        let response: Response =
             core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
         // Power gain of white noise: the sum of the squared impulse response.
         let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
@@ -234,12 +234,11 @@ impl OnsetModel {
             sample = 0.0.into();
         }
         let forgetting = libm::log(OnsetDetector::ENVELOPE_DECAY);
-        let steady: [Complex; RESIDUAL_SAMPLES] = core::array::from_fn(|n| {
+        let steady: Response = core::array::from_fn(|n| {
             let since = n as f64 - (RESIDUAL_SAMPLES - 1) as f64;
             response[RESIDUAL_SAMPLES - 1] * exp(ringing * since)
         });
-        let split =
-            |numbers: &[Complex; RESIDUAL_SAMPLES]| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
+        let split = |numbers: &Response| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
         Self {
             ringing,
             response: split(&response),
@@ -410,7 +409,7 @@ impl OnsetModel {
     fn is_detected(
         &mut self,
         ring: &mut RingingState,
-        residuals: &[f64; RESIDUAL_SAMPLES],
+        residuals: &Residuals,
         detected: bool,
     ) -> Complex {
         let sample = ring.sample;
@@ -524,6 +523,9 @@ mod tests {
     use crate::model::drive::Ringing;
     use std::vec::Vec;
 
+    /// Detections of detector and closed form, and their final medians.
+    type Onsets = ([Vec<u64>; 2], [f64; 2]);
+
     /// Detections from sample `from` on and final median, of detector and closed form. Impacts of
     /// `height` (m/s^2) come from `next` on, every `spacing` samples; the drive turns by `theta`.
     ///
@@ -534,7 +536,7 @@ mod tests {
         [theta, swing]: [f64; 2],
         sigma: f32,
         [from, until]: [u64; 2],
-    ) -> ([Vec<u64>; 2], [f64; 2]) {
+    ) -> Onsets {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::from_sensor(&sensor);
@@ -605,12 +607,7 @@ mod tests {
     }
 
     /// 500 impacts at one phase of a drive of 100 Hz.
-    fn onsets_on_swing(
-        height: f32,
-        phase: f64,
-        swing: f64,
-        sigma: f32,
-    ) -> ([Vec<u64>; 2], [f64; 2]) {
+    fn onsets_on_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> Onsets {
         let theta = TAU / 200.0;
         let first = (phase / theta).floor() - 0.25;
         let samples = [20_000, 120_000];

@@ -261,7 +261,7 @@ impl EnvelopePlant {
     fn move_parts(&mut self) {
         let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
         let end = (self.time + i64::from(samples) * i64::from(step)).max(0) as u64;
-        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time);
         let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
         let track = Track {
             normal_gravity,
@@ -503,7 +503,7 @@ impl EnvelopePlant {
 
     /// Normal amplitude of the track in m.
     pub fn amplitude(&self) -> f64 {
-        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time);
         f64::from(motion.swing(self.time.max(0) as u64).amplitude)
     }
 

@@ -18,22 +18,15 @@ pub(crate) struct TrackMotion<'a> {
     swinging: Swinging<'a>,
     upper: Option<&'a UpperEnvelope>,
     time: i64,
-    tones: usize,
 }
 
 impl<'a> TrackMotion<'a> {
-    /// Motion from a drive with this number of upper tones; `time`: that of the last output sample.
-    pub fn new(
-        drive: &'a Recurrence,
-        upper: Option<&'a UpperEnvelope>,
-        time: i64,
-        tones: usize,
-    ) -> Self {
+    /// Motion from a drive; `time`: that of the last output sample.
+    pub fn new(drive: &'a Recurrence, upper: Option<&'a UpperEnvelope>, time: i64) -> Self {
         Self {
             swinging: drive.swinging(),
             upper,
             time,
-            tones,
         }
     }
 
@@ -82,7 +75,7 @@ impl<'a> TrackMotion<'a> {
     ) -> Option<(Swing, u64)> {
         let k = |swing: &Swing| track.k(swing.amplitude.into());
         let began = self.swing(from);
-        if self.tones > 0 {
+        if self.upper.is_some_and(|upper| upper.tones > 0) {
             let after = |swing: Swing, waves: &mut WaveCache| {
                 let phase = began.phase.radians();
                 let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;

@@ -75,7 +75,7 @@ impl Mode {
 #[derive(Clone, Debug)]
 pub struct UpperEnvelope {
     modes: Vec<Mode, { 1 + UPPER }>,
-    tones: usize,
+    pub tones: usize,
     step: u32,
     angular: f64,
     /// Contribution of the upper modes to the first tone in this cycle, in m.

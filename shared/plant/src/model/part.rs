@@ -268,9 +268,7 @@ impl Part {
             }
         }
         let Some(map) = map else {
-            if let Some(wave) = track.wave {
-                self.bounce_on_tones(wave, k, state, amplitude, track, time);
-            }
+            self.bounce_on_tones(track, state, amplitude, time);
             self.began = impact_time;
             return Some(strike);
         };
@@ -296,18 +294,13 @@ impl Part {
         Some(strike)
     }
 
-    fn bounce_on_tones(
-        &mut self,
-        wave: &Wave,
-        k: f64,
-        state: PartState,
-        amplitude: f64,
-        track: &Track<'_>,
-        time: u64,
-    ) {
+    fn bounce_on_tones(&mut self, track: &Track<'_>, state: PartState, amplitude: f64, time: u64) {
+        self.motion = Motion::Resting;
         // The elastic map returns the arrival speed.
-        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
-            self.motion = Motion::Resting;
+        let map = track
+            .wave
+            .map(|wave| WaveMap::on(*wave, track.k(amplitude), 1.0));
+        let Some(Ok(map)) = map else {
             return;
         };
         match map.hop(self.mean(), state) {
@@ -317,7 +310,7 @@ impl Part {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
                 };
             }
-            Hop::Impact(impact) if impact.flight <= 0.0 => self.motion = Motion::Resting,
+            Hop::Impact(impact) if impact.flight <= 0.0 => {}
             Hop::Impact(impact) => {
                 let flight = Flight::on_tones(&map, state.phase, impact);
                 self.begin_flight(&flight, amplitude, track, time);

@@ -17,14 +17,7 @@ struct Start {
 
 /// A machine at a frequency, detuned by a share of its resonance. Its gain is `gain_error` times
 /// the configured one; its hard limit is `limit` times its setpoint.
-fn machine(
-    frequency: f32,
-    quality: f32,
-    detuned: f32,
-    gain_error: f32,
-    limit: f32,
-    share: f32,
-) -> (Scene, f32) {
+fn machine([frequency, quality, detuned, gain_error, limit, share]: [f32; 6]) -> (Scene, f32) {
     let mut scene = Scene::default();
     scene.parts.clear();
     let settings = &mut scene.settings;
@@ -115,7 +108,7 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
     ] {
         for (quality, detuned, gain_error) in drives() {
             let (mut scene, requested) =
-                machine(frequency, quality, detuned, gain_error, 2.0, share);
+                machine([frequency, quality, detuned, gain_error, 2.0, share]);
             scene.settings.soft_start = soft;
             let result = start(&scene, requested);
             let drive = format!("{frequency} Hz, Q {quality}, {detuned}, gain {gain_error}");
@@ -132,7 +125,7 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
 fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
     for soft in [0.4, 0.02] {
         for (quality, detuned, gain_error) in drives() {
-            let (mut scene, requested) = machine(50.0, quality, detuned, gain_error, 1.0, 0.4);
+            let (mut scene, requested) = machine([50.0, quality, detuned, gain_error, 1.0, 0.4]);
             scene.settings.soft_start = soft;
             let result = start(&scene, requested);
             let case = format!("Q {quality}, {detuned}, gain {gain_error}, {soft} s: {result:?}");
@@ -148,7 +141,7 @@ fn wrong_resonance_is_held_or_reported() {
     for quality in QUALITIES {
         for widths in [0.5, 1.0, 1.5, 1.7, 2.2, 4.0] {
             for side in [-1.0, 1.0] {
-                let (mut scene, requested) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
+                let (mut scene, requested) = machine([50.0, quality, 0.0, 1.0, 2.0, 0.2]);
                 scene.drive.resonance = 50.0 / (1.0 + side * widths / (2.0 * quality));
                 let result = start(&scene, requested);
                 let case = format!("Q {quality}, {widths} half widths, {side}: {result:?}");

@@ -507,12 +507,7 @@ impl ShareEstimator {
     }
 
     fn update_estimates(&mut self, mixture: &Mixture) {
-        let noise = self.long.noise / self.long.weight;
-        let aligned = DELAY_BOUNDS[0] < self.delay
-            && self.delay < DELAY_BOUNDS[1]
-            && self.decay_time > MIN_DECAY_TIME;
-        let share =
-            (self.profile()).and_then(|profile| estimate_share(mixture, profile, noise, aligned));
+        let share = self.estimate_share(mixture);
         let long = self.agreement(&self.long, &mixture.weights, mixture.unexplained_energy);
         let fitted = self.profile().zip(long);
         self.evidence = fitted.map(|(profile, long)| GearEvidence {
@@ -526,6 +521,47 @@ impl ShareEstimator {
         self.share = share;
         self.weights = mixture.weights;
         (self.is_stale, self.has_fit) = (false, true);
+    }
+
+    /// The share of a mixture; `None` if the noise or the error is too large.
+    fn estimate_share(&self, mixture: &Mixture) -> Option<GearShare> {
+        let profile = self.profile()?;
+        let in_gear_weight = mixture.weights[..GROUPS].iter().sum::<f32>();
+        let out_weight = mixture.weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
+        let energy = impact_energy(&mixture.weights, profile);
+        let total_weight = in_gear_weight + out_weight;
+        if energy <= MIN_SIGNAL_TO_NOISE * mixture.weights[NOISE_INDEX] || total_weight <= 0.0 {
+            return None;
+        }
+        let share = in_gear_weight / total_weight;
+        // Derivative of the share by each weight, times the sum of weights.
+        let slope = |n: usize| match n {
+            n if n < GROUPS => 1.0 - share,
+            n if n < NOISE_INDEX => -share,
+            _ => 0.0,
+        };
+        let mut variance = 0.0;
+        for (a, row) in mixture.covariance.iter().enumerate() {
+            for (b, covariance) in row.iter().enumerate() {
+                variance += slope(a) * slope(b) * covariance;
+            }
+        }
+        let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
+        let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
+        // Unexplained energy may come from parts in gear or out of gear.
+        let excess_noise =
+            (mixture.weights[NOISE_INDEX] - self.long.noise / self.long.weight).max(0.0);
+        let unexplained_share =
+            (mixture.unexplained_energy + excess_noise) / (energy + mixture.weights[NOISE_INDEX]);
+        let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
+        let aligned = DELAY_BOUNDS[0] < self.delay
+            && self.delay < DELAY_BOUNDS[1]
+            && self.decay_time > MIN_DECAY_TIME;
+        let bound_error = if aligned { 0.0 } else { ERROR_AT_BOUND };
+        let systematic = [MIN_SHARE_ERROR, unexplained_share, excess, bound_error];
+        let squares = systematic.map(|error| error * error);
+        let error = square_root_single(random_variance + squares.iter().sum::<f32>());
+        (error < MAX_REPORTED_ERROR).then_some(GearShare { share, error })
     }
 
     /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus what the share
@@ -673,48 +709,6 @@ impl ShareEstimator {
 fn round_k(k: f32) -> f32 {
     const STEP: u32 = 1 << 15;
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
-}
-
-/// The share of a mixture; `None` if the noise or the error is too large. `noise`: measured noise
-/// energy per cycle; `aligned`: delay and decay time are within their bounds.
-fn estimate_share(
-    mixture: &Mixture,
-    profile: &StrikeProfile,
-    noise: f32,
-    aligned: bool,
-) -> Option<GearShare> {
-    let in_gear_weight = mixture.weights[..GROUPS].iter().sum::<f32>();
-    let out_weight = mixture.weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
-    let energy = impact_energy(&mixture.weights, profile);
-    let total_weight = in_gear_weight + out_weight;
-    if energy <= MIN_SIGNAL_TO_NOISE * mixture.weights[NOISE_INDEX] || total_weight <= 0.0 {
-        return None;
-    }
-    let share = in_gear_weight / total_weight;
-    // Derivative of the share by each weight, times the sum of weights.
-    let slope = |n: usize| match n {
-        n if n < GROUPS => 1.0 - share,
-        n if n < NOISE_INDEX => -share,
-        _ => 0.0,
-    };
-    let mut variance = 0.0;
-    for (a, row) in mixture.covariance.iter().enumerate() {
-        for (b, covariance) in row.iter().enumerate() {
-            variance += slope(a) * slope(b) * covariance;
-        }
-    }
-    let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
-    let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
-    // Unexplained energy may come from parts in gear or out of gear.
-    let excess_noise = (mixture.weights[NOISE_INDEX] - noise).max(0.0);
-    let unexplained_share =
-        (mixture.unexplained_energy + excess_noise) / (energy + mixture.weights[NOISE_INDEX]);
-    let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
-    let bound_error = if aligned { 0.0 } else { ERROR_AT_BOUND };
-    let systematic = [MIN_SHARE_ERROR, unexplained_share, excess, bound_error];
-    let squares = systematic.map(|error| error * error);
-    let error = square_root_single(random_variance + squares.iter().sum::<f32>());
-    (error < MAX_REPORTED_ERROR).then_some(GearShare { share, error })
 }
 
 #[cfg(test)]
