@@ -103,9 +103,8 @@ impl Selection {
         }
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes a k
-    /// of `1/sqrt(1 + pi^2)` = 0.303 (throw number 3.3). There a part thrown from rest flies one
-    /// drive period, and scattered parts are nearly fastest (docs/theory-real-parts.md#t10.1).
+    /// Records that the parts do not fit the lot. The setpoint becomes a k of `1/sqrt(1 + pi^2)`,
+    /// at which a part thrown from rest flies one drive period (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);

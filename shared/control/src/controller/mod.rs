@@ -59,8 +59,7 @@ pub struct Controller {
     /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
-    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full
-    /// output. The first cycle is the one that the last output drives.
+    /// Predicted envelopes at the ends of three cycles, newest first, over that at full output.
     predicted_envelopes: [Complex; 3],
     /// Envelope by the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,

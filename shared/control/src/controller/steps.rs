@@ -138,8 +138,7 @@ impl Controller {
             && numbers.all(|part| part.is_finite())
     }
 
-    /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
-    /// phase, in m, for the impacts that the demodulator blanks.
+    /// Estimates the load, and corrects the track's motion (m) for blanked impacts.
     fn estimate_load(&mut self, cycle: &Cycle, motion: Complex) -> Complex {
         if self.meter.is_none() {
             return motion;

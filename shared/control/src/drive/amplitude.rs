@@ -98,8 +98,7 @@ impl Inverse {
     }
 }
 
-/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain. The
-/// feedforward alone tracks a reference that the envelope can follow.
+/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,

@@ -15,8 +15,7 @@ const REPORTED_DEVIATION: (f32, f32) = (1.5, 0.35);
 /// Deviation, as a factor and in rad, at which the tone is switched off: the limit of the margins.
 const MAX_DEVIATION: (f32, f32) = (3.0, 1.05);
 
-/// The loop that holds one tone. It estimates the track's response over the configured one. The
-/// output is the requested motion through it, so the tone follows a change of amplitude.
+/// The loop that holds one tone, by an estimate of the track's response over the configured one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToneLoop {
     /// Frequency of the tone over the drive's.

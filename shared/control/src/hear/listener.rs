@@ -169,8 +169,7 @@ impl Listener {
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a
-    /// phase where it may stay in gear. The phase matters because parts that land together and rest
-    /// strike as regularly (docs/theory-bands.md#t5.1).
+    /// phase of gear. Parts that rest together strike as regularly (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
         self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }

@@ -1,8 +1,7 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
 //! The track throws a part at rest at arcsin k. The intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R). A synchronous average of the residual is compared
-//! with the chatter that the map predicts for every restitution.
+//! restitution. A synchronous average is compared with the chatter that the map predicts.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown again. The search
 //! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then parts

@@ -1,8 +1,7 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
-//! Method: limit checks on measured signals and on residuals against a model of the drive
-//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
-//! detected by counting reversals with hysteresis.
+//! Method: limit checks on signals and on residuals against a model of the drive (Isermann,
+//! Fault-Diagnosis Systems, 2006), by leaky counters. Reversals are counted with hysteresis.
 
 use crate::{Cycle, Fault};
 use core::f32::consts::PI;
@@ -201,9 +200,8 @@ impl FaultDetector {
         let frozen = moving && span <= DEAD_RANGE_STEPS;
         let saturated = running && !frozen && cycle.saturated >= CLIPPED_READINGS;
         let no_response = moving && !frozen && measured < MIN_RESPONSE_SHARE * expected.amplitude;
-        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Leads near the
-        // ends are caused by the held output (0.008 rad at 50 Hz), noise, transients, and drives
-        // far off their resonance. Off the resonance the lead rotates in a transient.
+        // A track lags its output by 0 to pi; an inverted sensor adds pi. Leads near the ends come
+        // from the held output, noise, transients, and drives far off their resonance.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
         let inverted = moving && !no_response && wrong;
         if !running {

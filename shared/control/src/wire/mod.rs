@@ -1,7 +1,6 @@
 //! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! A frame is encoded by COBS and ends with a zero, so a receiver resynchronizes after any garbage.
-//! It contains in this order:
+//! Encoded by COBS, a frame ends with a zero, at which receivers resynchronize. It has in order:
 //!
 //! | bytes | content |
 //! |---|---|

@@ -2,9 +2,8 @@
 //!
 //! The squares of a decaying oscillation over whole samples are a geometric series.
 //!
-//! Input is the complex height of each ringing (m/s^2) at its first sample: amplitude and phase of
-//! a decaying oscillation. The output is the sum of squared residuals, in (m/s^2)^2, of each of 32
-//! sectors. As on the board, a quarter of the sectors is handed over per cycle.
+//! Input: complex height (m/s^2) of each ringing at its first sample. Output: sum of squared
+//! residuals, in (m/s^2)^2, of each of 32 sectors, a quarter of them per cycle as on the board.
 
 use super::onset::{RESIDUAL_SAMPLES, Response};
 use super::powers::Powers;

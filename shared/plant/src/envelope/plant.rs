@@ -33,9 +33,8 @@ const MAX_PENDING_IMPACTS: usize = 2 * MAX_IMPACTS_PER_CYCLE;
 
 /// The simulated feeder in steps of a drive cycle.
 ///
-/// [`EnvelopePlant::cycle`] returns the signal path's result for a cycle. Drive and demodulator are
-/// exact ([`Recurrence`]). Noise is drawn once for each quantity. A cycle whose reading saturates
-/// the converter is computed sample by sample, because clipping is nonlinear.
+/// [`EnvelopePlant::cycle`] returns the signal path's result. Drive and demodulator are exact.
+/// Noise is drawn once for each quantity. A saturated cycle is computed sample by sample.
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
     drive: Recurrence,

@@ -54,11 +54,10 @@ fn angle(z: Complex) -> Phase {
 
 /// Modal constants of the drive, which do not depend on the drive frequency.
 ///
-/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector
-/// `z = (zeta + i o) x + y`, `o = sqrt(1 - zeta^2)`. So `z' = w0 m z + w0 F` with
-/// `m = -zeta + i o`. Held over a sample h that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`.
-/// It is the waveform's [`Resonator`](crate::model::drive::Resonator) in modal coordinates. Back:
-/// `x = Im z / o`, `y = Re z - zeta x`.
+/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector `z = (zeta + i
+/// o) x + y`, `o = sqrt(1 - zeta^2)`. So `z' = w0 m z + w0 F` with `m = -zeta + i o`. Held over h
+/// that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`: the waveform's
+/// [`Resonator`](crate::model::drive::Resonator). Back: `x = Im z / o`, `y = Re z - zeta x`.
 #[derive(Clone, Copy, Debug)]
 struct Mode {
     zeta: f64,

@@ -235,9 +235,8 @@ impl ToneSeparator {
 
     /// Adds an output held at a phase that advances by `step` per sample, on these modes.
     ///
-    /// The output's tones are estimated by the projection algorithm (Kaczmarz 1937), two
-    /// coefficients a tone. Each sample corrects them by its share of the residual. The estimate is
-    /// exact at zero residual and follows a change in a quarter of a cycle.
+    /// The output's tones are estimated by the projection algorithm (Kaczmarz 1937): each sample
+    /// corrects two coefficients a tone. The estimate follows a change in a quarter of a cycle.
     #[inline]
     pub fn step<'a>(
         &mut self,

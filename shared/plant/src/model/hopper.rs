@@ -27,8 +27,7 @@ impl Hopper {
         }
     }
 
-    /// Sets that the first `count` parts are on the track from `now` on. `arrive` gets the index of
-    /// each part that is added to it. Other parts in the hopper keep waiting.
+    /// Puts the first `count` parts on the track from `now` on; `arrive` gets each added one.
     pub fn place(&mut self, now: u64, count: u8, mut arrive: impl FnMut(usize)) {
         let count = usize::from(count).min(self.end);
         for (part, arrival) in self.arrives.iter_mut().enumerate().take(self.end) {

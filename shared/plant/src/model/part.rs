@@ -13,9 +13,8 @@ use kband_control::{Shape, UpperTone};
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
     Resting,
-    /// In flight until a time in steps of 2^-32 turns, with arrival speed in m/s, displacement in m
-    /// and velocity in m/s along the track. The velocity is that after the impact under tangential
-    /// restitution, and that before it under friction.
+    /// In flight until a time in 2^-32 turns, with arrival speed in m/s, displacement in m and
+    /// velocity in m/s along the track: after the impact, and before it under friction.
     Flying {
         until: u64,
         arrival: f64,
@@ -318,8 +317,7 @@ impl Part {
         }
     }
 
-    /// Corrects the velocity along the track for a chatter that begins with `launch_speed` m/s. Its
-    /// friction is less than that of the contact by which it is simulated.
+    /// Corrects the velocity along the track for a chatter, whose friction is below a contact's.
     fn correct_chatter_friction(&mut self, track: &Track<'_>, launch_speed: f64) {
         if let Some(Law::Friction(settings)) = track.law {
             self.along += settings.chatter_velocity_excess(self.along, launch_speed);
@@ -466,8 +464,7 @@ mod tests {
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
 
-    /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude. The
-    /// events are evaluated per sample and the sliding per cycle, as in the plant.
+    /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude.
     fn displacement_per_cycle(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);
         let track = Track {

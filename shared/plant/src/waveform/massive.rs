@@ -1,8 +1,7 @@
 //! A part with mass on a track that recoils, simulated sample by sample.
 //!
-//! The impact map assumes an undisturbed track. Under parts of some per cent of its mass the track
-//! jumps at each impact. So the part is a falling body, and the track moves under drive, spring and
-//! all parts. An impact time is found by bisection.
+//! Under parts of some per cent of its mass the track jumps at each impact. So the part is a
+//! falling body, and the track moves under drive, spring and all parts. Impact times are bisected.
 
 use crate::model::law::Law;
 use kband::impact::Scatter;

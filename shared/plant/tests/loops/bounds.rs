@@ -64,9 +64,8 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mut settings = walk.step(200);
         let cycles = settings.quality / PI * settings.frequency / settings.resonance;
         settings.tracking = 0.0;
-        // The upper modes (Q 25) supply the response that the resonance lacks at 2f and 3f. They
-        // also move the track at the drive's own frequency. The configured gain describes the drive
-        // only while each mode moves it by less than 1 %.
+        // The upper modes (Q 25) supply the response that the resonance lacks, and move the track
+        // at the drive's frequency too. The gain describes it while each does so by less than 1 %.
         let strength = |harmonic: f32| strength(&settings, harmonic * settings.frequency);
         let limit = 1e3 * (0.01 * 0.75 * 25.0 * strength(1.0));
         let upper =

@@ -15,8 +15,7 @@ struct Start {
     state: State,
 }
 
-/// A machine at a frequency, detuned by a share of its resonance. Its gain is `gain_error` times
-/// the configured one; its hard limit is `limit` times its setpoint.
+/// A machine detuned by a share, with its gain over the configured one and limit over setpoint.
 fn machine([frequency, quality, detuned, gain_error, limit, share]: [f32; 6]) -> (Scene, f32) {
     let mut scene = Scene::default();
     scene.parts.clear();

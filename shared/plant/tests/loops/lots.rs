@@ -159,9 +159,8 @@ fn ready_is_off_where_no_part_is_in_gear() {
     assert!(enough, "{ready_in_gear} of {lots} lots");
 }
 
-/// Shares of the reported estimates within 1, 2 and 3 of their errors, and the number of lots among
-/// them. The first window is left out, because the amplitude settles in it. Windows of a lot depend
-/// on each other, so the lots count as trials.
+/// Shares of the estimates within 1, 2 and 3 of their errors, and number of lots, the trials. The
+/// first window, in which the amplitude settles, is left out.
 fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
     let settled = windows.iter().filter(|window| window.number > 0);
     let reported: Vec<(u64, f64, f64)> = settled

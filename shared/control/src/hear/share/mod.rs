@@ -1,8 +1,7 @@
 //! Estimates the share of time in gear of any number of parts from the phases of their impacts.
 //!
-//! Single impacts of a crowd cannot be assigned to parts, but the energies of independent impacts
-//! add up. The residual's energy per sector is a mixture of predicted profiles: parts in gear, out
-//! of gear, and noise (docs/theory-real-parts.md#t10.7).
+//! Impacts of a crowd cannot be assigned to parts, but their energies add up. That of a sector is a
+//! mixture of profiles in gear, out of gear, and noise (docs/theory-real-parts.md#t10.7).
 //!
 //! The expected energy of the last mixture weights each equation of the `fit` (iteratively
 //! reweighted least squares). Histograms forget exponentially. Delay and decay time of the ringing
