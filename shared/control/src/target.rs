@@ -5,23 +5,6 @@ use kband::feeder::OutOfRange;
 use serde::{Deserialize, Serialize};
 
 /// The user's target for the parts. On the line a variant is its index here.
-///
-/// ```
-/// use kband_control::{Controller, NoSetpoint, Settings, StartCause, Target};
-/// // A lot so wide that no k is in the band of every part.
-/// let settings = Settings {
-///     restitution_low: 0.1,
-///     restitution_high: 0.3,
-///     ..Settings::default()
-/// };
-/// let target = Target::Locked { order: 1 };
-/// let controller = Controller::build(&settings, target, StartCause::Ordinary)?;
-/// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
-///     panic!("it has one");
-/// };
-/// assert!(none.to_string().contains("restitution"));
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
     /// Parts locked to the drive, one impact every `order` cycles.

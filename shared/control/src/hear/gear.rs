@@ -160,12 +160,11 @@ impl FlightFromRest {
             }
             half = Phase::from_bits(half.bits() >> 1);
         }
-        let [launch_displacement, velocity, _] = track.evaluate(begin);
+        let [height, velocity, _] = track.evaluate(begin);
         let relative_motion = |duration: f32| {
             let [s, c, _] =
                 track.evaluate(begin + phase_of(duration - TAU * libm::floorf(duration / TAU)));
-            let rise =
-                velocity * duration - 0.5 * k * duration * duration - (s - launch_displacement);
+            let rise = velocity * duration - 0.5 * k * duration * duration - (s - height);
             (rise, velocity - k * duration - c)
         };
         let mut duration = 0.5;
@@ -202,14 +201,13 @@ struct Impact {
 impl Impact {
     /// Launch speed over b w below which the part returns at once, while the track still rises.
     fn max_short_launch_speed(&self, k: f32, track: &TrackMotion) -> f32 {
-        let [launch_displacement, velocity, _] = self.track;
+        let [height, velocity, _] = self.track;
         let begin = Phase::from_bits(self.time as u32);
         let mut maximum = -1.0_f32;
         for n in 1..=12_u8 {
             let duration = 0.3 * f32::from(n);
             let [s, _, _] = track.evaluate(begin + phase_of(duration));
-            maximum =
-                maximum.max(0.5 * k * duration + (s - launch_displacement) / duration - velocity);
+            maximum = maximum.max(0.5 * k * duration + (s - height) / duration - velocity);
         }
         maximum
     }
@@ -432,15 +430,13 @@ impl GearEstimator {
         let estimated = self.estimate_scatter().min(MAX_SCATTER_RATIO * configured);
         let scatter = MIN_SCATTER.max(configured).max(estimated);
         let [low, high] = self.lot;
-        let lot_distance = (restitution - high).max(low - restitution).max(0.0) / scatter;
-        if lot_distance > MAX_LOT_DISTANCE
-            || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution)
+        let distance = (restitution - high).max(low - restitution).max(0.0) / scatter;
+        if distance > MAX_LOT_DISTANCE || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution)
         {
             return Some(arrival);
         }
         // Density of the phase for a flight: dR/dt is arrival speed after over before, over d.
-        let flight_density =
-            normal_density(lot_distance) / (0.4 * (high - low) + scatter) / duration;
+        let flight_density = normal_density(distance) / (0.4 * (high - low) + scatter) / duration;
         let bounce_density = normal_density((difference - BOUNCED_LANDING[0]) / BOUNCED_LANDING[1])
             / BOUNCED_LANDING[1];
         // Upper bound of the alternative: every bounce is too slow for detection.

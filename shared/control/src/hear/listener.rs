@@ -120,9 +120,8 @@ impl Listener {
             return;
         }
         self.silent_cycles += 1.0;
-        let max_silent_cycles =
-            (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
-        self.empty = self.silent_cycles > max_silent_cycles;
+        let max_silence = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
+        self.empty = self.silent_cycles > max_silence;
         if self.empty {
             self.gear.reset();
             self.share.reset();
@@ -177,11 +176,10 @@ impl Listener {
     /// Corrects a verdict of parts that land from rest or where gear repels: they hop and rest.
     fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
         let phase = self.phases.phase();
-        let is_within =
-            |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
-        let is_at_lock = lock.is_some_and(|lock| is_within(lock.phase, lock.width));
+        let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
+        let is_at_lock = lock.is_some_and(|lock| within(lock.phase, lock.width));
         let landing = self.gear.landing_phase_from_rest();
-        let is_landing = landing.is_some_and(|at| is_within(phase_of(at), MAX_LANDING_ERROR));
+        let is_landing = landing.is_some_and(|at| within(phase_of(at), MAX_LANDING_ERROR));
         if self.gear.may_lock_at(phase) && (is_at_lock || !is_landing) {
             return verdict;
         }

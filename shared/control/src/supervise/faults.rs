@@ -207,12 +207,9 @@ impl FaultDetector {
         if !running {
             self.load_ratio = RatioEstimate::default();
         }
-        let (mut weak, mut strong) = if moving && !frozen {
-            self.load_ratio
-                .check(measured, expected.amplitude, expected.tolerance)
-        } else {
-            (false, false)
-        };
+        let suspected = (moving && !frozen)
+            .then(|| (self.load_ratio).check(measured, expected.amplitude, expected.tolerance));
+        let (mut weak, mut strong) = suspected.unwrap_or_default();
         let mut over_limit = false;
         if let Some(by_current) = expected.by_current
             && moving

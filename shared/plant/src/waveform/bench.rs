@@ -386,7 +386,6 @@ impl Bench {
                 ..swing
             };
             if let Some(strike) = part.event(then, &track) {
-                // Impacts beyond the capacity are dropped.
                 let _ = self.strikes.push(Strike {
                     part: index as u8,
                     ..strike

@@ -71,7 +71,6 @@ impl ClosedLoop {
             self.samples(&mut observe);
         }
         if let Some(target) = self.bench.new_target() {
-            // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
         let mut inputs = self.bench.inputs();
@@ -96,7 +95,6 @@ impl ClosedLoop {
 
     fn restart(&mut self) {
         let settings = *self.controller.settings();
-        // Settings accepted once are accepted again.
         if let (Ok(signal), Ok(controller)) = (
             Signal::build(&settings),
             Controller::build(&settings, self.target, StartCause::Reset),

@@ -1,6 +1,6 @@
 //! The estimated margin of gear compared with the plant's own.
 
-use super::fidelity::{CYCLES, SETTLED, lot, unwatched};
+use super::fidelity::{CYCLES, SETTLED, lot, record, unwatched};
 use core::f64::consts::TAU;
 use kband::regime::gear::{GearWatch, is_in_gear};
 use kband_control::{GearMargin, Shape, Target, UpperTone};
@@ -44,26 +44,22 @@ fn scene(of: &Lot, seed: u64) -> Scene {
 fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
     let scene = scene(lot, seed);
     let mut closed = unwatched(&scene);
-    let mut watches = std::vec![(GearWatch::build(1).unwrap(), 0, 0.0); lot.parts];
+    let mut watches = std::vec![GearWatch::build(1).unwrap(); lot.parts];
+    let mut flights = std::vec![(0, 0.0); lot.parts];
     let [ratio, angle] = lot.tone.map(f64::from);
     let (mut reported, mut last) = (0, GearMargin::default());
     let (mut traces, mut restitutions, mut count) = (0.0, 0.0, 0.0);
     for cycle in 0..CYCLES {
         if cycle == SETTLED {
-            for (watch, ..) in &mut watches {
+            for watch in &mut watches {
                 watch.begin(cycle as f64 * TAU);
             }
         }
         let report = closed.cycle().report;
+        record(&mut watches, closed.strikes());
         for strike in closed.strikes() {
-            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            let (watch, row, launched) = &mut watches[usize::from(strike.part)];
-            if strike.rested {
-                watch.add_rest(landed - flight);
-            }
-            watch.add_landing(landed, flight);
-            let geared = is_in_gear(flight, TAU) && !strike.rested;
+            let (row, launched) = &mut flights[usize::from(strike.part)];
+            let geared = is_in_gear(f64::from(strike.flight) * TAU, TAU) && !strike.rested;
             *row = if geared { *row + 1 } else { 0 };
             let restitution = f64::from(scene.parts[usize::from(strike.part)]);
             // A of the impact that began this flight in gear.
@@ -84,7 +80,7 @@ fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
         }
     }
     let end = CYCLES as f64 * TAU;
-    let shares = watches.iter().map(|(watch, ..)| watch.share(end));
+    let shares = watches.iter().map(|watch| watch.share(end));
     let all = shares.reduce(|one, other| one.plus(&other)).unwrap();
     let cycles = all.share() * (lot.parts * (CYCLES - SETTLED)) as f64;
     let to_loss = all.time_to_loss();

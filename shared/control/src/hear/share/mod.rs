@@ -448,11 +448,10 @@ impl ShareEstimator {
             return false;
         };
         let measured_energy = self.measured_energy(&self.long);
-        let (sector_variance, weights, covariance) =
-            self.fit_weights(&measured_energy, &design_matrix);
+        let (variance, weights, covariance) = self.fit_weights(&measured_energy, &design_matrix);
         let expected = predict_energy(&design_matrix, &weights);
         if let Some(difference) = search.residual_sum.get_mut(search.trials) {
-            *difference = residual_sum([&measured_energy, &expected, &sector_variance]);
+            *difference = residual_sum([&measured_energy, &expected, &variance]);
         }
         if search.trials == 0 {
             self.update_estimates(&Mixture {
@@ -548,10 +547,9 @@ impl ShareEstimator {
         let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
         let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
         // Unexplained energy may come from parts in gear or out of gear.
-        let excess_noise =
-            (mixture.weights[NOISE_INDEX] - self.long.noise / self.long.weight).max(0.0);
+        let surplus = (mixture.weights[NOISE_INDEX] - self.long.noise / self.long.weight).max(0.0);
         let unexplained_share =
-            (mixture.unexplained_energy + excess_noise) / (energy + mixture.weights[NOISE_INDEX]);
+            (mixture.unexplained_energy + surplus) / (energy + mixture.weights[NOISE_INDEX]);
         let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
         let aligned = DELAY_BOUNDS[0] < self.delay
             && self.delay < DELAY_BOUNDS[1]
@@ -575,9 +573,8 @@ impl ShareEstimator {
         }
         // Number of equally weighted cycles with the same variance of their mean.
         let weight = self.long.weight;
-        let min_share =
-            profile.min_credible_share(weight / (1.0 - 0.5 * weight / LONG_MEMORY_CYCLES));
-        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * min_share - long.in_gear).max(0.0)
+        let lowest = profile.min_credible_share(weight / (1.0 - 0.5 * weight / LONG_MEMORY_CYCLES));
+        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * lowest - long.in_gear).max(0.0)
     }
 
     /// Whether the parts do not fit the lot: the misfit lasts with each hypothesis on the scatter.
@@ -598,9 +595,9 @@ impl ShareEstimator {
         let (settings, profile) = (profiler.settings(), profiler.profile()?);
         let in_gear_weight = weights[..GROUPS].iter().sum::<f32>();
         let out_weight = weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
-        let excess_noise = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
-        let unexplained = (unexplained_energy + excess_noise)
-            / (impact_energy(weights, profile) + excess_noise).max(f32::MIN_POSITIVE);
+        let surplus = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
+        let unexplained = (unexplained_energy + surplus)
+            / (impact_energy(weights, profile) + surplus).max(f32::MIN_POSITIVE);
         let [systematic, random] =
             if has_out_of_gear_profile(profile) || settings.scatter < MIN_SCATTER {
                 MAX_UNEXPLAINED
