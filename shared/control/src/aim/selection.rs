@@ -36,11 +36,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    pub fn from_target(
-        target: Target,
-        settings: &Settings,
-        scale: &Scale,
-    ) -> Result<Self, OutOfRange> {
+    pub fn begin(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
@@ -66,7 +62,7 @@ impl Selection {
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: plan_kicks(&choice, settings, scale)?,
+            search: kicks_of(&choice, settings, scale)?,
             choice,
             chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
@@ -161,9 +157,7 @@ impl Selection {
             return;
         };
         let planned = gear.planner.settings();
-        if let Some(proposed) = self
-            .retuning
-            .cycle(planned, margin, missing_tones, settings)
+        if let Some(proposed) = (self.retuning).cycle(planned, margin, missing_tones, settings)
             && let Ok(Ok(search)) = GearSearch::begin(order, &proposed, scale)
         {
             self.gear = Some(search);
@@ -236,7 +230,7 @@ impl Selection {
 
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
         self.choice = choice;
-        match plan_kicks(&choice, settings, scale) {
+        match kicks_of(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
             Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
@@ -254,11 +248,7 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn plan_kicks(
-    choice: &Choice,
-    settings: &Settings,
-    scale: &Scale,
-) -> Result<KickSearch, OutOfRange> {
+fn kicks_of(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
     let Some(lock) = &choice.lock else {
         return Ok(KickSearch::default());
     };

@@ -106,7 +106,7 @@ impl Controller {
             scale,
             resonance,
             amplitude,
-            selection: Selection::from_target(target, settings, &scale)?,
+            selection: Selection::begin(target, settings, &scale)?,
             machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),
             listener: Listener::build()?,
             missed_impact_detector: MissedImpactDetector::default(),
@@ -174,7 +174,7 @@ impl Controller {
     /// The setpoint selection for a target within the drive's reach.
     #[inline(never)]
     fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
-        let selection = Selection::from_target(target, settings, &self.scale)?;
+        let selection = Selection::begin(target, settings, &self.scale)?;
         match selection.no_setpoint() {
             Some(NoSetpoint::Output { .. }) => {
                 let reach = "what output_maximum and gain let the drive reach at its frequency";
@@ -221,9 +221,7 @@ impl Controller {
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
         chosen && (self.identifier.step() || self.listener.share.step())
-            || self
-                .selection
-                .step(&self.settings, &self.scale, &mut self.pending_events)
+            || (self.selection).step(&self.settings, &self.scale, &mut self.pending_events)
     }
 }
 

@@ -122,9 +122,7 @@ impl Controller {
 
     /// Standard error of the share; infinite for a lower bound ([`Report::in_gear_error`]).
     pub fn in_gear_error(&self) -> f32 {
-        let share = self
-            .estimated_share()
-            .filter(|_| !self.is_estimate_invalid());
+        let share = (self.estimated_share()).filter(|_| !self.is_estimate_invalid());
         share.map_or(f32::INFINITY, |estimate| estimate.error)
     }
 

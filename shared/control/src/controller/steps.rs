@@ -267,8 +267,7 @@ impl Controller {
             _ => Clearance::Pending,
         };
         let response =
-            self.machine
-                .follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
+            (self.machine).follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
         match response {
             Some(Event::Acknowledged) => self.faults = FaultDetector::default(),
             Some(Event::Stopping) if self.resonance.is_sweeping() => {
@@ -374,8 +373,7 @@ impl Controller {
         let goal = goal.min(self.scale.ceiling);
         let limits = self.swing_limits();
         let allowed = limits.map_or(goal, |[limit, _]| goal.min(limit));
-        self.reference
-            .advance(allowed, approach, self.lead, self.settings.envelope);
+        (self.reference).advance(allowed, approach, self.lead, self.settings.envelope);
         self.swing.held = allowed < goal && self.reference.value == allowed;
         goal
     }
@@ -390,8 +388,7 @@ impl Controller {
     /// Upper limit of the next output, as a share of full output, without the accelerometer.
     fn output_limit(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, limit]| limit);
-        self.scale
-            .output_limit(self.predicted_envelopes[0], amplitude)
+        (self.scale).output_limit(self.predicted_envelopes[0], amplitude)
     }
 
     fn switch_off(&mut self) {
@@ -574,8 +571,7 @@ impl Controller {
             detects_gear: self.watches_ready && self.selection.gear_order().is_some(),
             needs_regime: self.machine.detects_chaos(),
         };
-        self.listener
-            .cycle(view.cycle, &drive_state, self.selection.lock());
+        (self.listener).cycle(view.cycle, &drive_state, self.selection.lock());
     }
 
     fn report_limits(&self, was_limited: bool, events: &mut Events) {

@@ -175,8 +175,7 @@ impl AmplitudeLoop {
 
     /// Load of the parts as a share of full output; 0 without a configured track mass.
     pub fn load(&self) -> f32 {
-        self.observer
-            .map_or(0.0, |observer| observer.load(self.tuning.decay) / self.gain)
+        (self.observer).map_or(0.0, |observer| observer.load(self.tuning.decay) / self.gain)
     }
 
     /// Whether the output takes effect immediately instead of at the next wrap of the phase.

@@ -177,8 +177,7 @@ mod tests {
     fn detunings() -> impl Iterator<Item = f32> {
         let fine = (0..40).map(|n| 0.0002 * n as f32);
         let coarse = (0..49).map(|n| 0.008 + 0.004 * n as f32);
-        fine.chain(coarse)
-            .flat_map(|detuning| [detuning, -detuning])
+        (fine.chain(coarse)).flat_map(|detuning| [detuning, -detuning])
     }
 
     /// In drive cycles the loop is the same at every frequency, 5 to 500 Hz.

@@ -103,8 +103,7 @@ impl Scale {
     /// within 1.2 of the hard limits, or within `amplitude` (m), without the accelerometer.
     pub fn output_limit(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
-        self.envelope
-            .output_limit(envelope, amplitude / self.full_amplitude)
+        (self.envelope).output_limit(envelope, amplitude / self.full_amplitude)
     }
 
     /// Whether a lead (rad) is more than a quarter turn from that of an envelope.

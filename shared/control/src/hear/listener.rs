@@ -102,8 +102,7 @@ impl Listener {
         self.phases.cycle(cycle, count, lead, lock);
         for impact in &cycle.impacts {
             let time = impact_time(count, impact.phase, lead);
-            self.classifier
-                .impact((time >> 32) as u32, Phase::from_bits(time as u32));
+            (self.classifier).impact((time >> 32) as u32, Phase::from_bits(time as u32));
         }
         self.classifier.cycle(count);
         if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES)
@@ -252,7 +251,6 @@ impl Listener {
     pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
         let in_gear = self.in_gear();
         let upper_bound = in_gear.map_or(1.0, |estimate| estimate.share + 2.0 * estimate.error);
-        lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))
-            .min(upper_bound)
+        (lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))).min(upper_bound)
     }
 }

@@ -466,8 +466,7 @@ impl Signal {
         cycle.noise = self.detector.noise();
         cycle.blanked = blanked / ended.weight;
         let pending = &self.pending;
-        self.average
-            .finish(pending.average_from, pending.step, &mut cycle.average);
+        (self.average).finish(pending.average_from, pending.step, &mut cycle.average);
         self.energy.end_cycle(&mut cycle.sectors);
         let readings = core::mem::replace(&mut self.readings, Readings::NONE);
         (cycle.samples, cycle.saturated) = (readings.samples, readings.saturated);

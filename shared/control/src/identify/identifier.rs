@@ -381,8 +381,7 @@ impl Identifier {
     fn begin_averages(&mut self, hopping: f64) -> Step {
         let first = resting_k(self.k);
         self.first = Some(first);
-        self.fit
-            .set_grid((first * (1.0 + MAX_K_UNDERESTIMATE), hopping));
+        (self.fit).set_grid((first * (1.0 + MAX_K_UNDERESTIMATE), hopping));
         self.set_level(REST_K)
     }
 

@@ -192,9 +192,7 @@ impl TryFrom<u16> for Limits {
 
     fn try_from(bits: u16) -> Result<Self, Self::Error> {
         let defined = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
-        (bits & !defined == 0)
-            .then_some(Self(bits))
-            .ok_or("an unknown limit")
+        ((bits & !defined == 0).then_some(Self(bits))).ok_or("an unknown limit")
     }
 }
 

@@ -445,11 +445,7 @@ mod tests {
         let mut detector = FaultDetector::default();
         let detected = (0..200).find_map(|n| {
             // Every other cycle is sound.
-            let (measured, high) = if n % 2 == 0 {
-                (1e-4, 2100)
-            } else {
-                (0.0, 2000)
-            };
+            let (measured, high) = [(1e-4, 2100), (0.0, 2000)][n % 2];
             let cycle = with(Cycle::default(), |it| (it.low, it.high) = (2000, high));
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });

@@ -142,10 +142,7 @@ impl StateMachine {
 
     /// Whether the setpoint was reached since the start.
     pub fn settled(&self) -> bool {
-        matches!(
-            self.state,
-            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
-        )
+        self.running() && !matches!(self.state, State::Starting | State::Stopping)
     }
 
     fn enter(&mut self, state: State) {

@@ -311,8 +311,7 @@ impl OnsetModel {
     /// Adds an impact's ringing only, `share` of a sample before a sample.
     #[cfg(test)]
     pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
-        self.energy
-            .strike(sample, self.initial_phasor(share) * height);
+        (self.energy).strike(sample, self.initial_phasor(share) * height);
     }
 
     /// Adds an impact. Its detection, and the sum of its unblanked ringing times the phasor.

@@ -350,8 +350,7 @@ impl EnvelopePlant {
 
     /// Detects this cycle's impacts and returns the demodulated part of their ringing.
     fn detect_impacts(&mut self, max_acceleration: f64) -> Complex {
-        self.onset
-            .tune(f64::from(self.drive.tuning.step) * (TAU / Phase::TURN));
+        (self.onset).tune(f64::from(self.drive.tuning.step) * (TAU / Phase::TURN));
         let sense = self.sense;
         let leak = self.onset.tuning.leak * max_acceleration * sense.factor;
         let square = sense.residual * sense.residual + 0.5 * leak * leak;
@@ -364,8 +363,7 @@ impl EnvelopePlant {
         self.median = median.max(sense.floor);
         let leaked = self.onset.leaked(self.drive.steady_swing() * sense.factor);
         let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
-        self.onset
-            .begin(self.sample, samples, self.drive.phase_at(0), step);
+        (self.onset).begin(self.sample, samples, self.drive.phase_at(0), step);
         let mut sum = Complex::ZERO;
         let mut index = 0;
         while let Some(&strike) = self.strikes.get(index) {

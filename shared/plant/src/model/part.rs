@@ -296,9 +296,7 @@ impl Part {
     fn bounce_on_tones(&mut self, track: &Track<'_>, state: PartState, amplitude: f64, time: u64) {
         self.motion = Motion::Resting;
         // The elastic map returns the arrival speed.
-        let map = track
-            .wave
-            .map(|wave| WaveMap::on(*wave, track.k(amplitude), 1.0));
+        let map = (track.wave).map(|wave| WaveMap::on(*wave, track.k(amplitude), 1.0));
         let Some(Ok(map)) = map else {
             return;
         };

@@ -356,11 +356,9 @@ impl Bench {
                 part: index as u8,
                 rested: blow.rested,
             });
-            self.ringing
-                .strike(self.sensor.ringing * blow.speed as f32, share);
+            (self.ringing).strike(self.sensor.ringing * blow.speed as f32, share);
         }
-        self.drive
-            .push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
+        (self.drive).push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
     }
 
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
@@ -391,8 +389,7 @@ impl Bench {
                     ..strike
                 });
                 let share = (delay as f32 / self.step as f32).min(1.0);
-                self.ringing
-                    .strike(self.sensor.ringing * strike.speed as f32, share);
+                (self.ringing).strike(self.sensor.ringing * strike.speed as f32, share);
             }
         }
     }

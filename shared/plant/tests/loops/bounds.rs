@@ -130,10 +130,7 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mean = last.fold(0.0, |sum, amplitude| sum + amplitude / MEAN as f32);
         let within = mean <= MAX_EXCESS * expected + noise_floor;
         let report = looped.moment().report;
-        assert!(
-            within,
-            "{written}: {mean} m of {expected} m: {report:?}: {scene:?}"
-        );
+        assert!(within, "{mean} of {expected} m: {report:?}: {scene:?}");
         if mean > 0.5 * expected && expected > noise_floor {
             moving += 1;
         }

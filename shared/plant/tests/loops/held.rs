@@ -90,9 +90,7 @@ const DETUNINGS: [f32; 17] = [
 const GAIN_ERRORS: [f32; 3] = [1.0, 0.5, 2.0];
 
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
-    let pairs = QUALITIES
-        .into_iter()
-        .flat_map(|quality| DETUNINGS.map(|off| (quality, off)));
+    let pairs = (QUALITIES.into_iter()).flat_map(|quality| DETUNINGS.map(|off| (quality, off)));
     pairs.flat_map(|(quality, off)| GAIN_ERRORS.map(|error| (quality, off, error)))
 }
 

@@ -133,9 +133,8 @@ fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, 
 
 #[test]
 fn large_drive_errors_are_reported_small_ones_corrected() {
-    [false, true]
-        .into_iter()
-        .for_each(misconfigured_tone_is_noticed);
+    misconfigured_tone_is_noticed(false);
+    misconfigured_tone_is_noticed(true);
 }
 
 fn misconfigured_tone_is_noticed(third: bool) {
