@@ -33,7 +33,6 @@
 #[cfg(test)]
 extern crate std;
 
-mod access;
 mod identification;
 mod machine;
 mod protocol;

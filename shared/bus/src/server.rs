@@ -1,10 +1,14 @@
 //! The server: takes a request, rejects invalid ones, answers the rest.
 
-use crate::access::access;
 use crate::identification;
 use crate::machine::Machine;
 use crate::protocol::{Answer, Counters, Exception, MAX_ADU_BYTES, function};
 use crate::registers::{self, Picture};
+use crate::write;
+
+/// Largest number of registers in a request.
+const MAX_READ: u16 = 125;
+const MAX_WRITE: u16 = 123;
 
 /// The server of one board.
 #[derive(Clone, Copy, Debug, Default)]
@@ -81,6 +85,49 @@ impl Server {
             let _ = answer.extend_from_slice(&[unit, function | 0x80, exception as u8]);
         }
         true
+    }
+}
+
+/// Functions 3, 4, 6 and 16: reading and writing registers.
+fn access(
+    server: &mut Server,
+    adu: &[u8],
+    machine: &mut impl Machine,
+    answer: &mut Answer,
+) -> Result<(), Exception> {
+    let full = |_| Exception::Value;
+    let &[unit, function, high, low, ref rest @ ..] = adu else {
+        return Err(Exception::Value);
+    };
+    let address = u16::from_be_bytes([high, low]);
+    match (function, rest) {
+        (function::READ_HOLDING | function::READ_INPUT, &[high, low]) => {
+            let count = u16::from_be_bytes([high, low]);
+            if !(1..=MAX_READ).contains(&count) {
+                return Err(Exception::Value);
+            }
+            let head = [unit, function, 2 * count as u8];
+            answer.extend_from_slice(&head).map_err(full)?;
+            let end = head.len() + 2 * usize::from(count);
+            answer.resize(end, 0).map_err(full)?;
+            server.read(address, &mut answer[head.len()..], machine)
+        }
+        (function::WRITE_ONE, word @ [_, _]) => {
+            write::write(server, address, word, machine)?;
+            answer.extend_from_slice(adu).map_err(full)
+        }
+        (function::WRITE_SEVERAL, &[high, low, bytes, ref words @ ..]) => {
+            let count = u16::from_be_bytes([high, low]);
+            if !(1..=MAX_WRITE).contains(&count)
+                || u16::from(bytes) != 2 * count
+                || words.len() != usize::from(bytes)
+            {
+                return Err(Exception::Value);
+            }
+            write::write(server, address, words, machine)?;
+            answer.extend_from_slice(&adu[..6]).map_err(full)
+        }
+        _ => Err(Exception::Value),
     }
 }
 

@@ -5,8 +5,7 @@ use crate::protocol::{Answer, MAX_ADU_BYTES};
 /// Size of the header before the unit, bytes: transaction, protocol, length.
 pub const HEADER_BYTES: usize = 6;
 
-/// Length of the frame that begins with these bytes; `None` with fewer bytes than a header. A
-/// stream with a refused header cannot be resumed: close it.
+/// Length of the frame that begins so; `None` with less than a header. Close a refused stream.
 ///
 /// # Errors
 /// The header is not a Modbus TCP header.

@@ -2,7 +2,7 @@
 
 use crate::machine::{Authority, Machine};
 use crate::protocol::Exception;
-use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, Register, SAVE};
+use crate::registers::{self, Access, CONTROL, KIND, NUMBER, RECIPE, SAVE};
 use crate::server::Server;
 use crate::target;
 use kband_control::{Settings, Target};
@@ -92,34 +92,23 @@ fn read_request(address: u16, bytes: &[u8], settings: &Settings) -> Result<Writt
         let high = u16::from_be_bytes(*first);
         let low = number.last().map_or(0, |word| u16::from_be_bytes(*word));
         let float = f32::from_bits(u32::from(high) << 16 | u32::from(low));
-        take(&mut written, &register, high, float, settings)?;
+        match (register.address, register.setting()) {
+            (_, Some(number)) => {
+                let key = Settings::KEYS.get(number).ok_or(Exception::Address)?;
+                let changed = written.settings.get_or_insert(*settings);
+                changed.set(key.name, float).map_err(|_| Exception::Value)?;
+            }
+            (CONTROL, _) if high & !(RUN | ACKNOWLEDGE) != 0 => return Err(Exception::Value),
+            (CONTROL, _) => written.control = Some(high),
+            (KIND, _) => written.kind = Some(high),
+            (NUMBER, _) => written.number = Some(float),
+            (RECIPE, _) => written.recipe = Some(high),
+            (SAVE, _) => written.save = Some(high),
+            _ => return Err(Exception::Address),
+        }
         (address, words) = (register.end(), rest);
     }
     Ok(written)
-}
-
-fn take(
-    written: &mut Written,
-    register: &Register,
-    word: u16,
-    float: f32,
-    settings: &Settings,
-) -> Result<(), Exception> {
-    match (register.address, register.setting()) {
-        (_, Some(number)) => {
-            let key = Settings::KEYS.get(number).ok_or(Exception::Address)?;
-            let changed = written.settings.get_or_insert(*settings);
-            changed.set(key.name, float).map_err(|_| Exception::Value)?;
-        }
-        (CONTROL, _) if word & !(RUN | ACKNOWLEDGE) != 0 => return Err(Exception::Value),
-        (CONTROL, _) => written.control = Some(word),
-        (KIND, _) => written.kind = Some(word),
-        (NUMBER, _) => written.number = Some(float),
-        (RECIPE, _) => written.recipe = Some(word),
-        (SAVE, _) => written.save = Some(word),
-        _ => return Err(Exception::Address),
-    }
-    Ok(())
 }
 
 /// Whether the acknowledge bit rises. Before the first control word there is no edge.

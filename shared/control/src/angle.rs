@@ -19,16 +19,7 @@ pub fn radians_of(phase: Phase) -> f32 {
     phase.bits() as i32 as f32 * STEP
 }
 
-/// Advance of the phase per sample for a frequency in Hz, 0..5000. Error at most 2.4e-6 Hz or
-/// 1.2e-7 of it.
-///
-/// ```
-/// use kband_control::{SAMPLE_RATE, phase_step};
-/// let step = phase_step(50.0);
-/// // Turns per second:
-/// let frequency = f64::from(step) / 4_294_967_296.0 * f64::from(SAMPLE_RATE);
-/// assert!((frequency - 50.0).abs() < 2.4e-6);
-/// ```
+/// Advance of the phase per sample for a frequency in Hz, 0..5000; error 2.4e-6 Hz or 1.2e-7 of it.
 pub fn phase_step(frequency: f32) -> u32 {
     (f64::from(frequency) * (Phase::TURN / f64::from(SAMPLE_RATE)) + 0.5) as u32
 }
@@ -42,6 +33,12 @@ pub fn impact_time(count: u32, phase: Phase, lead: Phase) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_frequency_has_its_advance() {
+        let frequency = f64::from(phase_step(50.0)) / Phase::TURN * f64::from(SAMPLE_RATE);
+        assert!((frequency - 50.0).abs() < 2.4e-6);
+    }
 
     #[test]
     fn an_angle_survives_the_way_through_a_phase() {

@@ -30,7 +30,6 @@ pub struct BusCommand {
 }
 
 impl BusCommand {
-    /// Whether the drive may run; an unwritten run bit does not permit it.
     pub(crate) fn runs(self) -> bool {
         self.run == Some(true)
     }

@@ -14,8 +14,7 @@
 //! | `supervise` | the state machine, captures, faults and limits |
 //! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
 //!
-//! Below them are `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs` and `report` (per
-//! cycle), and `state` (the numbered lists and the state table).
+//! Below: `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs`, `report` and `state`.
 //!
 //! The terms are defined in docs/glossary.md#the-controller.
 #![no_std]

@@ -40,7 +40,6 @@ impl From<RecipeName> for [u8; NAME_BYTES] {
 impl TryFrom<[u8; NAME_BYTES]> for RecipeName {
     type Error = &'static str;
 
-    /// The name in these bytes, padded with zeros.
     fn try_from(bytes: [u8; NAME_BYTES]) -> Result<Self, Self::Error> {
         let end = bytes.iter().position(|byte| *byte == 0);
         let (text, rest) = bytes.split_at(end.unwrap_or(NAME_BYTES));

@@ -5,23 +5,6 @@ use kband::feeder::OutOfRange;
 use serde::{Deserialize, Serialize};
 
 /// The user's target for the parts. On the line a variant is its index here.
-///
-/// ```
-/// use kband_control::{Controller, NoSetpoint, Settings, StartCause, Target};
-/// // A lot so wide that no k is in the band of every part.
-/// let settings = Settings {
-///     restitution_low: 0.1,
-///     restitution_high: 0.3,
-///     ..Settings::default()
-/// };
-/// let target = Target::Locked { order: 1 };
-/// let controller = Controller::build(&settings, target, StartCause::Ordinary)?;
-/// let Some(NoSetpoint::Band(none)) = controller.no_setpoint() else {
-///     panic!("it has one");
-/// };
-/// assert!(none.to_string().contains("restitution"));
-/// # Ok::<(), kband::feeder::OutOfRange>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Target {
     /// Parts locked to the drive, one impact every `order` cycles.
@@ -40,8 +23,7 @@ pub enum Target {
     /// Identification of the parts' restitution from hops and rests
     /// ([`Identification`](crate::Identification)): a step of commissioning.
     Identify,
-    /// Parts in gear, one flight every `order` cycles, for as large a share of time as the lot's
-    /// scatter allows.
+    /// Parts in gear, one flight every `order` cycles, for as long as the lot allows.
     Gear {
         /// Drive cycles per flight (symbol r), 1..=8.
         order: u8,
@@ -53,11 +35,9 @@ pub enum Target {
         /// The upper tones; their ratios at most the settings `second_tone` and `third_tone`.
         shape: Shape,
     },
-    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow with the parts
-    /// on the track.
+    /// A mass flow in g/s, above 0: parts in gear, of the order that gives this flow.
     Flow(f32),
-    /// Parts a minute, above 0: the lock that conveys touching parts of the setting `part_length`
-    /// at this rate.
+    /// Parts a minute, above 0: the lock that conveys touching parts of `part_length` at this rate.
     PartsPerMinute(f32),
 }
 

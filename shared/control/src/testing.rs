@@ -14,7 +14,6 @@ pub fn seeded() -> ProptestConfig {
     }
 }
 
-/// `value`, changed.
 pub fn with<T>(mut value: T, change: impl FnOnce(&mut T)) -> T {
     change(&mut value);
     value

@@ -1,18 +1,16 @@
 //! A board without an operating system: the controller in a sample interrupt and a main loop.
 //!
 //! The controller needs a converter reading every 50 us, an output that holds its value, and the
-//! inputs once a drive cycle. The simulated feeder replaces these three here; the rest runs
-//! unchanged on a microcontroller. There `static` replaces `let`, and a critical section guards the
-//! mailbox.
+//! inputs once a drive cycle. The simulated feeder replaces these three; the rest runs on a
+//! microcontroller. There `static` replaces `let`, and a critical section guards the mailbox.
 //!
 //! `cargo run --release -p kband-plant --example board`
-
-use std::error::Error;
 
 use kband_control::{
     Command, Controller, Cycle, PLAN_SLICES, Settings, Signal, StartCause, State, Target,
 };
 use kband_plant::{Bench, Scene};
+use std::error::Error;
 
 /// Data exchanged between the interrupt and the main loop.
 #[derive(Default)]

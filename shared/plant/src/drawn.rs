@@ -1,25 +1,21 @@
 //! Tests: random feeders with several tones and a configured track mass, in both plants.
 //!
-//! `KBAND_SCENES` sets the number of feeders, `KBAND_SEED` the seed; a plain test run uses fixed
-//! ones.
-
-use core::f32::consts::TAU;
-use std::vec::Vec;
+//! `KBAND_SCENES` sets the number of feeders, `KBAND_SEED` the seed.
 
 use super::{ClosedLoop, EnvelopeLoop, Moment, Scene};
 use crate::model::drive::UpperMode;
+use core::f32::consts::TAU;
 use kband::arithmetic::Noise;
 use kband_control::{Fault, Report, Shape, Target, UpperTone};
+use std::vec::Vec;
 
 /// Largest true amplitude and acceleration over their hard limits.
 const MAX_EXCESS: f32 = 1.1;
 /// The same after fault 2 (sensor saturated), with the output's model as the bound.
 const MAX_EXCESS_SATURATED: f32 = 1.2;
-/// Largest peak-to-peak variation of the true amplitude over its reference while READY is on,
-/// without and with heavy parts.
+/// Largest peak-to-peak amplitude over its reference at READY, without and with heavy parts.
 const MAX_VARIATION: [f32; 2] = [0.1, 0.16];
-/// Largest distance of the mean amplitude from its reference then, over the reference; 0.04 in 100
-/// feeders.
+/// Largest relative error of the mean amplitude then; 0.04 in 100 feeders.
 const MAX_MEAN_ERROR: f32 = 0.08;
 /// Cycles of READY at constant reference over which the variation is measured.
 const VARIATION_CYCLES: usize = 40;
@@ -43,8 +39,7 @@ impl Draw {
     }
 }
 
-/// A random feeder with modes near twice and three times the drive frequency. Half of them differ
-/// from the settings.
+/// A random feeder with modes near two and three times its frequency. Half differ from settings.
 fn feeder(draw: &mut Draw) -> Scene {
     let mut scene = Scene {
         seed: u64::from(draw.0.bits()),
@@ -130,7 +125,6 @@ struct RunResult {
     max_excess: f32,
     swing: f32,
     deviation: f32,
-    /// Whether a number was not finite.
     broken: bool,
     fault: u8,
 }
@@ -148,14 +142,11 @@ fn finite(moment: &Moment) -> bool {
     !std::format!("{moment:?}").contains("NaN") && !std::format!("{masked:?}").contains("inf")
 }
 
-/// Runs a feeder for some cycles. `cycle` returns the moment, READY and the amplitude in m. It also
-/// returns the peaks of displacement in m and of acceleration over the square of the angular
-/// frequency.
-fn run(
-    scene: &Scene,
-    cycles: usize,
-    mut cycle: impl FnMut() -> (Moment, bool, f32, [f32; 2]),
-) -> RunResult {
+/// A cycle: moment, READY, amplitude in m, and the peaks of displacement in m and of acceleration over
+/// the squared angular frequency.
+type Observed = (Moment, bool, f32, [f32; 2]);
+
+fn run(scene: &Scene, cycles: usize, mut cycle: impl FnMut() -> Observed) -> RunResult {
     let settings = &scene.settings;
     let square = (TAU * settings.frequency) * (TAU * settings.frequency);
     let mut result = RunResult::default();
@@ -261,8 +252,7 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
 }
 
 /// A heavy part that does not fit the lot leaves gear while the reference rises. With a ramp of 17
-/// cycles the drive stops, as the amplitude oscillates. With four time constants of the envelope
-/// the amplitude reaches the limit.
+/// cycles the amplitude oscillates; with four time constants of the envelope it reaches the limit.
 #[test]
 fn a_rise_waits_for_heavy_parts_on_two_tones() {
     let mut draw = Draw(Noise::new(427_200));

@@ -30,8 +30,7 @@ const EVENT_REGISTERS: u16 = 8;
 pub enum Form {
     /// 16 bits without sign.
     Word,
-    /// 16 bits with sign, in this unit of the quantity. Values beyond the range are 32767 or
-    /// -32767; a missing value is -32768.
+    /// 16 bits with sign, in this unit; at most 32767 or -32767, and -32768 for a missing value.
     Scaled(f32),
     /// 32 bits without sign, the high word first.
     Long,

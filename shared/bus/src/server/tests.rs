@@ -336,9 +336,7 @@ fn settings_are_written_at_rest_and_never_the_bus_ones() {
         let frequency = write(of("frequency"), &float(invalid));
         refuses(&mut drive, &frequency, Exception::Value);
     }
-    let bus_keys = Settings::KEYS
-        .iter()
-        .filter(|key| key.name.starts_with("bus"));
+    let bus_keys = (Settings::KEYS.iter()).filter(|key| key.name.starts_with("bus"));
     assert_eq!(bus_keys.clone().count(), 5);
     for key in bus_keys {
         let is_low = key.default == key.low;

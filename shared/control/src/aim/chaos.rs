@@ -60,8 +60,7 @@ impl Trial {
     }
 }
 
-/// Search for the widest chaotic interval of k without rest, by the board's classifier. It tests
-/// the lot's lowest, middle and highest restitution.
+/// Search for the widest chaotic interval of k without rest, for the lot's ends and its middle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChaosSearch {
     parts: [f64; 3],

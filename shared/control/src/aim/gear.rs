@@ -48,7 +48,6 @@ pub struct GearPlanned {
 #[derive(Clone, Debug)]
 pub struct GearSearch {
     pub planner: GearPlanner,
-    /// The best plan so far.
     pub plan: Option<GearPlan>,
     is_new: bool,
     /// Slices so far, the plans that they found, and whether these were supplied.

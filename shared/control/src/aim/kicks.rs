@@ -1,5 +1,4 @@
-//! The search for the kicks that bring parts from rest onto the requested lock
-//! (docs/theory-capture.md#t7.3).
+//! The search for the kicks from rest onto the requested lock (docs/theory-capture.md#t7.3).
 //!
 //! The planner of `regime::capture` simulates the lot; here it runs in slices of idle time.
 

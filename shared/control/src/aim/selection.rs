@@ -36,11 +36,7 @@ pub struct Selection {
 }
 
 impl Selection {
-    pub fn from_target(
-        target: Target,
-        settings: &Settings,
-        scale: &Scale,
-    ) -> Result<Self, OutOfRange> {
+    pub fn begin(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
@@ -66,7 +62,7 @@ impl Selection {
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: plan_kicks(&choice, settings, scale)?,
+            search: kicks_of(&choice, settings, scale)?,
             choice,
             chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
@@ -103,9 +99,8 @@ impl Selection {
         }
     }
 
-    /// Records that the parts do not fit the lot that gear is planned for. The setpoint becomes a k
-    /// of `1/sqrt(1 + pi^2)` = 0.303 (throw number 3.3). There a part thrown from rest flies one
-    /// drive period, and scattered parts are nearly fastest (docs/theory-real-parts.md#t10.1).
+    /// Records that the parts do not fit the lot. The setpoint becomes a k of `1/sqrt(1 + pi^2)`,
+    /// at which a part thrown from rest flies one drive period (docs/theory-real-parts.md#t10.1).
     pub fn set_misfit(&mut self, settings: &Settings, scale: &Scale) {
         self.misfit = true;
         let k = 1.0 / square_root_single(1.0 + PI * PI);
@@ -162,9 +157,7 @@ impl Selection {
             return;
         };
         let planned = gear.planner.settings();
-        if let Some(proposed) = self
-            .retuning
-            .cycle(planned, margin, missing_tones, settings)
+        if let Some(proposed) = (self.retuning).cycle(planned, margin, missing_tones, settings)
             && let Ok(Ok(search)) = GearSearch::begin(order, &proposed, scale)
         {
             self.gear = Some(search);
@@ -237,7 +230,7 @@ impl Selection {
 
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
         self.choice = choice;
-        match plan_kicks(&choice, settings, scale) {
+        match kicks_of(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
             Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
@@ -255,11 +248,7 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn plan_kicks(
-    choice: &Choice,
-    settings: &Settings,
-    scale: &Scale,
-) -> Result<KickSearch, OutOfRange> {
+fn kicks_of(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
     let Some(lock) = &choice.lock else {
         return Ok(KickSearch::default());
     };

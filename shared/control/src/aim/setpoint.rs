@@ -75,7 +75,6 @@ pub enum Level {
     Amplitude(f32),
     /// Not found yet: the search for the lock of a speed, or for the k of gear, still runs.
     Pending,
-    /// None, for this reason.
     None(NoSetpoint),
 }
 
@@ -179,7 +178,6 @@ impl Choice {
         Self::level(Level::None(NoSetpoint::Output { needed, reach }))
     }
 
-    /// A choice of this level without a lock.
     pub fn level(level: Level) -> Self {
         Self {
             level,

@@ -33,9 +33,7 @@ impl SpeedSearch {
     /// Computes one slice, which is one order of lock. Returns the choice after the last order.
     pub fn step(&mut self, settings: &Settings) -> Option<Choice> {
         if let Some((speed, choice)) = lock_speed(self.order, settings)
-            && self
-                .nearest
-                .is_none_or(|(best, _)| self.distance(speed) < self.distance(best))
+            && (self.nearest).is_none_or(|(best, _)| self.distance(speed) < self.distance(best))
         {
             self.nearest = Some((speed, choice));
         }
@@ -43,7 +41,6 @@ impl SpeedSearch {
         (self.order > *ORDERS.end()).then(|| self.choice())
     }
 
-    /// Distance of a speed from the requested one, in mm/s.
     fn distance(&self, speed: f32) -> f32 {
         (speed - self.requested).abs()
     }

@@ -21,9 +21,8 @@ pub const PLAN_SLICES: usize = 16;
 
 /// The controller of one drive.
 ///
-/// [`Controller::cycle`] runs once per drive cycle, before the next one ends. The signal path
-/// latches its command at the next wrap of the phase. [`Controller::plan_step`] belongs in idle
-/// time.
+/// [`Controller::cycle`] runs once per drive cycle; the signal path latches its command at the next
+/// wrap of the phase. [`Controller::plan_step`] belongs in idle time.
 ///
 /// ```
 /// use kband_control::{Controller, Cycle, Inputs, Settings, StartCause, State, Target};
@@ -60,8 +59,7 @@ pub struct Controller {
     /// Estimator of the parts' load; `None` without `track_mass`.
     meter: Option<LoadMeter>,
     weighing: LoadEvents,
-    /// Predicted envelope at the ends of three cycles, newest first, over the steady one at full
-    /// output. The first cycle is the one that the last output drives.
+    /// Predicted envelopes at the ends of three cycles, newest first, over that at full output.
     predicted_envelopes: [Complex; 3],
     /// Envelope by the measured current at the last cycle's end, over the steady one at 1 A.
     by_current: Complex,
@@ -108,7 +106,7 @@ impl Controller {
             scale,
             resonance,
             amplitude,
-            selection: Selection::from_target(target, settings, &scale)?,
+            selection: Selection::begin(target, settings, &scale)?,
             machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),
             listener: Listener::build()?,
             missed_impact_detector: MissedImpactDetector::default(),
@@ -148,8 +146,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Sets target and settings of a recipe, as [`Controller::set_target`] sets a target. The error
-    /// names the number out of range; target and settings then stay.
+    /// Sets target and settings of a recipe. The error names a number out of range; both then stay.
     pub fn use_recipe(&mut self, recipe: &Recipe) -> Result<(), OutOfRange> {
         let settings = recipe.applied_to(&self.settings)?;
         self.selection = self.select(recipe.target, &settings)?;
@@ -177,7 +174,7 @@ impl Controller {
     /// The setpoint selection for a target within the drive's reach.
     #[inline(never)]
     fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
-        let selection = Selection::from_target(target, settings, &self.scale)?;
+        let selection = Selection::begin(target, settings, &self.scale)?;
         match selection.no_setpoint() {
             Some(NoSetpoint::Output { .. }) => {
                 let reach = "what output_maximum and gain let the drive reach at its frequency";
@@ -224,9 +221,7 @@ impl Controller {
     pub fn plan_step(&mut self) -> bool {
         let chosen = self.selection.chosen();
         chosen && (self.identifier.step() || self.listener.share.step())
-            || self
-                .selection
-                .step(&self.settings, &self.scale, &mut self.pending_events)
+            || (self.selection).step(&self.settings, &self.scale, &mut self.pending_events)
     }
 }
 

@@ -59,8 +59,7 @@ impl Controller {
         }
     }
 
-    /// Whether the target is met (lock, chaos, a share of gear above one half, or the amplitude)
-    /// and the amplitude is steady.
+    /// Whether the target is met (lock, chaos, half of the time in gear, amplitude) and steady.
     pub fn is_ready(&self) -> bool {
         self.faults.is_steady() && self.is_target_met()
     }
@@ -123,9 +122,7 @@ impl Controller {
 
     /// Standard error of the share; infinite for a lower bound ([`Report::in_gear_error`]).
     pub fn in_gear_error(&self) -> f32 {
-        let share = self
-            .estimated_share()
-            .filter(|_| !self.is_estimate_invalid());
+        let share = (self.estimated_share()).filter(|_| !self.is_estimate_invalid());
         share.map_or(f32::INFINITY, |estimate| estimate.error)
     }
 
@@ -185,8 +182,7 @@ impl Controller {
         self.scale.k(amplitude)
     }
 
-    /// Progress of the identification of the parts' restitution ([`Target::Identify`]). Its result
-    /// is not applied, and stays until the next one.
+    /// Progress of the identification ([`Target::Identify`]). Its result stays until the next one.
     pub fn identification(&self) -> Identification {
         self.identifier.result
     }

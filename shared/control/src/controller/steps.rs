@@ -11,8 +11,7 @@ use core::f32::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single, square_root_single};
 use num_complex::Complex32 as Complex;
 
-/// Cycles per quarter of the setpoint on the way from a lock to chaos, slow enough to follow each
-/// doubling (docs/theory-capture.md#t7.4).
+/// Cycles per quarter of the setpoint from a lock to chaos (docs/theory-capture.md#t7.4).
 const GLIDE_CYCLES_PER_QUARTER: f32 = 150.0;
 /// Relative error of the amplitude at which the setpoint counts as reached.
 const SETPOINT_TOLERANCE: f32 = 0.01;
@@ -113,12 +112,21 @@ impl Controller {
         if !motion.is_finite() {
             motion = Complex::default();
         }
+        // Displacement over acceleration, at twice and three times the frequency.
+        let tone = |[cosine, sine]: [f32; 2], scale: f32| {
+            Complex::new(sine, cosine) * (scale / self.scale.angular_squared)
+        };
+        let [second, third] = cycle.upper;
+        let upper = [tone(second, -1.0 / 4.0), tone(third, -1.0 / 9.0)];
         View {
             cycle,
             finite,
             measured: square_root_single(motion.norm_sqr()),
             lead: phase_of(libm::atan2f(motion.im, motion.re)),
-            motion: self.motion(cycle, motion),
+            motion: TrackMotion {
+                first: motion,
+                upper,
+            },
         }
     }
 
@@ -130,8 +138,7 @@ impl Controller {
             && numbers.all(|part| part.is_finite())
     }
 
-    /// Estimates the parts' load. Corrects the track's motion along sine and cosine of the output's
-    /// phase, in m, for the impacts that the demodulator blanks.
+    /// Estimates the load, and corrects the track's motion (m) for blanked impacts.
     fn estimate_load(&mut self, cycle: &Cycle, motion: Complex) -> Complex {
         if self.meter.is_none() {
             return motion;
@@ -161,17 +168,6 @@ impl Controller {
                 && (self.measured.amplitude - goal).abs() < 10.0 * SETPOINT_TOLERANCE * goal,
         };
         (self.meter.as_mut()).map_or(motion, |meter| meter.cycle(&observed))
-    }
-
-    /// Converts the demodulated acceleration to the track's motion, in m.
-    fn motion(&self, cycle: &Cycle, first: Complex) -> TrackMotion {
-        // Displacement over acceleration at twice and three times the frequency.
-        let scales = [-1.0 / 4.0, -1.0 / 9.0];
-        let mut upper = [Complex::default(); UPPER];
-        for ((tone, [cosine, sine]), scale) in upper.iter_mut().zip(cycle.upper).zip(scales) {
-            *tone = Complex::new(sine, cosine) * (scale / self.scale.angular_squared);
-        }
-        TrackMotion { first, upper }
     }
 
     /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
@@ -257,7 +253,6 @@ impl Controller {
         untrusted
     }
 
-    /// Follows the enable input, and the run bit of a bus in control.
     fn follow_enable_input(&mut self, inputs: &Inputs, measured: f32, events: &mut Events) {
         let at_rest =
             self.reference.value <= 0.0 && measured < REST_AMPLITUDE_SHARE * self.scale.ceiling;
@@ -272,8 +267,7 @@ impl Controller {
             _ => Clearance::Pending,
         };
         let response =
-            self.machine
-                .follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
+            (self.machine).follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
         match response {
             Some(Event::Acknowledged) => self.faults = FaultDetector::default(),
             Some(Event::Stopping) if self.resonance.is_sweeping() => {
@@ -379,8 +373,7 @@ impl Controller {
         let goal = goal.min(self.scale.ceiling);
         let limits = self.swing_limits();
         let allowed = limits.map_or(goal, |[limit, _]| goal.min(limit));
-        self.reference
-            .advance(allowed, approach, self.lead, self.settings.envelope);
+        (self.reference).advance(allowed, approach, self.lead, self.settings.envelope);
         self.swing.held = allowed < goal && self.reference.value == allowed;
         goal
     }
@@ -395,8 +388,7 @@ impl Controller {
     /// Upper limit of the next output, as a share of full output, without the accelerometer.
     fn output_limit(&self) -> f32 {
         let amplitude = self.swing_limits().map(|[_, limit]| limit);
-        self.scale
-            .output_limit(self.predicted_envelopes[0], amplitude)
+        (self.scale).output_limit(self.predicted_envelopes[0], amplitude)
     }
 
     fn switch_off(&mut self) {
@@ -537,9 +529,7 @@ impl Controller {
             min_k: f64::from(self.scale.k(self.scale.reach(&self.settings))),
             normal_gravity: self.scale.normal_gravity,
             step: self.scale.step,
-            margin: self.listener.margin(),
-            speed_from_rest: self.listener.gear.landing_speed_from_rest(),
-            energy_per_squared_speed: self.listener.gear.energy_per_squared_speed(),
+            listener: &self.listener,
         };
         match self.identifier.cycle(&driven, view.cycle) {
             Step::Going => {}
@@ -581,8 +571,7 @@ impl Controller {
             detects_gear: self.watches_ready && self.selection.gear_order().is_some(),
             needs_regime: self.machine.detects_chaos(),
         };
-        self.listener
-            .cycle(view.cycle, &drive_state, self.selection.lock());
+        (self.listener).cycle(view.cycle, &drive_state, self.selection.lock());
     }
 
     fn report_limits(&self, was_limited: bool, events: &mut Events) {

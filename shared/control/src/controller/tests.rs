@@ -1,13 +1,13 @@
-//! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings.
+//! Tests of the controller on an ideal drive: targets, searches, refusals, bad readings, states.
 
 use super::*;
 use crate::drive::absolute;
 use crate::signal_path::DetectedImpact;
 use crate::testing::{lot, with};
-use crate::{Fault, Limits, State, UPPER};
+use crate::{Fault, Limits, State, TRANSITIONS, UPPER};
+use kband::arithmetic::Noise;
 use kband::regime::classify::Regime;
-
-mod table;
+use std::collections::BTreeSet;
 
 #[test]
 fn regimes_are_detected_after_the_cycle_counter_wraps() {
@@ -39,7 +39,6 @@ fn build(settings: &Settings, target: Target) -> Controller {
     Controller::build(settings, target, StartCause::Ordinary).unwrap()
 }
 
-/// A controller whose setpoint is found.
 fn planned(settings: &Settings, target: Target) -> Controller {
     let mut controller = build(settings, target);
     while !controller.is_setpoint_found() {
@@ -61,7 +60,6 @@ fn ideal_amplitude(controller: &Controller) -> f32 {
     0.5 * controller.scale.full_amplitude * absolute(next + running)
 }
 
-/// Readings of the next cycle of that drive.
 fn ideal(controller: &Controller) -> Cycle {
     Cycle {
         samples: 400,
@@ -76,7 +74,6 @@ fn enabled() -> Inputs {
     with(Inputs::default(), |it| it.enable = true)
 }
 
-/// A cycle of that drive, and some slices of planning.
 fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     let inputs = with(Inputs::default(), |it| it.enable = enable);
     let report = controller.cycle(&ideal(controller), &inputs);
@@ -86,7 +83,6 @@ fn follow(controller: &mut Controller, enable: bool, slices: usize) -> Report {
     report
 }
 
-/// The report after a number of such cycles.
 fn follow_for(cycles: u32, controller: &mut Controller, enable: bool) -> Report {
     let reports = (0..cycles).map(|_| follow(controller, enable, 1));
     reports.last().unwrap()
@@ -128,9 +124,8 @@ fn a_stop_without_rest_ends_after_four_soft_stops() {
     assert_eq!(stopping.count(), 81);
 }
 
-/// Any field of a cycle may be NaN, or too large for a converter. From that cycle on the output is
-/// off, with fault 13, and no field of the report is NaN. After the acknowledgement the drive
-/// starts as before.
+/// Any field of a cycle may be NaN, or too large. From that cycle on the output is off, with fault
+/// 13, and the report has no NaN. After the acknowledgement the drive starts as before.
 #[test]
 fn nan_reading_stops_the_drive_and_is_forgotten() {
     type Corrupt = fn(&mut Cycle, f32);
@@ -336,4 +331,105 @@ fn a_recipe_gives_the_setpoint_of_its_own_parts() {
     far.values[2] = 0.4;
     assert!(used.use_recipe(&far).is_err());
     assert_eq!(planned(used), planned(build(&machine, target)));
+}
+
+fn one_in(random: &mut Noise, count: u32) -> bool {
+    random.bits().is_multiple_of(count)
+}
+
+/// A controller whose plans are ready, and the phase at which its lock is detected.
+fn ready(target: Target) -> (Controller, Phase) {
+    let settings = Settings {
+        capture_attempts: 1.0,
+        link_timeout: 0.5,
+        amplitude_limit: 0.9,
+        ..lot(0.199, 0.201)
+    };
+    let mut controller = build(&settings, target);
+    while controller.plan_step() {}
+    let phase = controller.selection.lock().unwrap().phase;
+    (controller, phase)
+}
+
+#[test]
+fn the_table_is_what_the_controller_does() {
+    let bases = [ready(Target::Locked { order: 1 }), ready(Target::Chaotic)];
+    let targets = [
+        Target::K(0.5),
+        Target::Amplitude(0.2),
+        // Above the hard limit.
+        Target::K(0.06),
+        // No lock has this speed.
+        Target::Speed(40.0),
+    ];
+    // Random walks of this seed make even the rarest change, from lost to limiting.
+    let mut random = Noise::new(5);
+    let mut actual = BTreeSet::new();
+    for walk in 0..1500 {
+        let (mut controller, phase) = bases[walk % 2].clone();
+        // Walks with few disturbances reach many states; those with many visit the edges.
+        let period = [400, 100, 30][walk / 2 % 3];
+        let mut inputs = Inputs::default();
+        let (mut impact_kind, mut disturbance) = (0, 0);
+        let mut state = State::Off;
+        for _ in 0..1500 {
+            // Half a second, 25 cycles, acknowledges a fault.
+            let withdrawn = if state == State::Fault { 80 } else { 10 };
+            if one_in(&mut random, if inputs.enable { period } else { withdrawn }) {
+                inputs.enable = !inputs.enable;
+            }
+            inputs.over_temperature = one_in(&mut random, 5 * period);
+            inputs.stack_low = one_in(&mut random, 5 * period);
+            inputs.over_current = one_in(&mut random, 20 * period);
+            let heard = if inputs.link_heard { 5 * period } else { 150 };
+            if one_in(&mut random, heard) {
+                inputs.link_heard = !inputs.link_heard;
+            }
+            if one_in(&mut random, period) {
+                let target = targets[random.bits() as usize % targets.len()];
+                controller.set_target(target).unwrap();
+            }
+            controller.plan_step();
+            if one_in(&mut random, 60) {
+                impact_kind = random.bits() % 3;
+            }
+            if one_in(&mut random, if disturbance == 0 { period } else { 8 }) {
+                disturbance = random.bits() % 6;
+            }
+            let mut cycle = with(ideal(&controller), |it| it.noise = 0.15);
+            if impact_kind > 0 {
+                let turn = if impact_kind == 1 { 0 } else { 1 << 31 };
+                let _ = cycle.impacts.push(DetectedImpact {
+                    phase: phase + Phase::from_bits(turn),
+                    strength: 5.0,
+                });
+            }
+            match disturbance {
+                1 => cycle.high = cycle.low,
+                2 => cycle.saturated = 10,
+                3 => (cycle.in_phase, cycle.quadrature) = (cycle.quadrature, 0.0),
+                4 => cycle.quadrature = 0.0,
+                5 => cycle.quadrature *= 20.0,
+                _ => {}
+            }
+            let report = controller.cycle(&cycle, &inputs);
+            if report.state != state {
+                actual.insert((state.number(), report.state.number()));
+                state = report.state;
+            }
+        }
+    }
+    let drawn: BTreeSet<_> = TRANSITIONS
+        .iter()
+        .map(|transition| (transition.from.number(), transition.to.number()))
+        .collect();
+    assert_eq!(drawn.len(), TRANSITIONS.len());
+    let name = |&(from, to): &(u8, u8)| {
+        let name = |number: u8| State::ALL[usize::from(number)].name();
+        std::format!("{} to {}", name(from), name(to))
+    };
+    let missing: std::vec::Vec<_> = actual.difference(&drawn).map(name).collect();
+    let never: std::vec::Vec<_> = drawn.difference(&actual).map(name).collect();
+    assert!(missing.is_empty(), "not in the table: {missing:?}");
+    assert!(never.is_empty(), "in the table and never made: {never:?}");
 }

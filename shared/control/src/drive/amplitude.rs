@@ -98,8 +98,7 @@ impl Inverse {
     }
 }
 
-/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain. The
-/// feedforward alone tracks a reference that the envelope can follow.
+/// The loop that holds the amplitude, with anti-windup and an estimate of the drive's gain.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AmplitudeLoop {
     tuning: Tuning,
@@ -112,8 +111,7 @@ pub struct AmplitudeLoop {
     quarter_cycles: f32,
     /// Integral term of the output, as a share of full output.
     integral_term: f32,
-    /// References at the ends of four cycles, newest first, in m: the next cycle, the running one,
-    /// the measured one, the one before.
+    /// References at the ends of four cycles, newest first, in m: next, running, measured, before.
     reference: [f32; 4],
     /// The reference through the inverse, in m.
     inverted: f32,
@@ -177,8 +175,7 @@ impl AmplitudeLoop {
 
     /// Load of the parts as a share of full output; 0 without a configured track mass.
     pub fn load(&self) -> f32 {
-        self.observer
-            .map_or(0.0, |observer| observer.load(self.tuning.decay) / self.gain)
+        (self.observer).map_or(0.0, |observer| observer.load(self.tuning.decay) / self.gain)
     }
 
     /// Whether the output takes effect immediately instead of at the next wrap of the phase.

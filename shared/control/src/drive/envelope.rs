@@ -1,9 +1,8 @@
 //! Envelope of the track's amplitude under the output, cycle by cycle (slowly varying amplitude).
 //!
 //! The resonance has the poles `-w0/(2 Q) +- i w0 sqrt(1 - 1/(4 Q^2))`. The envelope is a phasor in
-//! the frame that rotates with the drive, here over its steady value. In a cycle it decays and
-//! rotates by `pole = e^(-pi w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave
-//! approximation).
+//! the drive's frame, over its steady value. In a cycle it decays and rotates by `pole = e^(-pi
+//! w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave approximation).
 
 use crate::settings::Settings;
 use core::f32::consts::{PI, TAU};

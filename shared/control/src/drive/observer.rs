@@ -28,8 +28,7 @@ pub struct ImpactPhase {
     pub silent: bool,
 }
 
-/// Estimates of envelope and load as phasors in m. They are a quarter turn ahead of the motion, so
-/// that a drive at its resonance has a real envelope.
+/// Estimates of envelope and load as phasors in m, a quarter turn ahead of the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observer {
     /// Envelope at the end of the last cycle.
@@ -70,8 +69,7 @@ impl Observer {
         goal: f32,
         decay: f32,
     ) -> Complex {
-        // A cycle's fundamental contains half of a drift, and of a jump the part after it. The ends
-        // of the cycle add the conjugate term.
+        // A cycle's fundamental contains half of a drift, and of a jump the part after it.
         let ends = Complex::new(0.0, 0.25 / PI);
         // Angle from the impact to half a turn.
         let since = libm::atan2f(impact.at.im, -impact.at.re);

@@ -99,13 +99,11 @@ impl Scale {
         (settings.output_maximum * self.full_amplitude).min(self.ceiling)
     }
 
-    /// Largest output for the next cycle, as a share of full output. It keeps the predicted
-    /// envelope (over the steady one at full output) within 1.2 of the hard limits, or within
-    /// `amplitude` (m). The prediction uses the configured gain and not the accelerometer.
+    /// Largest output for the next cycle, a share of full output. It keeps the predicted envelope
+    /// within 1.2 of the hard limits, or within `amplitude` (m), without the accelerometer.
     pub fn output_limit(&self, envelope: Complex, amplitude: Option<f32>) -> f32 {
         let amplitude = amplitude.unwrap_or(MAX_ENVELOPE_RATIO * self.ceiling);
-        self.envelope
-            .output_limit(envelope, amplitude / self.full_amplitude)
+        (self.envelope).output_limit(envelope, amplitude / self.full_amplitude)
     }
 
     /// Whether a lead (rad) is more than a quarter turn from that of an envelope.

@@ -1,5 +1,4 @@
-//! Shape of the track's motion: its upper tones, relative to the first
-//! (docs/theory-real-parts.md#t10.3).
+//! Shape of the track's motion: upper tones over the first (docs/theory-real-parts.md#t10.3).
 
 use crate::angle::phase_of;
 use core::f32::consts::TAU;

@@ -156,7 +156,6 @@ impl Tones {
         self.loops.iter_mut().filter(|tone| tone.allowed())
     }
 
-    /// Switches the tones off and keeps the estimates.
     pub fn rest(&mut self) {
         self.loops().for_each(ToneLoop::rest);
         self.output = [Complex::default(); UPPER];
@@ -165,7 +164,6 @@ impl Tones {
         self.share = 1.0;
     }
 
-    /// Switches the tones off and restarts from the configured responses.
     pub fn restart(&mut self) {
         self.rest();
         self.loops().for_each(ToneLoop::restart);

@@ -23,8 +23,7 @@ impl BinLayout {
     /// No bins.
     pub const NONE: Self = Self { stride: 1, bins: 0 };
 
-    /// Layout at an advance of the phase per sample. Each sample has its bin; if half a turn has
-    /// more than [`MAX_BINS`] samples, only every second or third has one.
+    /// Layout at an advance of the phase per sample. Above [`MAX_BINS`] samples, bins skip some.
     pub fn from_step(step: u32) -> Self {
         let step = step.max(1);
         let samples = AVERAGED_LENGTH / step;
@@ -45,8 +44,7 @@ pub struct AverageBins {
     pub residual: [f32; BINS_PER_CYCLE],
 }
 
-/// Sums of the residual over half a turn from a phase on. An average begins and ends at the end of
-/// a cycle, after its half turn. Its bins are then output, some each cycle.
+/// Sums of the residual over half a turn from a phase on. Its bins are output, some each cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct SynchronousAverage {
     from: Phase,
@@ -110,8 +108,7 @@ impl SynchronousAverage {
         }
     }
 
-    /// Ends a cycle: starts (`from` a phase, with the phase's advance `step`), ends or outputs an
-    /// average. `output` keeps its residual without a transfer.
+    /// Ends a cycle: starts (`from` a phase, of advance `step`), ends or outputs an average.
     #[inline(always)]
     pub fn finish(&mut self, from: Option<Phase>, step: u32, output: &mut AverageBins) {
         output.first = 0;

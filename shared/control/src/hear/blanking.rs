@@ -1,10 +1,9 @@
 //! Bias of the demodulated motion where samples are blanked around impacts.
 //!
-//! Parts that strike in each cycle at one phase make the track's velocity jump there. Drive and
-//! loss reverse the jump over the cycle. At phase p after the impact the motion therefore contains
-//! a sawtooth part, `J saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The demodulator fits mean,
-//! sine and cosine by least squares to the remaining samples. It blanks the samples during the
-//! ringing of an impact, where the sawtooth is largest.
+//! Parts that strike at one phase make the track's velocity jump; drive and loss reverse the jump
+//! over the cycle. At phase p after the impact the motion therefore contains a sawtooth part, `J
+//! saw(p) sin p` with `saw(p) = 1/2 - p/(2 pi)`. The demodulator fits mean, sine and cosine by
+//! least squares, without the samples during the ringing, where the sawtooth is largest.
 
 use crate::angle::phase_of;
 use core::f32::consts::{PI, TAU};

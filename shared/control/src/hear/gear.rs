@@ -53,8 +53,7 @@ const LANDING_DEVIATION: f32 = 0.015;
 const BOUNCED_LANDING: [f32; 2] = [0.1, 0.14];
 /// Weight of such landings in the likelihood ratio: measured, R of 0.1 to 0.6, s of 0.03 to 0.10.
 const BOUNCED_WEIGHT: f32 = 0.35;
-/// Weight of a landing from rest after an unknown flight, in rad. It accepts within 2.0 deviations,
-/// by `sqrt(2 ln(0.4 0.3/LANDING))`.
+/// Weight of a landing from rest after an unknown flight, in rad: it accepts within 2.0 deviations.
 const LANDING_WEIGHT_AFTER_UNKNOWN: f32 = 0.3;
 /// Stamped height of the faintest detected impact over the noise.
 const MIN_IMPACT_TO_NOISE: f32 = 2.2;
@@ -130,8 +129,7 @@ struct FlightFromRest {
 }
 
 impl FlightFromRest {
-    /// Computes the flight at k; arrival 0 if the acceleration never reaches k. Lift-off by
-    /// bisection, landing by Newton's method with bounded steps.
+    /// The flight at k, by bisection and Newton's method; arrival 0 if no acceleration reaches k.
     fn evaluate(k: f32, track: TrackMotion) -> Self {
         let step = Phase::from_bits(1 << 27);
         // Backwards from the maximum of A to its rise through k.
@@ -162,12 +160,11 @@ impl FlightFromRest {
             }
             half = Phase::from_bits(half.bits() >> 1);
         }
-        let [launch_displacement, velocity, _] = track.evaluate(begin);
+        let [height, velocity, _] = track.evaluate(begin);
         let relative_motion = |duration: f32| {
             let [s, c, _] =
                 track.evaluate(begin + phase_of(duration - TAU * libm::floorf(duration / TAU)));
-            let rise =
-                velocity * duration - 0.5 * k * duration * duration - (s - launch_displacement);
+            let rise = velocity * duration - 0.5 * k * duration * duration - (s - height);
             (rise, velocity - k * duration - c)
         };
         let mut duration = 0.5;
@@ -202,20 +199,15 @@ struct Impact {
 }
 
 impl Impact {
-    fn phase(&self) -> f32 {
-        radians_of(Phase::from_bits(self.time as u32))
-    }
-
     /// Launch speed over b w below which the part returns at once, while the track still rises.
     fn max_short_launch_speed(&self, k: f32, track: &TrackMotion) -> f32 {
-        let [launch_displacement, velocity, _] = self.track;
+        let [height, velocity, _] = self.track;
         let begin = Phase::from_bits(self.time as u32);
         let mut maximum = -1.0_f32;
         for n in 1..=12_u8 {
             let duration = 0.3 * f32::from(n);
             let [s, _, _] = track.evaluate(begin + phase_of(duration));
-            maximum =
-                maximum.max(0.5 * k * duration + (s - launch_displacement) / duration - velocity);
+            maximum = maximum.max(0.5 * k * duration + (s - height) / duration - velocity);
         }
         maximum
     }
@@ -226,7 +218,7 @@ fn normal_density(x: f32) -> f32 {
     0.4 * libm::expf(-0.5 * x * x)
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct DriveState {
     pub count: u32,
     pub lead: Phase,
@@ -242,7 +234,6 @@ pub struct DriveState {
     pub contact: ContactTime,
     /// Whether gear is to be detected for READY; only then is the short histogram fitted.
     pub detects_gear: bool,
-    /// Whether a decision needs the regime.
     pub needs_regime: bool,
 }
 
@@ -412,13 +403,12 @@ impl GearEstimator {
             self.pending_cycles = 0.0;
             // Flights before gear may belong to another kind of hopping.
             if let (Some(restitution), Some(arrival)) = (restitution, impact.arrival) {
-                self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+                self.add_restitution([restitution, last.launch[2], detected.strength, arrival]);
             }
         }
     }
 
-    /// Decides by a likelihood ratio whether the gap since the last impact was one flight (`None`).
-    /// Else the part was thrown from rest, with this arrival, or bounced.
+    /// Likelihood-ratio test of one flight (`None`) against a throw from rest, or bounces.
     fn detect_missed_flight(
         &self,
         last: &Impact,
@@ -427,7 +417,8 @@ impl GearEstimator {
         duration: f32,
         noise: f32,
     ) -> Option<Option<f32>> {
-        let difference = impact.phase() - self.flight_from_rest.phase;
+        let phase = radians_of(Phase::from_bits(impact.time as u32));
+        let difference = phase - self.flight_from_rest.phase;
         let landing_density = normal_density(difference / LANDING_DEVIATION) / LANDING_DEVIATION;
         let arrival = (difference > -4.0 * LANDING_DEVIATION
             && difference < 4.0 * LANDING_DEVIATION)
@@ -439,15 +430,13 @@ impl GearEstimator {
         let estimated = self.estimate_scatter().min(MAX_SCATTER_RATIO * configured);
         let scatter = MIN_SCATTER.max(configured).max(estimated);
         let [low, high] = self.lot;
-        let lot_distance = (restitution - high).max(low - restitution).max(0.0) / scatter;
-        if lot_distance > MAX_LOT_DISTANCE
-            || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution)
+        let distance = (restitution - high).max(low - restitution).max(0.0) / scatter;
+        if distance > MAX_LOT_DISTANCE || !(-MIN_SCATTER..1.0 + MIN_SCATTER).contains(&restitution)
         {
             return Some(arrival);
         }
         // Density of the phase for a flight: dR/dt is arrival speed after over before, over d.
-        let flight_density =
-            normal_density(lot_distance) / (0.4 * (high - low) + scatter) / duration;
+        let flight_density = normal_density(distance) / (0.4 * (high - low) + scatter) / duration;
         let bounce_density = normal_density((difference - BOUNCED_LANDING[0]) / BOUNCED_LANDING[1])
             / BOUNCED_LANDING[1];
         // Upper bound of the alternative: every bounce is too slow for detection.
@@ -468,13 +457,7 @@ impl GearEstimator {
             .then_some(arrival)
     }
 
-    fn add_restitution(
-        &mut self,
-        restitution: f32,
-        acceleration: f32,
-        strength: f32,
-        arrival: f32,
-    ) {
+    fn add_restitution(&mut self, [restitution, acceleration, strength, arrival]: [f32; 4]) {
         let forgetting_factor = 1.0 - 1.0 / RESTITUTION_MEMORY_IMPACTS;
         if let Some(last_value) = self.last_restitution {
             let difference = restitution - last_value;
@@ -649,17 +632,10 @@ mod tests {
     /// An estimator after 1000 drive cycles, each with an energy of 3 and an impact at this phase.
     fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
         let drive_state = DriveState {
-            count: 0,
             lead: Phase::from_radians(-1.2),
             order: 1,
             k: k as f32,
-            shape: Shape::SINE,
-            step: 0,
-            lot: None,
-            settled: true,
-            contact: ContactTime::INSTANT,
-            detects_gear: true,
-            needs_regime: true,
+            ..DriveState::default()
         };
         for count in 0..1000 {
             let impact = DetectedImpact {

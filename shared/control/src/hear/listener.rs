@@ -102,8 +102,7 @@ impl Listener {
         self.phases.cycle(cycle, count, lead, lock);
         for impact in &cycle.impacts {
             let time = impact_time(count, impact.phase, lead);
-            self.classifier
-                .impact((time >> 32) as u32, Phase::from_bits(time as u32));
+            (self.classifier).impact((time >> 32) as u32, Phase::from_bits(time as u32));
         }
         self.classifier.cycle(count);
         if count.is_multiple_of(CLASSIFICATION_PERIOD_CYCLES)
@@ -120,9 +119,8 @@ impl Listener {
             return;
         }
         self.silent_cycles += 1.0;
-        let max_silent_cycles =
-            (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
-        self.empty = self.silent_cycles > max_silent_cycles;
+        let max_silence = (EMPTY_SECONDS * self.frequency).max(EMPTY_FLIGHTS * f32::from(order));
+        self.empty = self.silent_cycles > max_silence;
         if self.empty {
             self.gear.reset();
             self.share.reset();
@@ -169,8 +167,7 @@ impl Listener {
     }
 
     /// Whether single flights of one part take a share of the time above `level` (0..=1), at a
-    /// phase where it may stay in gear. The phase matters because parts that land together and rest
-    /// strike as regularly (docs/theory-bands.md#t5.1).
+    /// phase of gear. Parts that rest together strike as regularly (docs/theory-bands.md#t5.1).
     fn is_one_in_gear(&self, level: f32) -> bool {
         self.gear.share() > level && self.gear.may_stay_in_gear_at(self.phases.phase())
     }
@@ -178,11 +175,10 @@ impl Listener {
     /// Corrects a verdict of parts that land from rest or where gear repels: they hop and rest.
     fn correct_verdict(&self, verdict: Verdict, lock: Option<&LockWindow>) -> Verdict {
         let phase = self.phases.phase();
-        let is_within =
-            |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
-        let is_at_lock = lock.is_some_and(|lock| is_within(lock.phase, lock.width));
+        let within = |middle: Phase, width: f32| radians_of(phase_of(phase) - middle).abs() < width;
+        let is_at_lock = lock.is_some_and(|lock| within(lock.phase, lock.width));
         let landing = self.gear.landing_phase_from_rest();
-        let is_landing = landing.is_some_and(|at| is_within(phase_of(at), MAX_LANDING_ERROR));
+        let is_landing = landing.is_some_and(|at| within(phase_of(at), MAX_LANDING_ERROR));
         if self.gear.may_lock_at(phase) && (is_at_lock || !is_landing) {
             return verdict;
         }
@@ -255,7 +251,6 @@ impl Listener {
     pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
         let in_gear = self.in_gear();
         let upper_bound = in_gear.map_or(1.0, |estimate| estimate.share + 2.0 * estimate.error);
-        lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))
-            .min(upper_bound)
+        (lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))).min(upper_bound)
     }
 }

@@ -41,7 +41,7 @@ pub struct Load {
     pub flow: f32,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct LoadMeasurement {
     /// Demodulated motion between the impacts, in m: along sine and cosine of the output's phase.
     pub motion: Complex,
@@ -333,18 +333,16 @@ mod tests {
         let measured = LoadMeasurement {
             motion: between,
             output: Complex::new(output, 0.0),
-            blanked: 0.0,
             square,
             frequency: 50.0,
             normal_gravity,
             in_gear: 1.0,
             concentration: 1.0,
             order: 1,
-            restitution: None,
-            cosine: None,
             sine: true,
             has_impact: true,
             settled: true,
+            ..LoadMeasurement::default()
         };
         (measured, motion)
     }

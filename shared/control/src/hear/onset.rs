@@ -145,8 +145,7 @@ mod tests {
     use super::*;
     use kband::arithmetic::Noise;
 
-    /// Impacts with a ringing of 2.4 kHz and 1 ms on a 50 Hz drive with noise. Returns the delays
-    /// from impact to stamp in samples, and the number of stamps.
+    /// Delays from impact to stamp in samples, and number of stamps; ringings of 2.4 kHz and 1 ms.
     fn stamps(noise_to_impact: f32) -> (std::vec::Vec<f32>, usize) {
         let mut detector = OnsetDetector::new(0.01);
         let mut noise = Noise::new(5);

@@ -44,7 +44,6 @@ const MAX_ORDER: usize = 8;
 /// Forgetting factor per drive cycle: memory of 16 cycles.
 const FORGETTING_FACTOR: f32 = 1.0 - 1.0 / 16.0;
 
-/// A part over the whole; 0 without a whole.
 pub fn share_of(part: f32, whole: f32) -> f32 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
@@ -84,7 +83,6 @@ impl PhaseStatistics {
     }
 
     /// Counts an impact within the lock's window; returns the number of the flight that it ends.
-    /// Parts of order r strike in every r-th cycle.
     fn add_impact_in_window(&mut self, time: u64, lock: &LockWindow) -> u32 {
         // Cycles that begin half a turn before the lock's phase.
         let shifted = time.wrapping_sub(u64::from(lock.phase.bits())) + (1 << 31);
@@ -235,8 +233,7 @@ mod tests {
             }
             worst
         };
-        // With a jitter of 0.05 rad a lock is always accepted. Doubled flights (R 0.255 and 0.26 at
-        // the setpoint of 0.18..0.22) never are.
+        // A lock with a jitter of 0.05 rad is always accepted; doubled flights never.
         for order in [1, 2, 3] {
             let (least, _) = run(order, 0.0, 0.05);
             assert!(least > 0.9, "{order}: {least}");

@@ -141,7 +141,6 @@ struct CycleTiming {
     /// Advance of the phase per sample, and its inverse.
     step: u32,
     inverse: f32,
-    /// Largest number of blanked samples.
     max_blanked: f32,
 }
 
@@ -467,8 +466,7 @@ impl Signal {
         cycle.noise = self.detector.noise();
         cycle.blanked = blanked / ended.weight;
         let pending = &self.pending;
-        self.average
-            .finish(pending.average_from, pending.step, &mut cycle.average);
+        (self.average).finish(pending.average_from, pending.step, &mut cycle.average);
         self.energy.end_cycle(&mut cycle.sectors);
         let readings = core::mem::replace(&mut self.readings, Readings::NONE);
         (cycle.samples, cycle.saturated) = (readings.samples, readings.saturated);
@@ -556,7 +554,6 @@ mod tests {
         Signal::build(&Settings::default()).unwrap()
     }
 
-    /// Runs to the end of a cycle with these readings.
     fn cycle(signal: &mut Signal, code: AdcCode) -> Cycle {
         while !signal.sample(code).wrapped {}
         signal.cycle().clone()

@@ -150,7 +150,6 @@ impl Fit {
         self.grid_step = (highest - self.lowest).max(2.0 * GRID_MARGIN) / (GRID_POINTS - 1) as f32;
     }
 
-    /// Stores some bins of an average, from index `first`.
     pub fn store(&mut self, first: usize, residual: &[f32; BINS_PER_CYCLE]) {
         for (n, value) in residual.iter().enumerate() {
             if let Some(slot) = self.residual.get_mut(first + n) {
@@ -495,8 +494,7 @@ mod tests {
                 let Verdict::Restitution(actual) = verdict else {
                     panic!("{k} {lasting}: {verdict:?}");
                 };
-                // The averages come from the map. Errors: noise of a hundredth of the first ringing,
-                // and half a sample of the onset (0.004 in R).
+                // Errors: noise, and half a sample of the onset (0.004 in R).
                 let holds = (actual - restitution).abs() < 0.005;
                 assert!(holds, "{k} {lasting}: {actual}");
                 assert!((fit.all().unwrap() - actual).abs() < 1e-3);

@@ -1,8 +1,7 @@
 //! Identifies the restitution of the parts from their chatter, as a sequence of drive levels.
 //!
 //! The track throws a part at rest at arcsin k. The intervals to its further impacts depend on its
-//! restitution (for short hops their ratio is R). A synchronous average of the residual is compared
-//! with the chatter that the map predicts for every restitution.
+//! restitution. A synchronous average is compared with the chatter that the map predicts.
 //!
 //! A small k gives long and loud hops, but parts must rest before they are thrown again. The search
 //! descends from [`FIRST_K`] until impacts are detected while a resting part would fly. Then parts
@@ -11,7 +10,7 @@
 
 use super::bounce_train::BounceTrain;
 use super::fit::{Fit, LANDING_OFFSET, Verdict};
-use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact};
+use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact, Listener};
 use crate::{Cycle, GearMargin, phase_of};
 use core::f32::consts::TAU;
 use heapless::Vec;
@@ -63,8 +62,7 @@ const MIN_EVIDENCE: f32 = 48.0;
 const MIN_RESTITUTION: f32 = 0.04;
 /// Time limit in drive cycles: twice the need of some 20 levels and 16 averages of 40 to 70 cycles.
 const TIME_LIMIT_CYCLES: u16 = 4000;
-/// k at which parts enter gear from rest, R about 0.3, 0.1 and 0.5
-/// (docs/theory-real-parts.md#t10.1).
+/// k at which R of about 0.3, 0.1, 0.5 enters gear from rest (docs/theory-real-parts.md#t10.1).
 const GEAR_CHECK_K: [f64; 3] = [0.46, 0.37, 0.55];
 /// Duration of that check, in drive cycles.
 const GEAR_CHECK_CYCLES: u16 = 300;
@@ -78,8 +76,7 @@ const MAX_NO_SCATTER: f32 = 0.015;
 const AGREEMENT_TOLERANCE: f32 = 0.02;
 /// Threshold on the estimated number of parts for several; one gives at most 1.05, two give 2.2.
 const MIN_SEVERAL_PARTS: f32 = 1.5;
-/// Standard error of the averages' result by sampling and bias, times the squared samples per
-/// turn: 0.0018 at 50 Hz (docs/commissioning.md).
+/// Standard error by sampling and bias, times squared samples per turn: 0.0018 at 50 Hz.
 const SAMPLING_ERROR: f32 = 288.0;
 /// Largest standard error of a result: a lot of twice that to either side is the default's width.
 const MAX_ERROR: f32 = 0.01;
@@ -156,8 +153,8 @@ pub enum Step {
 }
 
 /// State of the drive in one cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Driven {
+#[derive(Clone, Copy, Debug)]
+pub struct Driven<'a> {
     /// Relative error of the amplitude; infinite while it changes.
     pub amplitude_error: f32,
     pub k: f64,
@@ -170,11 +167,7 @@ pub struct Driven {
     /// Advance of the phase per sample.
     pub step: u32,
     /// Estimates of parts in gear, of any restitution.
-    pub margin: Option<GearMargin>,
-    /// Landing speed over b w of a part thrown from rest.
-    pub speed_from_rest: f32,
-    /// Residual energy per cycle in gear over the mean squared arrival speed over b w, (m/s^2)^2.
-    pub energy_per_squared_speed: Option<f32>,
+    pub listener: &'a Listener,
 }
 
 /// Sequence of one identification.
@@ -273,7 +266,7 @@ impl Identifier {
         }
     }
 
-    pub fn cycle(&mut self, driven: &Driven, cycle: &Cycle) -> Step {
+    pub fn cycle(&mut self, driven: &Driven<'_>, cycle: &Cycle) -> Step {
         let average = &cycle.average;
         let old = self.check_time_limit();
         if old != Step::Going {
@@ -321,7 +314,8 @@ impl Identifier {
                 self.cycles_with_impact += u16::from(!cycle.impacts.is_empty());
                 let noise = cycle.noise * cycle.noise * f32::from(cycle.samples);
                 self.energy += cycle.sectors.energy.iter().sum::<f32>() - noise;
-                let speed = driven.speed_from_rest / driven.k as f32;
+                let from_rest = driven.listener.gear.landing_speed_from_rest();
+                let speed = from_rest / driven.k as f32;
                 self.squares += speed * speed;
                 self.stage = if cycles + 1 < AVERAGED_CYCLES {
                     Stage::Averaging(from, cycles + 1)
@@ -344,7 +338,7 @@ impl Identifier {
                 if let (true, Some(result)) =
                     (cycles + 1 >= GEAR_CHECK_CYCLES, self.averages_result)
                 {
-                    let margin = driven.margin.filter(|margin| {
+                    let margin = driven.listener.margin().filter(|margin| {
                         let count = self.estimate_parts(driven, margin.restitution);
                         count.is_some_and(|count| count < MIN_SEVERAL_PARTS)
                     });
@@ -365,7 +359,6 @@ impl Identifier {
         self.stage == Stage::Comparing && self.fit.step()
     }
 
-    /// Begins the next stage once the amplitude has settled.
     fn settled(&mut self, lead: Phase) -> Step {
         if self.averages_result.is_some() {
             self.stage = Stage::Checking(0);
@@ -388,8 +381,7 @@ impl Identifier {
     fn begin_averages(&mut self, hopping: f64) -> Step {
         let first = resting_k(self.k);
         self.first = Some(first);
-        self.fit
-            .set_grid((first * (1.0 + MAX_K_UNDERESTIMATE), hopping));
+        (self.fit).set_grid((first * (1.0 + MAX_K_UNDERESTIMATE), hopping));
         self.set_level(REST_K)
     }
 
@@ -487,12 +479,12 @@ impl Identifier {
     }
 
     /// Estimates the number n of parts from two energies: n^2 of joint landings, n in gear.
-    fn estimate_parts(&self, driven: &Driven, restitution: f32) -> Option<f32> {
+    fn estimate_parts(&self, driven: &Driven<'_>, restitution: f32) -> Option<f32> {
         let bounces = BounceTrain::simulate(self.first?, restitution, self.fit.contact)?;
         let trained: f32 = (bounces.impacts.iter().map(|(_, speed)| speed * speed)).sum();
         let relative_energy = self.energy / (self.squares * trained);
         let k = driven.k as f32;
-        Some(relative_energy / (driven.energy_per_squared_speed? * k * k))
+        Some(relative_energy / (driven.listener.gear.energy_per_squared_speed()? * k * k))
     }
 
     /// Result of the averages; `None` before it is significant and accurate enough.

@@ -197,12 +197,7 @@ fn solve(
         }
     }
     let mut solution = [0.0; FIRST_CUBIC_COLUMN];
-    for (column, (line, sum)) in matrix
-        .iter()
-        .zip(&*sums)
-        .enumerate()
-        .take(FIRST_CUBIC_COLUMN)
-    {
+    for (column, (line, sum)) in (matrix.iter().zip(&*sums).enumerate()).take(FIRST_CUBIC_COLUMN) {
         let solved = solution.iter().zip(line).take(column);
         let known: f32 = solved.map(|(solved, entry)| solved * entry).sum();
         solution[column] = (sum - known) * inverse(line[column]);
@@ -299,9 +294,7 @@ mod tests {
         let fit = fit_train(&averaged(0.0), 1, RINGING, true, &TRAIN);
         let bias = correlate_with_drive(&fit, RINGING, 200, [0.4, 0.0157], &TRAIN);
         let times = (0..200_u8).map(f32::from);
-        let sum: f32 = times
-            .map(|n| ringing_at(n) * libm::sinf(0.4 + 0.0157 * n))
-            .sum();
+        let sum: f32 = (times.map(|n| ringing_at(n) * libm::sinf(0.4 + 0.0157 * n))).sum();
         assert!((bias / sum - 1.0).abs() < 0.02, "{bias} {sum}");
     }
 }

@@ -192,9 +192,7 @@ impl TryFrom<u16> for Limits {
 
     fn try_from(bits: u16) -> Result<Self, Self::Error> {
         let defined = Self::ALL.iter().fold(0, |all, limit| all | limit.0);
-        (bits & !defined == 0)
-            .then_some(Self(bits))
-            .ok_or("an unknown limit")
+        ((bits & !defined == 0).then_some(Self(bits))).ok_or("an unknown limit")
     }
 }
 
@@ -251,8 +249,7 @@ numbered! {
         ThirdToneUnlike = 24 "third tone differs",
         /// No amplitude holds the lot in gear; the best one is held, for its predicted share.
         GearPoor = 25 "gear poor for the lot",
-        /// The mass of the parts is estimated for the first time, or it changed by a tenth since
-        /// the last event.
+        /// The mass of the parts is estimated first, or differs by a tenth from the last event's.
         Weighed = 26 "weighed",
         /// The mass of the parts can no longer be estimated.
         NotWeighed = 27 "no longer weighed",

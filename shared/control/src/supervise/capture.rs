@@ -1,8 +1,6 @@
-//! Capture: kicks that bring parts onto the requested orbit, in successive attempts
-//! (docs/theory-capture.md#t7.3).
+//! Capture: kicks that bring parts onto the requested orbit (docs/theory-capture.md#t7.3).
 //!
-//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks. A kick and its
-//! test take 80 cycles, in which parts are conveyed less well.
+//! A token bucket (leaky bucket as a meter: Turner 1986) limits the rate of kicks.
 //!
 //! A sequential probability ratio test (Wald, Ann. Math. Stat. 16, 1945, 117) stops the kicks for
 //! parts outside the lot. A kick misses a part with the probability of the plan, or always.

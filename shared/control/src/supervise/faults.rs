@@ -1,8 +1,7 @@
 //! Fault detector: signs of a fault in the sensor's readings, each debounced.
 //!
-//! Method: limit checks on measured signals and on residuals against a model of the drive
-//! (Isermann, Fault-Diagnosis Systems, 2006). Each sign feeds a leaky counter; oscillation is
-//! detected by counting reversals with hysteresis.
+//! Method: limit checks on signals and on residuals against a model of the drive (Isermann,
+//! Fault-Diagnosis Systems, 2006), by leaky counters. Reversals are counted with hysteresis.
 
 use crate::{Cycle, Fault};
 use core::f32::consts::PI;
@@ -201,20 +200,16 @@ impl FaultDetector {
         let frozen = moving && span <= DEAD_RANGE_STEPS;
         let saturated = running && !frozen && cycle.saturated >= CLIPPED_READINGS;
         let no_response = moving && !frozen && measured < MIN_RESPONSE_SHARE * expected.amplitude;
-        // A track lags behind its output by 0 to pi; an inverted sensor adds pi. Leads near the
-        // ends are caused by the held output (0.008 rad at 50 Hz), noise, transients, and drives
-        // far off their resonance. Off the resonance the lead rotates in a transient.
+        // A track lags its output by 0 to pi; an inverted sensor adds pi. Leads near the ends come
+        // from the held output, noise, transients, and drives far off their resonance.
         let wrong = expected.opposed && lead > WRONG_LEAD_MARGIN && lead < PI - WRONG_LEAD_MARGIN;
         let inverted = moving && !no_response && wrong;
         if !running {
             self.load_ratio = RatioEstimate::default();
         }
-        let (mut weak, mut strong) = if moving && !frozen {
-            self.load_ratio
-                .check(measured, expected.amplitude, expected.tolerance)
-        } else {
-            (false, false)
-        };
+        let suspected = (moving && !frozen)
+            .then(|| (self.load_ratio).check(measured, expected.amplitude, expected.tolerance));
+        let (mut weak, mut strong) = suspected.unwrap_or_default();
         let mut over_limit = false;
         if let Some(by_current) = expected.by_current
             && moving
@@ -450,11 +445,7 @@ mod tests {
         let mut detector = FaultDetector::default();
         let detected = (0..200).find_map(|n| {
             // Every other cycle is sound.
-            let (measured, high) = if n % 2 == 0 {
-                (1e-4, 2100)
-            } else {
-                (0.0, 2000)
-            };
+            let (measured, high) = [(1e-4, 2100), (0.0, 2000)][n % 2];
             let cycle = with(Cycle::default(), |it| (it.low, it.high) = (2000, high));
             detector.cycle(&cycle, measured, -1.5, &EXPECTED).0
         });

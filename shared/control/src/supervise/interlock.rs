@@ -1,8 +1,7 @@
 //! The interlock: it keeps the drive off until a person acts at the machine.
 //!
-//! No request over the link changes fault, latch or lock-out. Only the enable input ends them (IEC
-//! 60204-1, 9.2.5.4.2), and they outlast every new controller. One exception: a fieldbus with that
-//! authority acknowledges a fault, but no lock-out.
+//! Only the enable input ends fault, latch and lock-out (IEC 60204-1, 9.2.5.4.2), and they outlast
+//! every new controller. A fieldbus with that authority acknowledges a fault, but no lock-out.
 
 use crate::{Event, Events, Fault, Inputs, StartCause};
 
@@ -12,7 +11,7 @@ const ACKNOWLEDGE_SECONDS: f32 = 0.5;
 const LOCKOUT_SECONDS: f32 = 60.0;
 
 /// The causes that keep the drive off.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Interlock {
     pub(crate) fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
@@ -46,15 +45,8 @@ impl Interlock {
                 StartCause::Refused => Some(Fault::SettingsInvalid),
             },
             latched: start != StartCause::Ordinary,
-            locked_out: false,
-            now: 0,
-            faults: [None; 2],
-            withdrawn: 0,
             rate,
-            settings_saved: false,
-            stopped_by_link: false,
-            bus_controls: false,
-            run_was_off: false,
+            ..Self::default()
         }
     }
 

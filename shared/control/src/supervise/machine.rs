@@ -1,7 +1,6 @@
 //! The state machine of a drive: one cycle's observations in, next state and decision out.
 //!
-//! A finite-state machine (Mealy 1955) with hysteresis and debouncing; its permitted transitions
-//! are the table of `control/state/transition.rs`.
+//! A finite-state machine (Mealy 1955) with hysteresis; its transitions are in `transition.rs`.
 
 use super::capture::Capture;
 use super::interlock::Interlock;
@@ -143,10 +142,7 @@ impl StateMachine {
 
     /// Whether the setpoint was reached since the start.
     pub fn settled(&self) -> bool {
-        matches!(
-            self.state,
-            State::Holding | State::Capturing | State::Locked | State::Lost | State::Limiting
-        )
+        self.running() && !matches!(self.state, State::Starting | State::Stopping)
     }
 
     fn enter(&mut self, state: State) {
@@ -168,7 +164,6 @@ impl StateMachine {
     }
 
     /// Follows the enable input. A drive that stops is off at rest, or after `stop_timeout` cycles.
-    /// Returns the event that the controller must respond to.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,

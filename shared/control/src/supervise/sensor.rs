@@ -139,9 +139,8 @@ impl TestSwing {
         let [by_output, by_current] = self.expected.map(|expected| self.measured / expected);
         self.restart();
         // A ratio that is not a number fails too.
-        let is_plausible =
-            |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
-        self.passed = is_plausible(by_output) && is_plausible(by_current);
+        let plausible = |ratio: f32| (1.0..=tolerance * tolerance).contains(&(ratio * tolerance));
+        self.passed = plausible(by_output) && plausible(by_current);
         Some(self.passed)
     }
 }

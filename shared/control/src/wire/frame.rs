@@ -20,6 +20,12 @@ const UPDATE: u8 = b'u';
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unsendable;
 
+/// Buffer for one frame.
+pub type FrameBuffer = [u8; MAX_FRAME_BYTES];
+
+/// Bytes of a frame, with its final zero.
+pub type Encoded<'b> = Result<&'b [u8], Unsendable>;
+
 /// Frame received by a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Incoming<'a> {
@@ -85,45 +91,42 @@ pub enum Outgoing<'a> {
 
 /// Encodes a request.
 pub fn write_request<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     sequence: u8,
     request: &Request<'_>,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     write_message(buffer, current_head(sequence), request)
 }
 
 /// Encodes a response.
 pub fn write_response<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     sequence: u8,
     response: &Response<'_>,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     write_message(buffer, current_head(sequence), response)
 }
 
 /// Encodes a request of an update; its format never changes.
 pub fn write_update_request<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     sequence: u8,
     request: &UpdateRequest<'_>,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     write_message(buffer, [FROZEN, sequence, UPDATE], request)
 }
 
 /// Encodes the answer to a request of an update; its format never changes.
 pub fn write_update_answer<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     sequence: u8,
     answer: &UpdateAnswer<'_>,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     write_message(buffer, [FROZEN, sequence, UPDATE], answer)
 }
 
 /// Encodes the identity request; its format never changes.
-pub fn write_identity_request(
-    buffer: &mut [u8; MAX_FRAME_BYTES],
-    sequence: u8,
-) -> Result<&[u8], Unsendable> {
+pub fn write_identity_request(buffer: &mut FrameBuffer, sequence: u8) -> Encoded<'_> {
     let mut inside = [0; MAX_INSIDE_BYTES];
     inside[..2].copy_from_slice(&[FROZEN, sequence]);
     finish(buffer, &mut inside, 2)
@@ -131,10 +134,10 @@ pub fn write_identity_request(
 
 /// Encodes the response to the identity request; its format never changes.
 pub fn write_identity<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     sequence: u8,
     identity: &Identity<'_>,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     let mut inside = [0; MAX_INSIDE_BYTES];
     let image = identity.image.as_bytes();
     let length = 7 + image.len();
@@ -207,10 +210,10 @@ fn current_head(sequence: u8) -> [u8; 4] {
 }
 
 fn write_message<'b, const HEAD: usize>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     head: [u8; HEAD],
     message: &impl Serialize,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     let mut inside = [0; MAX_INSIDE_BYTES];
     inside[..HEAD].copy_from_slice(&head);
     let payload = (inside.get_mut(HEAD..MAX_INSIDE_BYTES - CHECK_BYTES)).ok_or(Unsendable)?;
@@ -238,10 +241,10 @@ fn read<'a, M: Deserialize<'a>>(version: u8, rest: &'a [u8]) -> Result<(u8, M), 
 
 /// Appends the CRC to the first `length` bytes and encodes them by COBS.
 fn finish<'b>(
-    buffer: &'b mut [u8; MAX_FRAME_BYTES],
+    buffer: &'b mut FrameBuffer,
     inside: &mut [u8; MAX_INSIDE_BYTES],
     length: usize,
-) -> Result<&'b [u8], Unsendable> {
+) -> Encoded<'b> {
     let (content, rest) = inside.split_at_mut_checked(length).ok_or(Unsendable)?;
     let check = rest.first_chunk_mut().ok_or(Unsendable)?;
     *check = crc32(content).to_le_bytes();
@@ -274,7 +277,7 @@ fn finish<'b>(
 
 /// A frame with arbitrary content and a valid CRC.
 #[cfg(test)]
-pub(super) fn write_inside<'b>(buffer: &'b mut [u8; MAX_FRAME_BYTES], content: &[u8]) -> &'b [u8] {
+pub(super) fn write_inside<'b>(buffer: &'b mut FrameBuffer, content: &[u8]) -> &'b [u8] {
     let mut inside = [0; MAX_INSIDE_BYTES];
     inside[..content.len()].copy_from_slice(content);
     finish(buffer, &mut inside, content.len()).unwrap()

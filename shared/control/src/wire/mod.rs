@@ -1,7 +1,6 @@
 //! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! A frame is encoded by COBS and ends with a zero, so a receiver resynchronizes after any garbage.
-//! It contains in this order:
+//! Encoded by COBS, a frame ends with a zero, at which receivers resynchronize. It has in order:
 //!
 //! | bytes | content |
 //! |---|---|
@@ -23,9 +22,9 @@ mod receiver;
 mod update;
 
 pub use frame::{
-    Identity, Incoming, Outgoing, Unsendable, crc32, read_answer, read_frozen_request,
-    read_request, write_identity, write_identity_request, write_request, write_response,
-    write_update_answer, write_update_request,
+    Encoded, FrameBuffer, Identity, Incoming, Outgoing, Unsendable, crc32, read_answer,
+    read_frozen_request, read_request, write_identity, write_identity_request, write_request,
+    write_response, write_update_answer, write_update_request,
 };
 pub use message::{
     Access, Counters, FaultRecord, Pin, Record, Refusal, Request, Response, SavedSettings,

@@ -565,11 +565,6 @@ fn the_check_is_the_one_of_ieee_802_3() {
 }
 
 #[test]
-fn zeros_between_frames_are_nothing() {
-    assert_eq!(receive(&[0; 5]), []);
-}
-
-#[test]
 fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_request(&mut buffer, 7, &Request::Get("frequency"));
@@ -605,7 +600,8 @@ fn a_frame_is_refused_for_what_is_wrong_with_it() {
         let bytes = frame::write_inside(&mut buffer, &content).to_vec();
         assert_eq!(refusal(&bytes), Some(reason), "{content:x?}");
     }
-    // The receiver resynchronizes after any garbage.
+    // Zeros between frames are nothing; the receiver resynchronizes after any garbage.
+    assert_eq!(receive(&[0; 5]), []);
     let resynchronised = [&long[..], &[3, 1, 0][..], &frame[..]].concat();
     assert_eq!(refusal(&resynchronised), None);
 }

@@ -15,8 +15,7 @@ pub enum UpdateRequest<'a> {
     State,
     /// Gives the desk write access, as [`super::Request::Unlock`].
     Unlock(Pin),
-    /// Sets the public key of the signatures, 32 bytes. An error while the drive runs, or over
-    /// another key on a board without a PIN.
+    /// Sets the public key, 32 bytes. An error while running, or over another key without a PIN.
     Key(&'a [u8]),
     /// Begins an update. An error while the drive runs, for another board, or beyond the slot.
     Begin {
@@ -89,8 +88,7 @@ pub enum UpdateAnswer<'a> {
         /// Whether its image is on trial.
         on_trial: bool,
     },
-    /// The board's loader receives the image, by [`UpdateRequest::Signed`]. The application
-    /// restarts into the loader.
+    /// The board restarts into its loader, which receives the image by [`UpdateRequest::Signed`].
     Loader,
 }
 

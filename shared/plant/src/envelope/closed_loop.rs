@@ -8,8 +8,7 @@ use crate::model::timeline::Timeline;
 use kband::feeder::OutOfRange;
 use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 
-/// Controller and envelope plant, joined as in [`ClosedLoop`](crate::ClosedLoop). A command at the
-/// end of a cycle takes effect in the cycle after next.
+/// Controller and envelope plant. A command at the end of a cycle acts in the cycle after next.
 #[derive(Clone, Debug)]
 pub struct EnvelopeLoop {
     controller: Controller,
@@ -49,7 +48,7 @@ impl EnvelopeLoop {
         Moment {
             time: self.plant.seconds(),
             report: self.controller.report(),
-            strikes: self.plant.strikes().len() as u32,
+            strikes: self.plant.strikes.len() as u32,
             displacement: self.plant.displacement(),
             load: self.plant.load(),
         }
@@ -60,8 +59,7 @@ impl EnvelopeLoop {
         self.advance_supplied(|_| {});
     }
 
-    /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches that the
-    /// controller begins in this cycle.
+    /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches begun here.
     pub fn advance_supplied(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
         if self.timeline.sagged() {
@@ -117,19 +115,17 @@ impl EnvelopeLoop {
         }
     }
 
-    /// Sets whether outputs without effect on the loop are computed: the displacement along the
-    /// track, and the regime if the controller does not use it. Otherwise both stay constant and
-    /// cost nothing.
+    /// Sets whether outputs without effect on the loop are computed: displacement along the track,
+    /// and the regime if the controller does not use it. Else they stay constant.
     pub fn watch(&mut self, watched: bool) {
         self.watched = watched;
-        self.plant.watch_displacement(watched);
+        self.plant.watched = watched;
         self.controller.watch_regime(watched);
     }
 
-    /// Sets whether the displacement along the track is computed, as [`EnvelopeLoop::watch`] does
-    /// for all outputs.
+    /// Sets whether the displacement along the track is computed.
     pub fn watch_displacement(&mut self, watched: bool) {
-        self.plant.watch_displacement(watched);
+        self.plant.watched = watched;
     }
 
     /// Sets whether READY is detected, as [`Controller::watch_ready`] does.
@@ -144,7 +140,7 @@ impl EnvelopeLoop {
 
     /// Impacts of the last cycle.
     pub fn strikes(&self) -> &[Strike] {
-        self.plant.strikes()
+        &self.plant.strikes
     }
 
     /// True normal amplitude of the track (symbol b) at the end of the last cycle, in m.

@@ -1,36 +1,29 @@
 //! Energy of the ringing after impacts, by sector of the drive's turn, in closed form.
 //!
-//! The squares of a decaying oscillation over whole samples are a geometric series. The signal path
-//! sums them sample by sample.
+//! The squares of a decaying oscillation over whole samples are a geometric series.
 //!
-//! Input is the complex height of each ringing (m/s^2) at its first sample: amplitude and phase of
-//! a decaying oscillation. The output is the sum of squared residuals, in (m/s^2)^2, of each of 32
-//! sectors. As on the board, a quarter of the sectors is handed over per cycle.
+//! Input: complex height (m/s^2) of each ringing at its first sample. Output: sum of squared
+//! residuals, in (m/s^2)^2, of each of 32 sectors, a quarter of them per cycle as on the board.
 
-use core::f64::consts::TAU;
-
-use num_complex::Complex64 as Complex;
-
-use super::onset::RESIDUAL_SAMPLES;
+use super::onset::{RESIDUAL_SAMPLES, Response};
 use super::powers::Powers;
 use super::recurrence::{exp, turn};
+use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband_control::signal_path::{SECTORS, SECTORS_PER_CYCLE, Sectors};
+use num_complex::Complex64 as Complex;
 
 /// Bits of a phase below its sector number.
 const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();
-/// Squared height below which a ringing counts as 0, in (m/s^2)^2; a hundredth of a converter step
-/// squared.
+/// Squared height below which a ringing is 0, in (m/s^2)^2: a hundredth of a converter step.
 const NEGLIGIBLE_HEIGHT_SQUARED: f64 = 1e-6;
 
-/// Sum of all ringings: `Im(phasor e^(ringing n))` after n samples, plus the filters' transient of
-/// the last one.
+/// Sum of all ringings: `Im(phasor e^(ringing n))`, plus the filters' transient of the last one.
 #[derive(Clone, Copy, Debug)]
 pub struct RingingEnergy {
-    /// Residual of a ringing of unit height in steady state, and its transient in the first
-    /// samples.
+    /// Residual of a ringing of unit height in steady state, and its transient at first.
     steady: Complex,
-    transient: [Complex; RESIDUAL_SAMPLES],
+    transient: Response,
     /// Decay of a ringing in one sample and in several.
     sample: Complex,
     decay: Powers,
@@ -58,11 +51,7 @@ pub struct RingingEnergy {
 
 impl RingingEnergy {
     /// For a ringing (logarithm of its decay per sample) and the detector's response to it.
-    pub fn new(
-        ringing: Complex,
-        response: &[Complex; RESIDUAL_SAMPLES],
-        steady: &[Complex; RESIDUAL_SAMPLES],
-    ) -> Self {
+    pub fn new(ringing: Complex, response: &Response, steady: &Response) -> Self {
         let sample = exp(ringing);
         let decay = Powers::new(ringing);
         Self {
@@ -178,9 +167,8 @@ impl RingingEnergy {
             - (square.re * self.conjugate_sum.re - square.im * self.conjugate_sum.im))
     }
 
-    /// Ends a cycle of `samples` samples and returns the energy of the next group of sectors.
-    /// Without ringing the residual is noise of `rms` and the drive's `Re(leak e^(i phase))`, both
-    /// in m/s^2.
+    /// Ends a cycle of `samples` samples; energy of the next group of sectors. Without ringing the
+    /// residual is noise of `rms` and the drive's `Re(leak e^(i phase))`, in m/s^2.
     pub fn finish(&mut self, samples: u32, rms: f64, leak: Complex) -> Sectors {
         self.advance(self.began + u64::from(samples));
         let first = self.next;
@@ -217,8 +205,7 @@ mod tests {
     use crate::model::scene::SensorModel;
     use kband_control::signal_path::{EnergyHistogram, HighPass, OnsetDetector};
 
-    /// Random impacts, some of them nearly simultaneous: each sector's energy agrees with the sum
-    /// over samples.
+    /// Random impacts, some nearly simultaneous: each sector has the energy of its samples.
     #[test]
     fn it_is_the_energy_of_the_samples() {
         let sensor = SensorModel::default();

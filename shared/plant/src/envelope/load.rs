@@ -1,16 +1,13 @@
-//! Force of parts with mass on the track, as its fundamental at the drive's frequency
-//! (docs/theory-real-parts.md#t10.5).
+//! Fundamental of the force of parts with mass on the track (docs/theory-real-parts.md#t10.5).
 //!
 //! An impact that changes a part's velocity by `(1 + R) s` gives the track the momentum
 //! `m (1 + R) s`. With one impact a cycle at phase t0 the fundamental is
 //! `-2 m g cos(alpha) cos(tau - t0)`. A part at rest presses with `m (g cos(alpha) + x'')`.
 
-use core::f64::consts::FRAC_1_PI;
-
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::turn;
 use crate::model::scene::{PARTS, Scene};
+use core::f64::consts::FRAC_1_PI;
+use num_complex::Complex64 as Complex;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Rest {
@@ -64,8 +61,7 @@ impl TrackLoad {
         self.force_terms[0]
     }
 
-    /// Adds an impact at an output phase. `change` is the part's velocity change in m/s on a track
-    /// of infinite mass.
+    /// Adds an impact at an output phase; `change`: the part's velocity on a fixed track, in m/s.
     pub fn strike(&mut self, part: usize, change: f64, phase: f64) {
         let share = self.share(part);
         let jump = share / (1.0 + share) * change;
@@ -92,9 +88,8 @@ impl TrackLoad {
 
 #[cfg(test)]
 mod tests {
-    use core::f64::consts::TAU;
-
     use super::*;
+    use core::f64::consts::TAU;
 
     fn load() -> TrackLoad {
         let scene = Scene {
@@ -106,14 +101,12 @@ mod tests {
         load
     }
 
-    /// A part of 5 % of the track's mass with one impact a cycle at phase t0 has a fundamental of
-    /// twice its weight.
+    /// A part of 5 % of the track's mass, one impact a cycle: its fundamental is twice its weight.
     #[test]
     fn the_fundamental_of_a_locked_part_is_twice_its_weight() {
         let mut load = load();
         let (gravity, phase) = (9.8, 0.7);
-        // Momentum of one cycle's weight; the recoil of the track reduces the part's velocity
-        // change.
+        // Momentum of one cycle's weight; the track's recoil reduces the change of velocity.
         let change = gravity * TAU / 314.0 * 1.05;
         load.strike(0, change, phase);
         let total = load.settle();

@@ -3,44 +3,41 @@
 //! The detector's filters are linear, so the residual of a ringing is a geometric series. Its
 //! running median is modelled as the quantile of noise, the drive's leakage and ringing.
 
-use core::f64::consts::{PI, TAU};
-
-use num_complex::Complex64 as Complex;
-
 use super::blanking::Blanking;
 use super::energy::RingingEnergy;
 use super::powers::Powers;
 use super::recurrence::{exp, exp_small, turn};
 use crate::model::scene::SensorModel;
+use core::f64::consts::{PI, TAU};
 use kband::arithmetic::{Noise, Phase};
 use kband_control::SAMPLE_RATE;
 use kband_control::signal_path::{HighPass, OnsetDetector, Sectors};
+use num_complex::Complex64 as Complex;
 
 /// Samples after an impact in which its residual is evaluated. They cover a quarter period at 500
 /// Hz, the lowest ringing frequency of a scene, and a period at the default.
 pub(super) const RESIDUAL_SAMPLES: usize = 10;
+/// Residuals of these samples, and complex ones.
+type Residuals = [f64; RESIDUAL_SAMPLES];
+pub(super) type Response = [Complex; RESIDUAL_SAMPLES];
 /// Sample index for "not within [`RESIDUAL_SAMPLES`] samples".
 const NO_SAMPLE: usize = usize::MAX;
 const START_SHARES: usize = 8;
-/// Relative level at which the detector's peak memory of a ringing counts as 0. It is below the
-/// noise of any measurable ringing.
+/// Relative level, below any measurable ringing's noise, at which the peak memory counts as 0.
 const NEGLIGIBLE_PEAK: f64 = 1.354e-4;
-/// Forgetting weight per sample of the hidden share of time; 2000 samples, twice the memory of the
-/// detector's median.
+/// Forgetting per sample of the hidden share of time: twice the memory of the detector's median.
 const HIDDEN_SHARE_FORGETTING: f64 = 5e-4;
 
 /// The onset detector's response to impacts, in closed form.
 ///
-/// Both high-pass filters are linear. So the residual of a ringing, n samples after its first, is
-/// its complex start times a constant of n.
+/// The filters are linear: n samples on, a residual is the ringing's complex start times a number.
 #[derive(Clone, Copy, Debug)]
 pub struct OnsetModel {
     ringing: Complex,
-    /// Residual of a ringing of unit height n samples after its start. It is the imaginary part of
-    /// a complex number; real parts come first, then imaginary parts.
-    response: [[f64; RESIDUAL_SAMPLES]; 2],
+    /// Residual of a ringing of unit height n samples after its start: real and imaginary parts.
+    response: [Residuals; 2],
     /// The same after the transient of the filters.
-    steady: [[f64; RESIDUAL_SAMPLES]; 2],
+    steady: [Residuals; 2],
     /// Height of a ringing in the residual over its height in the acceleration.
     share: f64,
     /// RMS of the residual over the RMS of white noise in the reading.
@@ -48,11 +45,9 @@ pub struct OnsetModel {
     /// Increase of the hidden share of time per decay time of a hiding ringing.
     filling: f64,
     pub(super) tuning: Tuning,
-    /// Share of time in which ringing hides the noise, with exponential forgetting over some
-    /// cycles.
+    /// Share of time in which ringing hides the noise, with exponential forgetting.
     hidden: f64,
-    /// Share of time by which ringing on the drive's leakage exceeds the median more than the
-    /// leakage alone.
+    /// Share of time by which ringing on the drive's leakage exceeds the median more than it alone.
     raised: f64,
     /// Start of a ringing within a sample: `e^(ringing n/8)`.
     onset: [Complex; START_SHARES + 1],
@@ -74,15 +69,13 @@ pub struct OnsetModel {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tuning {
     theta: f64,
-    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r of a sample and for
-    /// its conjugate.
+    /// Sums of geometric series `(i/2)/(1 - e^(i theta) r)` for the ringing r and its conjugate.
     sums: [Complex; 2],
     /// Powers of `e^(i theta) r` for both.
     turns: [Powers; 2],
     /// `e^(i theta)`.
     turn: Complex,
-    /// Gain of both high-pass filters at the drive's frequency, as a magnitude and as a complex
-    /// number.
+    /// Gain of both high-pass filters at the drive's frequency: magnitude, and complex number.
     pub(super) leak: f64,
     complex_gain: Complex,
 }
@@ -142,14 +135,14 @@ impl RingingState {
 
     /// Updates the memory with the remaining samples of the last ringing. The noise is omitted,
     /// because the result only affects whether a close impact counts as the same ringing.
-    fn complete(&mut self, residuals: &[f64; RESIDUAL_SAMPLES]) {
+    fn complete(&mut self, residuals: &Residuals) {
         for residual in residuals.iter().skip(self.sample_count) {
             self.add_residual(residual.abs());
         }
     }
 
     #[inline(always)]
-    fn residuals(&self, model: &OnsetModel) -> [f64; RESIDUAL_SAMPLES] {
+    fn residuals(&self, model: &OnsetModel) -> Residuals {
         let mut residuals = sines(self.began, &model.response);
         if !self.is_single() {
             let before = sines(self.earlier_phasor, &model.steady);
@@ -182,13 +175,9 @@ impl RingingState {
     }
 }
 
-/// Imaginary parts of the products of one number with others, given by their real and imaginary
-/// parts.
+/// Imaginary parts of the products of a number with others, given by real and imaginary parts.
 #[inline(always)]
-fn sines(
-    number: Complex,
-    [real, imaginary]: &[[f64; RESIDUAL_SAMPLES]; 2],
-) -> [f64; RESIDUAL_SAMPLES] {
+fn sines(number: Complex, [real, imaginary]: &[Residuals; 2]) -> Residuals {
     core::array::from_fn(|n| number.re * imaginary[n] + number.im * real[n])
 }
 
@@ -235,7 +224,7 @@ impl OnsetModel {
             passes[1].filter(OnsetDetector::CORNER, once)
         };
         let mut passes = [HighPass::default(); 2];
-        let response: [Complex; RESIDUAL_SAMPLES] =
+        let response: Response =
             core::array::from_fn(|n| high_passed(&mut passes, exp(ringing * n as f64)));
         // Power gain of white noise: the sum of the squared impulse response.
         let (mut passes, mut power, mut sample) = ([HighPass::default(); 2], 0.0, 1.0.into());
@@ -245,12 +234,11 @@ impl OnsetModel {
             sample = 0.0.into();
         }
         let forgetting = libm::log(OnsetDetector::ENVELOPE_DECAY);
-        let steady: [Complex; RESIDUAL_SAMPLES] = core::array::from_fn(|n| {
+        let steady: Response = core::array::from_fn(|n| {
             let since = n as f64 - (RESIDUAL_SAMPLES - 1) as f64;
             response[RESIDUAL_SAMPLES - 1] * exp(ringing * since)
         });
-        let split =
-            |numbers: &[Complex; RESIDUAL_SAMPLES]| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
+        let split = |numbers: &Response| [numbers.map(|n| n.re), numbers.map(|n| n.im)];
         Self {
             ringing,
             response: split(&response),
@@ -286,10 +274,8 @@ impl OnsetModel {
     }
 
     /// Median of the absolute residual in m/s^2, for an RMS and for the drive's share of its power.
-    /// Ringing raises it by the share of time that it fills.
     pub fn median(&self, rms: f64, swing: f64) -> f64 {
-        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation is within 0.013 of
-        // numerical integration.
+        // Noise has 0.6745 of the RMS, a sine its RMS; the interpolation errs by at most 0.013.
         let square = swing * swing;
         let single =
             OnsetDetector::QUARTILE + square * (0.14 + (0.86 - OnsetDetector::QUARTILE) * square);
@@ -304,8 +290,7 @@ impl OnsetModel {
         rms * (single + of_noise + (of_sine - of_noise) * sine)
     }
 
-    /// Residual of the drive's acceleration; argument and result are complex amplitudes of the
-    /// cosine.
+    /// Residual of the drive's acceleration, both as complex amplitudes of the cosine.
     pub fn leaked(&self, swing: Complex) -> Complex {
         swing * self.tuning.complex_gain
     }
@@ -326,12 +311,10 @@ impl OnsetModel {
     /// Adds an impact's ringing only, `share` of a sample before a sample.
     #[cfg(test)]
     pub fn ring(&mut self, sample: u64, share: f64, height: f64) {
-        self.energy
-            .strike(sample, self.initial_phasor(share) * height);
+        (self.energy).strike(sample, self.initial_phasor(share) * height);
     }
 
-    /// Adds an impact. Returns its detection, and the sum of its unblanked ringing times the
-    /// drive's phase factor.
+    /// Adds an impact. Its detection, and the sum of its unblanked ringing times the phasor.
     pub fn impact(
         &mut self,
         impact: SampledImpact,
@@ -391,9 +374,8 @@ impl OnsetModel {
         (detected, sum)
     }
 
-    /// Net change, in samples, of the time in which the residual exceeds the median, due to ringing
-    /// on the drive's leakage. It covers the time from an impact to a sample. The phase of the
-    /// ringing counts as random.
+    /// Net change, in samples, of the time above the median due to ringing on the drive's leakage,
+    /// from an impact to a sample. The phase of the ringing counts as random.
     fn excess(&self, ring: &RingingState, until: u64) -> f64 {
         const STEPS: usize = 12;
         let mut leak = ring.leak;
@@ -421,13 +403,12 @@ impl OnsetModel {
         sum * each
     }
 
-    /// Sum of the unblanked part of a ringing. All ringing is blanked from the first loud sample
-    /// until the detector's memory has decayed.
+    /// Sum of the ringing before its first loud sample and after the detector's memory has decayed.
     #[inline(always)]
     fn is_detected(
         &mut self,
         ring: &mut RingingState,
-        residuals: &[f64; RESIDUAL_SAMPLES],
+        residuals: &Residuals,
         detected: bool,
     ) -> Complex {
         let sample = ring.sample;
@@ -497,9 +478,8 @@ impl OnsetModel {
     }
 }
 
-/// Number of decay times for which a ringing hides the noise; `folds` is the logarithm of its start
-/// over the median. It is twice the integral of the excess over 1/2, within a tenth of numerical
-/// integration.
+/// Number of decay times for which a ringing hides the noise, within a tenth of the integral;
+/// `folds` is the logarithm of its start over the median.
 fn hidden_time(folds: f64) -> f64 {
     if folds < 2.0 {
         0.24 * folds * folds
@@ -538,14 +518,15 @@ impl Tuning {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use crate::model::drive::Ringing;
+    use std::vec::Vec;
 
-    /// Impacts of a height in m/s^2, from the time `next` on every `spacing`, in samples. The drive
-    /// turns by `theta` rad a sample with an acceleration `swing`; `sigma` is the RMS of the noise,
-    /// both in m/s^2.
+    /// Detections of detector and closed form, and their final medians.
+    type Onsets = ([Vec<u64>; 2], [f64; 2]);
+
+    /// Detections from sample `from` on and final median, of detector and closed form. Impacts of
+    /// `height` (m/s^2) come from `next` on, every `spacing` samples; the drive turns by `theta`.
     ///
     /// Detections from sample `from` on, and final median, of the detector and of the closed form.
     fn onsets(
@@ -554,7 +535,7 @@ mod tests {
         [theta, swing]: [f64; 2],
         sigma: f32,
         [from, until]: [u64; 2],
-    ) -> ([Vec<u64>; 2], [f64; 2]) {
+    ) -> Onsets {
         let sensor = SensorModel::default();
         let mut detector = OnsetDetector::new(0.01);
         let mut ringing = Ringing::from_sensor(&sensor);
@@ -625,12 +606,7 @@ mod tests {
     }
 
     /// 500 impacts at one phase of a drive of 100 Hz.
-    fn onsets_on_swing(
-        height: f32,
-        phase: f64,
-        swing: f64,
-        sigma: f32,
-    ) -> ([Vec<u64>; 2], [f64; 2]) {
+    fn onsets_on_swing(height: f32, phase: f64, swing: f64, sigma: f32) -> Onsets {
         let theta = TAU / 200.0;
         let first = (phase / theta).floor() - 0.25;
         let samples = [20_000, 120_000];

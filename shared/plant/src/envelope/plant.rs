@@ -3,11 +3,6 @@
 //! The track's complex amplitude follows its exact recurrence, and the parts follow the impact map.
 //! Demodulator and onset detector are evaluated in closed form.
 
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-use num_complex::{Complex32, Complex64 as Complex};
-
 use super::load::TrackLoad;
 use super::onset::{Background, DetectedOnset, OnsetModel, SampledImpact};
 use super::readings::{Read, Readings, Sense};
@@ -19,6 +14,8 @@ use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::{Noise, Phase};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
@@ -27,18 +24,17 @@ use kband_control::signal_path::{
     last_cycle_gain,
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
+use num_complex::{Complex32, Complex64 as Complex};
 
-/// Largest number of events of one part in one cycle; later events move to the next cycle. A
-/// chatter is summed long before.
+/// Largest number of events of one part in one cycle; later events move to the next cycle.
 const EVENTS_PER_CYCLE: usize = 200;
 /// Largest number of detected impacts that wait for the cycle of their sample.
 const MAX_PENDING_IMPACTS: usize = 2 * MAX_IMPACTS_PER_CYCLE;
 
 /// The simulated feeder in steps of a drive cycle.
 ///
-/// [`EnvelopePlant::cycle`] returns the signal path's result for a cycle. Drive and demodulator are
-/// exact ([`Recurrence`]). Noise is drawn once for each quantity. A cycle whose reading saturates
-/// the converter is computed sample by sample, because clipping is nonlinear.
+/// [`EnvelopePlant::cycle`] returns the signal path's result. Drive and demodulator are exact.
+/// Noise is drawn once for each quantity. A saturated cycle is computed sample by sample.
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
     drive: Recurrence,
@@ -61,8 +57,7 @@ pub struct EnvelopePlant {
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
     noise: Noise,
-    /// Time up to which the parts are simulated, in steps of 2^-32 turns of the drive. It is the
-    /// time of the last output sample before this cycle.
+    /// Time up to which the parts are simulated, in 2^-32 turns: the last sample before the cycle.
     time: i64,
     /// Samples before this cycle.
     sample: u64,
@@ -72,8 +67,10 @@ pub struct EnvelopePlant {
     lost: bool,
     inverted: bool,
     law: Law,
-    watched: bool,
-    strikes: Vec<Strike, MAX_STRIKES>,
+    /// Whether the displacement along the track is computed.
+    pub(super) watched: bool,
+    /// Impacts of the last cycle in order of time.
+    pub(super) strikes: Vec<Strike, MAX_STRIKES>,
     /// Detected impacts of cycles that have not ended, in order of time.
     pending_impacts: Vec<DetectedOnset, MAX_PENDING_IMPACTS>,
     /// Demodulated acceleration of the last cycle under a load, along sine and cosine of the phase.
@@ -153,8 +150,7 @@ impl EnvelopePlant {
         };
     }
 
-    /// Simulates one drive cycle under a command. `next` is the signal path's command for the next
-    /// cycle, which selects folding and blanking.
+    /// Simulates a drive cycle; `next` is the command of the next one, for averaging and blanking.
     pub(crate) fn cycle(&mut self, command: &Command, next: &Command) -> Cycle {
         let (output, step) = (f64::from(command.amplitude), command.step);
         self.strikes.clear();
@@ -192,8 +188,7 @@ impl EnvelopePlant {
         };
         // An impact detected only in the next cycle has a phase of this one.
         let read = (clipped || self.readings.averages()).then(|| self.read_each(&mut cycle));
-        // Parts with mass seldom ring simultaneously. Without saturation the closed form applies,
-        // with blanking.
+        // Parts with mass seldom ring at once: without saturation the closed form applies.
         let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
         let readings = read.filter(|_| cut);
         let ringing_sum = self.detect_impacts(max_acceleration);
@@ -233,7 +228,7 @@ impl EnvelopePlant {
         let turns = f64::from(step) / Phase::TURN;
         let frequency_difference = (2.0 * self.mains - 2.0 * turns) * TAU;
         let samples = f64::from(self.drive.samples());
-        let phase = f64::from(self.drive.phase()) / Phase::TURN + 0.5 * samples * turns;
+        let phase = f64::from(self.drive.phase) / Phase::TURN + 0.5 * samples * turns;
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
         let ripple = turn(beat)
@@ -263,13 +258,14 @@ impl EnvelopePlant {
     }
 
     fn move_parts(&mut self) {
-        let (samples, step) = (self.drive.samples(), self.drive.step());
+        let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
         let end = (self.time + i64::from(samples) * i64::from(step)).max(0) as u64;
-        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time);
         let (waves, normal_gravity) = (&mut self.waves, self.normal_gravity);
         let track = Track {
             normal_gravity,
-            angular: f64::from(self.drive.step()) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
+            angular: f64::from(self.drive.tuning.step)
+                * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN),
             law: self.watched.then_some(self.law),
             wave: None,
             contact: self.contact,
@@ -310,8 +306,7 @@ impl EnvelopePlant {
                 from = next;
                 let swing = motion.swing(next);
                 let wave = motion.wave(&swing, waves);
-                // The track recoils from a part with mass, which acts on the flight as more
-                // gravity.
+                // The track recoils from a part with mass, which acts like more gravity.
                 let jumping = Track {
                     wave,
                     normal_gravity: normal_gravity * (1.0 + share),
@@ -355,8 +350,7 @@ impl EnvelopePlant {
 
     /// Detects this cycle's impacts and returns the demodulated part of their ringing.
     fn detect_impacts(&mut self, max_acceleration: f64) -> Complex {
-        self.onset
-            .tune(f64::from(self.drive.step()) * (TAU / Phase::TURN));
+        (self.onset).tune(f64::from(self.drive.tuning.step) * (TAU / Phase::TURN));
         let sense = self.sense;
         let leak = self.onset.tuning.leak * max_acceleration * sense.factor;
         let square = sense.residual * sense.residual + 0.5 * leak * leak;
@@ -368,9 +362,8 @@ impl EnvelopePlant {
         let median = self.onset.median(level, swinging).clamp(low, high);
         self.median = median.max(sense.floor);
         let leaked = self.onset.leaked(self.drive.steady_swing() * sense.factor);
-        let (samples, step) = (self.drive.samples(), self.drive.step());
-        self.onset
-            .begin(self.sample, samples, self.drive.phase_at(0), step);
+        let (samples, step) = (self.drive.samples(), self.drive.tuning.step);
+        (self.onset).begin(self.sample, samples, self.drive.phase_at(0), step);
         let mut sum = Complex::ZERO;
         let mut index = 0;
         while let Some(&strike) = self.strikes.get(index) {
@@ -382,7 +375,7 @@ impl EnvelopePlant {
             });
             index += count;
             // The state at a sample results from the output of the sample before.
-            let samples = (strike.time as i64 - self.time) as f64 * self.drive.per_step();
+            let samples = (strike.time as i64 - self.time) as f64 * self.drive.tuning.per_step;
             let down = samples as u32;
             let next_sample = down + u32::from(f64::from(down) < samples);
             let impact = SampledImpact {
@@ -399,11 +392,13 @@ impl EnvelopePlant {
             let (detected, ringing) = self.onset.impact(impact, background, &mut self.noise);
             sum += ringing * at;
             if let Some(detected) = detected {
-                self.queue_impact(detected);
+                let at =
+                    (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
+                let _ = self.pending_impacts.insert(at, detected);
             }
         }
         if !self.strikes.is_empty() {
-            sum *= 2.0 * f64::from(self.drive.step()) / Phase::TURN / sense.factor.max(1e-9);
+            sum *= 2.0 * f64::from(self.drive.tuning.step) / Phase::TURN / sense.factor.max(1e-9);
         }
         sum
     }
@@ -450,9 +445,9 @@ impl EnvelopePlant {
         if self.sensor.hum <= 0.0 {
             return Complex::ZERO;
         }
-        let drive = f64::from(self.drive.step()) / Phase::TURN;
+        let drive = f64::from(self.drive.tuning.step) / Phase::TURN;
         // Phase at the middle of the cycle that ended, half a cycle back.
-        let phase = f64::from(self.drive.phase()) / Phase::TURN - 0.5 * samples * drive;
+        let phase = f64::from(self.drive.phase) / Phase::TURN - 0.5 * samples * drive;
         let (mains, drive_at) = (TAU * self.mains * middle, TAU * phase);
         let half = 0.5 * TAU * samples;
         let difference_term = sinc(half * (self.mains - drive));
@@ -477,16 +472,11 @@ impl EnvelopePlant {
         self.readings.read(&of, cycle, &mut self.noise)
     }
 
-    fn queue_impact(&mut self, detected: DetectedOnset) {
-        let at = (self.pending_impacts).partition_point(|other| other.sample <= detected.sample);
-        let _ = self.pending_impacts.insert(at, detected);
-    }
-
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
     fn report_impacts(&mut self, cycle: &mut Cycle, samples: u32) {
-        let step = self.drive.step();
+        let step = self.drive.tuning.step;
         // The drive's phase is already that of the next cycle.
-        let began = self.drive.phase().wrapping_sub(step.wrapping_mul(samples));
+        let began = self.drive.phase.wrapping_sub(step.wrapping_mul(samples));
         let end = self.sample + u64::from(samples);
         let mut last = self.sample;
         let pending = &self.pending_impacts;
@@ -508,15 +498,9 @@ impl EnvelopePlant {
         self.time += i64::from(samples) * i64::from(step);
     }
 
-    /// Sets whether the displacement along the track is computed; if not, it stays constant and
-    /// costs nothing.
-    pub(crate) fn watch_displacement(&mut self, watched: bool) {
-        self.watched = watched;
-    }
-
     /// Normal amplitude of the track in m.
     pub fn amplitude(&self) -> f64 {
-        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time, self.tones);
+        let motion = TrackMotion::new(&self.drive, self.upper.as_ref(), self.time);
         f64::from(motion.swing(self.time.max(0) as u64).amplitude)
     }
 
@@ -526,11 +510,6 @@ impl EnvelopePlant {
         let on = |index: &usize| self.hopper.arrives(*index) <= now;
         let shares = (0..self.parts.len()).filter(on);
         (self.load.as_ref()).map_or(0.0, |load| shares.map(|part| load.share(part)).sum())
-    }
-
-    /// Impacts of the last cycle in order of time, at most 96.
-    pub fn strikes(&self) -> &[Strike] {
-        &self.strikes
     }
 
     /// Time since the start in s.
@@ -562,7 +541,7 @@ impl EnvelopePlant {
             Change::Ripple(ripple) => self.ripple = ripple,
             Change::Hum(hum) => self.sensor.hum = hum,
             Change::Dump(seconds) => {
-                let step = f64::from(self.drive.step());
+                let step = f64::from(self.drive.tuning.step);
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
                 self.hopper.dump(self.time.max(0) as u64, turns);
             }
@@ -577,7 +556,6 @@ impl EnvelopePlant {
     }
 }
 
-/// `sin(x)/x`.
 fn sinc(x: f64) -> f64 {
     if x.abs() < 1e-6 {
         1.0

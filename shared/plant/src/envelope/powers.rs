@@ -1,8 +1,7 @@
 //! Powers of a complex number with integer exponents, from two tables and one product.
 
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::exp;
+use num_complex::Complex64 as Complex;
 
 const TABLE_BITS: u64 = 4;
 const TABLE_SIZE: usize = 1 << TABLE_BITS;

@@ -1,7 +1,5 @@
 //! Sample-by-sample readings of the envelope plant, for cycles with saturation or averaging.
 
-use num_complex::Complex64 as Complex;
-
 use super::recurrence::Recurrence;
 use super::upper::UpperEnvelope;
 use crate::model::drive::Ringing;
@@ -10,6 +8,7 @@ use crate::model::scene::SensorModel;
 use kband::arithmetic::{Noise, Phase};
 use kband_control::Cycle;
 use kband_control::signal_path::{OnsetDetector, SynchronousAverage};
+use num_complex::Complex64 as Complex;
 
 /// Constants that follow from the accelerometer's noise and sensitivity.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,8 +32,7 @@ pub(crate) struct Sense {
     pub full: f64,
 }
 
-/// Simulates the readings of a cycle sample by sample, because clipping is nonlinear and averaging
-/// needs each reading.
+/// Simulates a cycle's readings sample by sample: clipping is nonlinear, averaging needs each.
 #[derive(Clone, Debug)]
 pub(crate) struct Readings {
     ringing: Ringing,
@@ -96,7 +94,7 @@ impl Readings {
         for n in 0..samples {
             while let Some(strike) = strikes.peek() {
                 let delay =
-                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.per_step();
+                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.tuning.per_step;
                 if delay < 0.0 {
                     break;
                 }

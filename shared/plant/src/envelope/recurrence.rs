@@ -1,17 +1,14 @@
 //! Resonant drive and demodulator in steps of a drive cycle, exact at the samples but for rounding.
 //!
 //! The drive is its zero-order-hold discretization in modal coordinates (K. J. Åström and B.
-//! Wittenmark, Computer-Controlled Systems, 1997). Its transient and the sums of the lock-in
-//! demodulator are geometric series.
-
-use core::f64::consts::TAU;
-
-use num_complex::Complex64 as Complex;
+//! Wittenmark, Computer-Controlled Systems, 1997). All sums are geometric series.
 
 use crate::model::drive::Swing;
 use crate::model::scene::DriveModel;
+use core::f64::consts::TAU;
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband_control::{SAMPLE_RATE, Shape, phase_of};
+use num_complex::Complex64 as Complex;
 
 /// `e^(i angle)`.
 pub(crate) fn turn(angle: f64) -> Complex {
@@ -19,7 +16,6 @@ pub(crate) fn turn(angle: f64) -> Complex {
     Complex::new(cosine, sine)
 }
 
-/// `e^z`.
 pub(crate) fn exp(z: Complex) -> Complex {
     turn(z.im) * libm::exp(z.re)
 }
@@ -58,11 +54,10 @@ fn angle(z: Complex) -> Phase {
 
 /// Modal constants of the drive, which do not depend on the drive frequency.
 ///
-/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector
-/// `z = (zeta + i o) x + y`, `o = sqrt(1 - zeta^2)`. So `z' = w0 m z + w0 F` with
-/// `m = -zeta + i o`. Held over a sample h that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`.
-/// It is the waveform's [`Resonator`](crate::model::drive::Resonator) in modal coordinates. Back:
-/// `x = Im z / o`, `y = Re z - zeta x`.
+/// `x'' + 2 zeta w0 x' + w0^2 x = w0^2 F` with `y = x'/w0` has the left eigenvector `z = (zeta + i
+/// o) x + y`, `o = sqrt(1 - zeta^2)`. So `z' = w0 m z + w0 F` with `m = -zeta + i o`. Held over h
+/// that is `z <- l z + (l - 1)/m F` with `l = e^(m w0 h)`: the waveform's
+/// [`Resonator`](crate::model::drive::Resonator). Back: `x = Im z / o`, `y = Re z - zeta x`.
 #[derive(Clone, Copy, Debug)]
 struct Mode {
     zeta: f64,
@@ -109,8 +104,8 @@ impl Mode {
 
 /// Constants of a drive frequency: steady response and sums of the demodulator.
 #[derive(Clone, Copy, Debug)]
-struct Tuning {
-    step: u32,
+pub(super) struct Tuning {
+    pub step: u32,
     /// Phase advance per sample in rad.
     theta: f64,
     /// Steady state per unit output: `forward e^(i phase) + backward e^(-i phase)`.
@@ -122,11 +117,10 @@ struct Tuning {
     drift: Complex,
     /// Phase lead of the steady swing over the output.
     lead: Phase,
-    /// The track's `b e^(i phase)` of a state z, rotated back by `lead`:
-    /// `swing[0] z + swing[1] conj(z)`.
+    /// The track's `b e^(i phase)`, rotated back by `lead`: `swing[0] z + swing[1] conj(z)`.
     swing: [Complex; 2],
     /// Samples per phase step of 2^-32 turns.
-    per_step: f64,
+    pub per_step: f64,
     /// `1 / (e^(2 i theta) - 1)`.
     double: Complex,
     /// Transient decay and demodulator sums over the shorter and the longer cycle.
@@ -138,8 +132,7 @@ struct CycleConstants {
     samples: u32,
     /// `l^N`.
     decay: Complex,
-    /// `r^N` and the sum of `r^n` over `n = 1..N-1`, for `r = l e^(i theta)` and `r = conj(l)
-    /// e^(i theta)`.
+    /// `r^N` and the sum of `r^n`, `n = 1..N-1`; `r = l e^(i theta)`, or `r = conj(l) e^(i theta)`.
     forward: [Complex; 2],
     backward: [Complex; 2],
 }
@@ -167,8 +160,7 @@ impl Tuning {
         let forward = mode.input * half / (sample - mode.sample);
         let backward = -mode.input * half / (sample.conj() - mode.sample);
         let shorter = ((1_u64 << 32) / u64::from(step)) as u32;
-        // The imaginary part is the displacement, the real part the velocity over the angular
-        // frequency.
+        // Imaginary part: displacement. Real part: velocity over the angular frequency.
         let quadrature = mode.natural / (theta * f64::from(SAMPLE_RATE));
         let damping = Complex::new(0.0, quadrature * mode.zeta * mode.per_damped);
         let swing = [
@@ -204,18 +196,17 @@ impl Tuning {
 #[derive(Clone, Copy, Debug)]
 pub struct Recurrence {
     mode: Mode,
-    tuning: Tuning,
+    pub(super) tuning: Tuning,
     /// State z at the first sample of the cycle.
     state: Complex,
     /// The state minus the steady state of this cycle.
     transient: Complex,
     /// Steady state of this cycle: `steady[0] e^(i phase) + steady[1] e^(-i phase)`.
     steady: [Complex; 2],
-    /// Acceleration of steady state and transient: real part of the first times `e^(i phase)`, and
-    /// of the second times `l^n`.
+    /// Acceleration of steady state, times `e^(i phase)`, and transient, times `l^n`: real parts.
     reading: [Complex; 2],
     /// Output phase at the first sample of the cycle, its `e^(i phase)` and the square of that.
-    phase: u32,
+    pub phase: u32,
     began: Complex,
     squared: Complex,
     /// Index of this cycle's length.
@@ -240,8 +231,7 @@ impl Recurrence {
         }
     }
 
-    /// Begins a cycle with a complex output amplitude, whose imaginary part leads by a quarter
-    /// turn, and a phase step per sample.
+    /// Begins a cycle with a complex output, whose imaginary part leads, and a step per sample.
     pub fn begin(&mut self, output: Complex, step: u32) {
         let step = step.max(1);
         if step != self.tuning.step {
@@ -268,8 +258,7 @@ impl Recurrence {
         self.steady[0] * at + self.steady[1] * at.conj()
     }
 
-    /// Ends the cycle and returns its demodulated acceleration: cosine and sine parts in m/s^2. The
-    /// drive's output is a sine of the same phase.
+    /// Ends the cycle; its demodulated acceleration, cosine and sine parts in m/s^2.
     pub fn end(&mut self) -> Complex {
         let constants = &self.tuning.cycles[self.longer];
         let advance = u64::from(self.tuning.step) * u64::from(constants.samples);
@@ -317,11 +306,6 @@ impl Recurrence {
         (self.reading[0] * at).re + (self.reading[1] * exp(self.mode.log * n)).re
     }
 
-    /// Output phase at the first sample of this cycle.
-    pub fn phase(&self) -> u32 {
-        self.phase
-    }
-
     pub fn swinging(&self) -> Swinging<'_> {
         let transient =
             (self.transient.norm_sqr() > 1e-30).then(|| self.transient * self.began.conj());
@@ -343,32 +327,19 @@ impl Recurrence {
         let forward = samples.wrapping_mul(self.tuning.step);
         Phase::from_bits(self.phase.wrapping_add(forward))
     }
-
-    /// Samples per phase step of 2^-32 turns.
-    pub fn per_step(&self) -> f64 {
-        self.tuning.per_step
-    }
-
-    /// Phase advance per sample.
-    pub fn step(&self) -> u32 {
-        self.tuning.step
-    }
 }
 
 #[derive(Clone, Copy, Debug)]
 pub struct Swinging<'a> {
     pub drive: &'a Recurrence,
-    /// Transient at the start of the cycle relative to the rotating phase; `None` if it has
-    /// decayed.
+    /// Transient at the start of the cycle over the rotating phase; `None` once it has decayed.
     transient: Option<Complex>,
-    /// Contributions of the steady state's `e^(-i phase)` to the swing: a constant, and the factor
-    /// of `e^(-2 i phase)`.
+    /// Part of the swing from the steady `e^(-i phase)`: a constant, and that of `e^(-2 i phase)`.
     counter_rotating: [Complex; 2],
 }
 
 impl Swinging<'_> {
-    /// Swing at the drive's frequency, `ticks` output steps of 2^-32 turns after the first sample
-    /// of the cycle.
+    /// Swing at the drive's frequency, `ticks` of 2^-32 turns after the first sample of the cycle.
     pub fn at(&self, ticks: i64) -> Swing {
         let (tuning, steady) = (&self.drive.tuning, &self.drive.steady);
         let phase = self.drive.phase.wrapping_add(ticks as u32);
@@ -403,8 +374,7 @@ mod tests {
         let force = model.gain * 1e-3 / model.quality;
         let mut fast = Recurrence::new(model, phase_step(frequencies[0]));
         let (mut phase, mut held) = (0_u32, 0.0_f32);
-        // The waveform's matrix in f32 has a rounding of 6e-8, which changes the decay zeta w0 h
-        // per sample.
+        // The waveform's matrix in f32 has a rounding of 6e-8, which changes its decay.
         let rounding = 6e-8 / -fast.mode.log.re;
         let mut largest = 0.0_f64;
         for cycle in 0..90 {
@@ -448,7 +418,7 @@ mod tests {
                 }
             }
             let demodulated = fast.end();
-            assert_eq!(fast.phase(), phase);
+            assert_eq!(fast.phase, phase);
             let slow = [2.0 * cosines / weight, 2.0 * sines / weight];
             largest = largest.max(slow[0].hypot(slow[1]));
             let error = (demodulated.re - slow[0]).hypot(demodulated.im - slow[1]);

@@ -4,13 +4,12 @@
 //! steps of 2^-32 turns of the output, phases and delays in rad. Lift-off of a resting part is
 //! where the track's acceleration rises through k (docs/theory-impacts.md#t4.2).
 
-use core::f64::consts::{FRAC_PI_2, TAU};
-
 use super::load::Rest;
 use super::recurrence::{Recurrence, Swinging};
 use super::upper::UpperEnvelope;
 use crate::model::drive::Swing;
 use crate::model::part::{Track, WaveCache, wrap_angle};
+use core::f64::consts::{FRAC_PI_2, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::{Kernel, Map, Wave, WaveMap};
 
@@ -19,23 +18,15 @@ pub(crate) struct TrackMotion<'a> {
     swinging: Swinging<'a>,
     upper: Option<&'a UpperEnvelope>,
     time: i64,
-    tones: usize,
 }
 
 impl<'a> TrackMotion<'a> {
-    /// Motion from a drive with this number of upper tones; `time` is that of the output sample
-    /// before the cycle.
-    pub fn new(
-        drive: &'a Recurrence,
-        upper: Option<&'a UpperEnvelope>,
-        time: i64,
-        tones: usize,
-    ) -> Self {
+    /// Motion from a drive; `time`: that of the last output sample.
+    pub fn new(drive: &'a Recurrence, upper: Option<&'a UpperEnvelope>, time: i64) -> Self {
         Self {
             swinging: drive.swinging(),
             upper,
             time,
-            tones,
         }
     }
 
@@ -47,8 +38,8 @@ impl<'a> TrackMotion<'a> {
             return swing;
         };
         let drive = self.swinging.drive;
-        let phase = Phase::from_bits(drive.phase().wrapping_add(ticks as u32));
-        upper.complete(swing, ticks as f64 * drive.per_step(), phase)
+        let phase = Phase::from_bits(drive.phase.wrapping_add(ticks as u32));
+        upper.complete(swing, ticks as f64 * drive.tuning.per_step, phase)
     }
 
     /// Wave of a swing; `None` for a sine.
@@ -59,10 +50,9 @@ impl<'a> TrackMotion<'a> {
 
     pub fn output_phase(&self, time: u64) -> f64 {
         let ticks = (time as i64 - self.time) as u32;
-        Phase::from_bits(self.swinging.drive.phase().wrapping_add(ticks)).radians()
+        Phase::from_bits(self.swinging.drive.phase.wrapping_add(ticks)).radians()
     }
 
-    /// A rest between two times, on the moving track.
     pub fn rest(&self, from: u64, until: u64) -> Rest {
         let duration = until.saturating_sub(from);
         let swing = self.swing(from + duration / 2);
@@ -85,7 +75,7 @@ impl<'a> TrackMotion<'a> {
     ) -> Option<(Swing, u64)> {
         let k = |swing: &Swing| track.k(swing.amplitude.into());
         let began = self.swing(from);
-        if self.tones > 0 {
+        if self.upper.is_some_and(|upper| upper.tones > 0) {
             let after = |swing: Swing, waves: &mut WaveCache| {
                 let phase = began.phase.radians();
                 let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;

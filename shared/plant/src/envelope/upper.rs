@@ -1,22 +1,17 @@
-//! Upper tones of the track in steps of a drive cycle: one slowly varying complex envelope per tone
-//! and mode.
-
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-use num_complex::Complex64 as Complex;
+//! Upper tones of the track in steps of a drive cycle: one slow envelope per tone and mode.
 
 use super::recurrence::{exp, turn};
 use crate::model::drive::{Swing, UpperMode};
 use crate::model::scene::DriveModel;
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::Phase;
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
+use num_complex::Complex64 as Complex;
 
-/// A mode under one upper tone. Under the output `Im(U e^(i n phi))` its displacement is
-/// `Im(X e^(i n phi))`.
+/// A mode under one upper tone: under `Im(U e^(i n phi))` its displacement is `Im(X e^(i n phi))`.
 ///
-/// X converges to the response times U at the mode's decay rate, relative to the rotating phase.
-/// The counter-rotating term is neglected.
+/// X converges to the response times U at the mode's decay; the counter-rotating term is neglected.
 #[derive(Clone, Copy, Debug, Default)]
 struct Driven {
     /// Displacement in m per unit output.
@@ -80,7 +75,7 @@ impl Mode {
 #[derive(Clone, Debug)]
 pub struct UpperEnvelope {
     modes: Vec<Mode, { 1 + UPPER }>,
-    tones: usize,
+    pub tones: usize,
     step: u32,
     angular: f64,
     /// Contribution of the upper modes to the first tone in this cycle, in m.
@@ -88,8 +83,7 @@ pub struct UpperEnvelope {
 }
 
 impl UpperEnvelope {
-    /// For a drive at rest with this number of upper tones, at a frequency in Hz; `None` without
-    /// upper tones and modes.
+    /// A drive at rest with so many upper tones, at a frequency in Hz; `None` if it has none.
     pub fn build(model: &DriveModel, frequency: f64, tones: usize) -> Option<Self> {
         let modes = UpperMode::fit_configured(model, frequency);
         if tones == 0 && modes.is_empty() {
@@ -112,7 +106,6 @@ impl UpperEnvelope {
     }
 
     /// Begins a cycle with the complex outputs of the first and the upper tones and a phase step.
-    /// Imaginary parts lead by a quarter turn.
     pub fn begin(&mut self, first: Complex, upper: [Complex; UPPER], step: u32) {
         if step != self.step {
             self.step = step;
@@ -171,8 +164,7 @@ impl UpperEnvelope {
         size(self.added) * self.angular * self.angular + above.sum::<f64>()
     }
 
-    /// Added acceleration in m/s^2, `samples` after the first sample of the cycle, at the output
-    /// phase `phase`.
+    /// Added acceleration in m/s^2, `samples` after the first of the cycle, at an output phase.
     pub fn acceleration(&self, samples: f64, phase: f64) -> f64 {
         let mut sum = self.added * turn(phase) * (-self.angular * self.angular);
         for (mode, n, tone) in self.driven() {
@@ -183,8 +175,7 @@ impl UpperEnvelope {
         sum.im
     }
 
-    /// Swing of the resonance with all contributions, `samples` after the first sample of the
-    /// cycle, at the output phase `phase`.
+    /// Swing with all contributions, `samples` after the first of the cycle, at an output phase.
     pub fn complete(&self, swing: Swing, samples: f64, phase: Phase) -> Swing {
         let single = turn((swing.phase - phase).radians()) * f64::from(swing.amplitude);
         let first = single + self.added;

@@ -1,9 +1,8 @@
 //! The parts of a scene, and their common quantities.
 
-use heapless::Vec;
-
 use super::part::Part;
 use super::scene::{Change, PARTS, Scene};
+use heapless::Vec;
 use kband::arithmetic::Noise;
 use kband::feeder::OutOfRange;
 use kband::impact::Scatter;
@@ -30,8 +29,7 @@ pub(crate) fn restitutions(scene: &Scene) -> impl Iterator<Item = Result<Scatter
     })
 }
 
-/// Applies a change of the restitution to that of a part. A value out of range is rejected, and the
-/// old one remains.
+/// Applies a change to a part's restitution; a value out of range is rejected.
 pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
     let changed = match change {
         Change::Restitution(mean) => restitution.with_mean(mean.into()),
@@ -43,7 +41,6 @@ pub(crate) fn change_restitution(restitution: &mut Scatter, change: Change) {
     }
 }
 
-/// Mean of the parts' displacements; 0 without parts.
 pub(crate) fn mean(displacements: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = displacements.len().max(1);
     displacements.sum::<f64>() / count as f64

@@ -1,19 +1,15 @@
 //! Resonant drive of the waveform plant: damped oscillators discretized exactly with zero-order
 //! hold (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 1997).
 
+use super::scene::{DriveModel, SensorModel};
 use core::f32::consts::{PI, TAU};
 use core::f64::consts::PI as PI64;
-
-use num_complex::{Complex32 as Complex, Complex64};
-
 use heapless::Vec;
-
-use super::scene::{DriveModel, SensorModel};
 use kband::arithmetic::{Phase, sine_cosine_single};
 use kband_control::{SAMPLE_RATE, Shape, UPPER, UpperTone, phase_of};
+use num_complex::{Complex32 as Complex, Complex64};
 
-/// A damped oscillator under an output held between samples, exact at the samples. In the pair (x,
-/// v / w0) a step is a decay and a rotation.
+/// A damped oscillator under a held output, exact at the samples: decay and rotation of (x, v/w0).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resonator {
     /// State matrix of one sample, by rows.
@@ -32,8 +28,7 @@ impl Resonator {
     }
 
     pub fn from_mode(mode: &UpperMode) -> Self {
-        // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F; in (x, v/w0): x' = w0 y, y' = w0 (F - x - 2 zeta
-        // y).
+        // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F, in (x, v/w0).
         let w0 = mode.frequency * core::f64::consts::TAU;
         let zeta = 0.5 / mode.quality;
         let h = 1.0 / f64::from(SAMPLE_RATE);
@@ -137,8 +132,7 @@ impl Swing {
     }
 }
 
-/// A mode: the resonance, or one above it, fitted to the configured response at a multiple of the
-/// drive's frequency.
+/// A mode: the resonance, or one fitted to the configured response at a multiple of the frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpperMode {
     /// Frequency in Hz.
@@ -148,8 +142,7 @@ pub struct UpperMode {
     pub force: f64,
 }
 
-/// Rounds of the alternating fit of two modes; each responds to the other's tone by a few
-/// hundredths.
+/// Rounds of the alternating fit of two modes, which respond to each other's tone by hundredths.
 const FIT_ROUNDS: usize = 12;
 
 impl UpperMode {
@@ -163,8 +156,7 @@ impl UpperMode {
         }
     }
 
-    /// Modes of a model at a drive frequency in Hz; none if the resonance alone gives the
-    /// configured response.
+    /// Modes of a model at a drive frequency in Hz; none if the resonance alone has that response.
     pub fn fit_configured(model: &DriveModel, frequency: f64) -> Vec<Self, UPPER> {
         let configured = [
             (2.0, model.second_gain, model.second_lag),
@@ -222,8 +214,7 @@ impl UpperMode {
     }
 }
 
-/// Separates the upper tones of the track's motion. It estimates the tones of the output and
-/// simulates each mode under each upper tone.
+/// Separates the upper tones of the track's motion, by simulating each mode under each tone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToneSeparator {
     /// State of each mode under each upper tone.
@@ -242,12 +233,10 @@ impl ToneSeparator {
         }
     }
 
-    /// Adds an output sample held at a phase that advances by `step` per sample, on a drive with
-    /// these modes.
+    /// Adds an output held at a phase that advances by `step` per sample, on these modes.
     ///
-    /// The output's tones are estimated by the projection algorithm (Kaczmarz 1937), two
-    /// coefficients a tone. Each sample corrects them by its share of the residual. The estimate is
-    /// exact at zero residual and follows a change in a quarter of a cycle.
+    /// The output's tones are estimated by the projection algorithm (Kaczmarz 1937): each sample
+    /// corrects two coefficients a tone. The estimate follows a change in a quarter of a cycle.
     #[inline]
     pub fn step<'a>(
         &mut self,

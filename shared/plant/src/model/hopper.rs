@@ -3,8 +3,7 @@
 use super::scene::{PARTS, Scene};
 use kband::arithmetic::Phase;
 
-/// Arrival time of each part on the track, in steps of 2^-32 turns of the drive; `u64::MAX` in the
-/// hopper.
+/// Arrival time of each part on the track, in 2^-32 turns of the drive; `u64::MAX` in the hopper.
 #[derive(Clone, Debug)]
 pub struct Hopper {
     arrives: [u64; PARTS],
@@ -28,8 +27,7 @@ impl Hopper {
         }
     }
 
-    /// Sets that the first `count` parts are on the track from `now` on. `arrive` gets the index of
-    /// each part that is added to it. Other parts in the hopper keep waiting.
+    /// Puts the first `count` parts on the track from `now` on; `arrive` gets each added one.
     pub fn place(&mut self, now: u64, count: u8, mut arrive: impl FnMut(usize)) {
         let count = usize::from(count).min(self.end);
         for (part, arrival) in self.arrives.iter_mut().enumerate().take(self.end) {

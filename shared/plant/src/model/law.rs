@@ -4,30 +4,18 @@ use kband::impact::{FrictionSettings, TangentialSettings, Wave};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Law {
-    /// Tangential restitution: an impact keeps a share of the velocity along the track, and a part
-    /// at rest does not slide.
+    /// Tangential restitution: an impact keeps a share of the velocity along the track; at rest 0.
     Restitution(TangentialSettings),
     /// Coulomb friction with sliding.
     Friction(FrictionSettings),
 }
 
 impl Law {
-    /// Acceleration of a free part along the track relative to it, in `b w^2`, at a phase in rad on
-    /// a track with this k; `None` is a sine.
+    /// Acceleration of a free part along the track over it, in `b w^2`, at a phase in rad.
     pub fn push(&self, wave: Option<&Wave>, k: f64, phase: f64) -> f64 {
-        let (ratio, lead, incline) = match *self {
-            Self::Restitution(TangentialSettings {
-                amplitude_ratio,
-                phase_lead,
-                incline_tangent,
-                ..
-            })
-            | Self::Friction(FrictionSettings {
-                amplitude_ratio,
-                phase_lead,
-                incline_tangent,
-                ..
-            }) => (amplitude_ratio, phase_lead, incline_tangent),
+        let [ratio, lead, incline] = match self {
+            Self::Restitution(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
+            Self::Friction(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
         };
         let phase = phase + lead;
         let acceleration = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));

@@ -1,9 +1,8 @@
 //! Event-driven simulation of one part: the impact map at the track's amplitude at launch.
 
-use core::f64::consts::TAU;
-
 use super::drive::Swing;
 use super::law::Law;
+use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband::impact::{
     ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential, Tone,
@@ -14,9 +13,8 @@ use kband_control::{Shape, UpperTone};
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
     Resting,
-    /// In flight until a time in steps of 2^-32 turns, with arrival speed in m/s, displacement in m
-    /// and velocity in m/s along the track. The velocity is that after the impact under tangential
-    /// restitution, and that before it under friction.
+    /// In flight until a time in 2^-32 turns, with arrival speed in m/s, displacement in m and
+    /// velocity in m/s along the track: after the impact, and before it under friction.
     Flying {
         until: u64,
         arrival: f64,
@@ -51,18 +49,15 @@ pub struct Part {
     pub restitution: Scatter,
     motion: Motion,
     rested: bool,
-    /// Start of the current flight, or of the contact before it, in steps of 2^-32 turns of the
-    /// drive.
+    /// Start of the flight, or of the contact before it, in 2^-32 turns of the drive.
     began: u64,
     /// Velocity along the track relative to it in m/s (symbol phi times b w).
     along: f64,
-    /// Velocity change by the last impact in m/s: the momentum given to the track over the part's
-    /// mass.
+    /// Change of velocity by the last impact in m/s: momentum for the track over the part's mass.
     pub pushed: f64,
     /// Displacement along the track so far in m, positive upwards.
     pub displacement: f64,
-    /// Time from which the part lies on the track, in steps of 2^-32 turns of the drive; `None` in
-    /// flight. Earlier sliding is in its displacement.
+    /// Time from which the part lies on the track, in 2^-32 turns; `None` in flight.
     rest_start: Option<u64>,
 }
 
@@ -148,7 +143,6 @@ impl Part {
         }
     }
 
-    /// Lays the part at rest onto the track at `time`.
     pub fn rest_at(&mut self, time: u64) {
         self.motion = Motion::Resting;
         (self.rested, self.along, self.rest_start) = (true, 0.0, Some(time));
@@ -159,8 +153,7 @@ impl Part {
         self.restitution.mean().max(0.0)
     }
 
-    /// Map of its flights at `k`. With scattered restitution the map is elastic, and the
-    /// restitution is drawn at the impact.
+    /// Map of its flights at `k`; elastic for scattered restitution, which impacts draw.
     fn map(&self, k: f64) -> Option<Map> {
         let scatters = self.restitution.deviation() > 0.0;
         let restitution = if scatters { 1.0 } else { self.mean() };
@@ -191,29 +184,29 @@ impl Part {
         }
     }
 
-    /// Throws a part at rest if the track's downward acceleration exceeds gravity; `None` if not.
-    /// `swing` is the track's at `time`.
+    /// Throws a part at rest where the acceleration exceeds gravity; `swing` is that at `time`.
     pub fn throw(&mut self, swing: Swing, track: &Track<'_>, time: u64) -> Option<()> {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
-        if let Some(wave) = track.wave {
-            return self.throw_on_tones(wave, k, swing, track, time);
-        }
-        let map = self.map(k)?;
-        let lift_off = map.lift_off()?;
-        // The sample is late by up to one; the launch itself is at arcsin k.
-        let delay = wrap_angle(swing.phase.radians() - lift_off);
-        let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
-        let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
-        self.end_rest(track, k, launch.phase, amplitude, start);
+        let (flight, start) = match track.wave {
+            Some(wave) => Flight::from_rest_on_tones(wave, k, swing.phase.radians(), time)?,
+            None => {
+                let map = self.map(k)?;
+                let lift_off = map.lift_off()?;
+                // The sample is late by up to one; the launch itself is at arcsin k.
+                let delay = wrap_angle(swing.phase.radians() - lift_off);
+                let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
+                let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
+                (Flight::on_sine(&map, launch.phase, impact), start)
+            }
+        };
+        self.end_rest(track, k, flight.phase, amplitude, start);
         self.rested = true;
-        let flight = Flight::on_sine(&map, launch.phase, impact);
         self.begin_flight(&flight, amplitude, track, start);
         Some(())
     }
 
-    /// Processes the due event and returns its impact, if it is one; `swing` is the track's at the
-    /// event.
+    /// Processes the due event; its impact, if it is one. `swing` is the track's at the event.
     pub fn event(&mut self, swing: Swing, track: &Track<'_>) -> Option<Strike> {
         let Motion::Flying {
             until: time,
@@ -251,7 +244,9 @@ impl Part {
         let restitution = self.restitution.draw();
         let launch_speed = restitution * arrival;
         self.pushed = arrival + launch_speed;
-        self.apply_impact_friction(track, arrival, launch_speed);
+        if let Some(Law::Friction(settings)) = track.law {
+            self.along = settings.velocity_after_impact(self.along, self.pushed);
+        }
         let velocity = launch_speed / (amplitude * track.angular);
         let mut state = PartState { phase, velocity };
         let impact_time = time;
@@ -272,9 +267,7 @@ impl Part {
             }
         }
         let Some(map) = map else {
-            if let Some(wave) = track.wave {
-                self.bounce_on_tones(wave, k, state, amplitude, track, time);
-            }
+            self.bounce_on_tones(track, state, amplitude, time);
             self.began = impact_time;
             return Some(strike);
         };
@@ -300,46 +293,11 @@ impl Part {
         Some(strike)
     }
 
-    /// As [`Part::throw`], on a track with several tones.
-    fn throw_on_tones(
-        &mut self,
-        wave: &Wave,
-        k: f64,
-        swing: Swing,
-        track: &Track<'_>,
-        time: u64,
-    ) -> Option<()> {
-        /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
-        const MAX_THROW_DELAY: f64 = 0.2;
-        let map = WaveMap::on(*wave, k, 1.0).ok()?;
-        let (wait, phase) = map.throw(wrap_angle(swing.phase.radians() - MAX_THROW_DELAY))?;
-        // It may also be early by this, if the amplitude changed since the search.
-        if wait > 2.0 * MAX_THROW_DELAY {
-            return None;
-        }
-        let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
-        let Release { launch, impact } = map.release(phase)?;
-        let amplitude = f64::from(swing.amplitude);
-        let start = time.saturating_add_signed(ticks);
-        self.end_rest(track, k, launch.phase, amplitude, start);
-        self.rested = true;
-        let flight = Flight::on_tones(&map, launch.phase, impact);
-        self.begin_flight(&flight, amplitude, track, start);
-        Some(())
-    }
-
-    fn bounce_on_tones(
-        &mut self,
-        wave: &Wave,
-        k: f64,
-        state: PartState,
-        amplitude: f64,
-        track: &Track<'_>,
-        time: u64,
-    ) {
+    fn bounce_on_tones(&mut self, track: &Track<'_>, state: PartState, amplitude: f64, time: u64) {
+        self.motion = Motion::Resting;
         // The elastic map returns the arrival speed.
-        let Ok(map) = WaveMap::on(*wave, k, 1.0) else {
-            self.motion = Motion::Resting;
+        let map = (track.wave).map(|wave| WaveMap::on(*wave, track.k(amplitude), 1.0));
+        let Some(Ok(map)) = map else {
             return;
         };
         match map.hop(self.mean(), state) {
@@ -349,7 +307,7 @@ impl Part {
                     until: time + (chatter / TAU * Phase::TURN) as u64,
                 };
             }
-            Hop::Impact(impact) if impact.flight <= 0.0 => self.motion = Motion::Resting,
+            Hop::Impact(impact) if impact.flight <= 0.0 => {}
             Hop::Impact(impact) => {
                 let flight = Flight::on_tones(&map, state.phase, impact);
                 self.begin_flight(&flight, amplitude, track, time);
@@ -357,23 +315,14 @@ impl Part {
         }
     }
 
-    /// Applies the friction of an impact with these arrival and launch speeds in m/s.
-    fn apply_impact_friction(&mut self, track: &Track<'_>, arrival: f64, launch_speed: f64) {
-        if let Some(Law::Friction(settings)) = track.law {
-            self.along = settings.velocity_after_impact(self.along, arrival + launch_speed);
-        }
-    }
-
-    /// Corrects the velocity along the track for a chatter that begins with `launch_speed` m/s. Its
-    /// friction is less than that of the contact by which it is simulated.
+    /// Corrects the velocity along the track for a chatter, whose friction is below a contact's.
     fn correct_chatter_friction(&mut self, track: &Track<'_>, launch_speed: f64) {
         if let Some(Law::Friction(settings)) = track.law {
             self.along += settings.chatter_velocity_excess(self.along, launch_speed);
         }
     }
 
-    /// Slides a part at rest up to `time`; `swing` is the track's at that time. With friction its
-    /// displacement is current only up to the last call.
+    /// Slides a part at rest up to `time`, with the track's `swing` at that time.
     pub fn slide(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
         let amplitude = f64::from(swing.amplitude);
         let k = track.k(amplitude);
@@ -460,8 +409,7 @@ impl Flight {
         let arrival = if map.restitution() > 1e-6 {
             impact.next.velocity / map.restitution()
         } else {
-            // At restitution 0 the speed is that of a launch from rest, which such a part always
-            // has.
+            // At restitution 0 the speed is that of a launch from rest.
             (k * impact.flight - 2.0 * libm::sin(phase + half) * libm::sin(half)).max(0.0)
         };
         Self {
@@ -472,8 +420,23 @@ impl Flight {
         }
     }
 
-    /// Elastic flight on several tones, whose launch velocity after the impact is the arrival
-    /// speed.
+    /// The flight of a part at rest at a phase (rad) and a time, and its start.
+    fn from_rest_on_tones(wave: &Wave, k: f64, phase: f64, time: u64) -> Option<(Self, u64)> {
+        /// Largest phase in rad by which the throw may be late: a sample at 500 Hz.
+        const MAX_THROW_DELAY: f64 = 0.2;
+        let map = WaveMap::on(*wave, k, 1.0).ok()?;
+        let (wait, phase) = map.throw(wrap_angle(phase - MAX_THROW_DELAY))?;
+        // It may also be early by this, if the amplitude changed since the search.
+        if wait > 2.0 * MAX_THROW_DELAY {
+            return None;
+        }
+        let ticks = ((wait - MAX_THROW_DELAY) / TAU * Phase::TURN) as i64;
+        let Release { launch, impact } = map.release(phase)?;
+        let flight = Self::on_tones(&map, launch.phase, impact);
+        Some((flight, time.saturating_add_signed(ticks)))
+    }
+
+    /// Elastic flight on several tones: its launch velocity after the impact is the arrival speed.
     fn on_tones(map: &WaveMap, phase: f64, impact: Impact<PartState>) -> Self {
         Self {
             k: map.k(),
@@ -499,8 +462,7 @@ mod tests {
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
 
-    /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude. The
-    /// events are evaluated per sample and the sliding per cycle, as in the plant.
+    /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude.
     fn displacement_per_cycle(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);
         let track = Track {

@@ -2,9 +2,8 @@
 //!
 //! It is the input of both simulations. [`Scene::check`] names the first parameter out of range.
 
-use heapless::Vec;
-
 use super::law::Law;
+use heapless::Vec;
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY, Track, accept};
 use kband::impact::{ContactTime, FrictionSettings, TangentialSettings};
 use kband_control::{Settings, StartCause, Target};
@@ -28,13 +27,11 @@ pub struct DriveModel {
     pub quality: f32,
     /// Track amplitude at resonance for full output, in mm.
     pub gain: f32,
-    /// Track amplitude in mm at full output at twice the drive's frequency; 0: the response of the
-    /// resonance alone.
+    /// Track amplitude in mm at full output at twice the frequency; 0: the resonance's response.
     pub second_gain: f32,
     /// Lag of the track behind the output at twice the drive's frequency, in degrees.
     pub second_lag: f32,
-    /// Track amplitude in mm at full output at three times the drive's frequency; 0: the response
-    /// of the resonance alone.
+    /// Track amplitude in mm at full output at three times it; 0: the resonance's response.
     pub third_gain: f32,
     /// Lag of the track behind the output at three times the drive's frequency, in degrees.
     pub third_lag: f32,
@@ -46,8 +43,7 @@ pub struct DriveModel {
     pub ripple: f32,
     /// Mass in kg that swings with the track (symbol M).
     pub mass: f32,
-    /// Track amplitude at resonance per ampere of the current's amplitude, in mm/A: the coil's
-    /// force is proportional to its current.
+    /// Track amplitude at resonance per ampere, in mm/A: the force is proportional to the current.
     pub current_gain: f32,
 }
 
@@ -141,11 +137,9 @@ pub enum Change {
     ControlLate(bool),
     /// The supply of the board sags (`true`), and its controller restarts as after a brown-out.
     BrownOut(bool),
-    /// The hopper drops its waiting parts ([`Scene::waiting`]) onto the track, evenly within this
-    /// number of seconds.
+    /// The hopper drops its [waiting](Scene::waiting) parts onto the track within so many seconds.
     Dump(f32),
-    /// The first so many parts are on the track from now on: others leave it, missing ones come
-    /// onto it.
+    /// The first so many parts are on the track from now on; the others are not.
     Parts(u8),
 }
 
@@ -185,11 +179,9 @@ pub struct Scene {
     pub drive: DriveModel,
     /// The true accelerometer.
     pub sensor: SensorModel,
-    /// Mean restitution of each part before clipping at 0, -0.5..=1; below 0 most impacts do not
-    /// bounce.
+    /// Mean restitution of each part before clipping at 0, -0.5..=1: below 0 most do not bounce.
     pub parts: Parts,
-    /// Standard deviation of each part's restitution from impact to impact (symbol s), 0..=0.5.
-    /// Parts without an entry do not scatter.
+    /// Standard deviation of each part's restitution (symbol s), 0..=0.5; 0 without an entry.
     pub scatter: Parts,
     /// Coefficients of sliding and sticking friction on the track (symbols mu, mu_s), 0..=10.
     /// `None`: the configured tangential restitution.
@@ -207,8 +199,7 @@ pub struct Scene {
 }
 
 impl Default for Scene {
-    /// The paper's application: 50 Hz, R in 0.18..0.22, incline 3 degrees, eta 1.5, one part of R =
-    /// 0.2.
+    /// The paper's application: 50 Hz, 3 degrees, eta 1.5, lot 0.18..0.22, one part of R = 0.2.
     fn default() -> Self {
         Self {
             settings: Settings::default(),
@@ -235,8 +226,7 @@ impl Scene {
         f64::from(mass) * 1e-3 / f64::from(self.drive.mass)
     }
 
-    /// Acceleration in m/s^2 along the accelerometer's axis at rest, from the settings at
-    /// commissioning.
+    /// Acceleration in m/s^2 along the accelerometer's axis at rest, by the settings.
     pub(crate) fn rest(&self) -> f32 {
         let settings = &self.settings;
         if settings.sensor_rest <= 0.0 {
@@ -372,8 +362,7 @@ impl Scene {
     }
 }
 
-/// Ringing after a contact over the ringing after an impulse, for a contact of so many periods of
-/// the ringing.
+/// Ringing after a contact of so many of its periods, over the ringing after an impulse.
 ///
 /// The force is half a sine. Its spectrum gives 0.79 at half a period, 1/3 at one, 0 at 1.5.
 fn ringing_share(periods: f32) -> f32 {
@@ -387,9 +376,8 @@ fn ringing_share(periods: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use core::f64::consts::PI;
-
     use super::*;
+    use core::f64::consts::PI;
 
     /// Amplitude of an undamped oscillator after a force of half a sine, by numerical integration.
     #[test]

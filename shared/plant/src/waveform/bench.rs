@@ -1,9 +1,5 @@
 //! Waveform plant: drive, parts, accelerometer and disturbances, simulated sample by sample.
 
-use core::f64::consts::TAU;
-
-use heapless::Vec;
-
 use super::massive::{Ground, MassivePart, Stroke};
 use crate::model::Moment;
 use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean, restitutions};
@@ -13,17 +9,17 @@ use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
 use crate::model::scene::{Change, PARTS, Scene, SensorModel};
 use crate::model::timeline::Timeline;
+use core::f64::consts::TAU;
+use heapless::Vec;
 use kband::arithmetic::{Noise, Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
 use kband::impact::ContactTime;
 use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
 
-/// Largest number of events of one part in one sample; later events move to the next sample. A
-/// chatter is summed long before.
+/// Largest number of events of one part in one sample; later events move to the next sample.
 const EVENTS_PER_SAMPLE: usize = 16;
 
-/// Sensitivity of the current sensor in V/A if the settings have none: the emulated board gets its
-/// settings later.
+/// Sensitivity of the current sensor in V/A without a configured one, as on the emulated board.
 const CURRENT_SENSITIVITY: f32 = 0.3;
 
 /// The simulated feeder of a scene with its disturbances, for any controller.
@@ -52,8 +48,7 @@ pub struct Bench {
     parts: Vec<Part, PARTS>,
     /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
-    /// Acceleration in m/s^2 from the weight of the lying parts, and static deflection of the
-    /// spring under all parts on the track, in m.
+    /// Acceleration by the weight of lying parts in m/s^2, deflection of the spring under all in m.
     pressed: f32,
     sagged: f64,
     hopper: Hopper,
@@ -92,8 +87,7 @@ fn all<'a>(
 }
 
 impl Bench {
-    /// The bench of a scene at time 0: parts at rest, drive off, enable input on. An error names
-    /// the parameter out of range.
+    /// The bench of a scene at time 0: parts at rest, drive off. It refuses a number out of range.
     pub fn build(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.check()?;
         let settings = &scene.settings;
@@ -209,8 +203,7 @@ impl Bench {
             acceleration
         };
         let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
-        // `clamp` may panic with both numbers in the message; their formatting takes 15 KiB of the
-        // emulated image.
+        // `clamp` may panic with both numbers, which takes 15 KiB of the emulated image.
         self.last_code = code.max(0.0).min(self.full) as u16;
         AdcCode(self.last_code)
     }
@@ -363,11 +356,9 @@ impl Bench {
                 part: index as u8,
                 rested: blow.rested,
             });
-            self.ringing
-                .strike(self.sensor.ringing * blow.speed as f32, share);
+            (self.ringing).strike(self.sensor.ringing * blow.speed as f32, share);
         }
-        self.drive
-            .push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
+        (self.drive).push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
     }
 
     fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
@@ -393,14 +384,12 @@ impl Bench {
                 ..swing
             };
             if let Some(strike) = part.event(then, &track) {
-                // Impacts beyond the capacity are dropped.
                 let _ = self.strikes.push(Strike {
                     part: index as u8,
                     ..strike
                 });
                 let share = (delay as f32 / self.step as f32).min(1.0);
-                self.ringing
-                    .strike(self.sensor.ringing * strike.speed as f32, share);
+                (self.ringing).strike(self.sensor.ringing * strike.speed as f32, share);
             }
         }
     }
@@ -465,8 +454,7 @@ impl Bench {
         self.timeline.new_target()
     }
 
-    /// Whether the board's supply sagged in this cycle, returned once; controller and cycle must
-    /// restart.
+    /// Whether the supply sagged in this cycle, returned once; controller and cycle must restart.
     pub fn sagged(&mut self) -> bool {
         self.timeline.sagged()
     }

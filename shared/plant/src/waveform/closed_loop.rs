@@ -1,5 +1,4 @@
-//! Closed loop of the waveform plant, for desk and emulated CPU: sampling, control once a cycle,
-//! planning in slices.
+//! Closed loop of the waveform plant: sampling, control once a cycle, planning in slices.
 
 use super::bench::Bench;
 use crate::model::Moment;
@@ -72,7 +71,6 @@ impl ClosedLoop {
             self.samples(&mut observe);
         }
         if let Some(target) = self.bench.new_target() {
-            // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
         let mut inputs = self.bench.inputs();
@@ -87,8 +85,7 @@ impl ClosedLoop {
 
     #[inline]
     fn samples(&mut self, observe: &mut impl FnMut(Sample)) {
-        // The longest cycle has 4000 samples; the bound prevents an endless loop after a wrong
-        // step.
+        // The longest cycle has 4000 samples; the bound ends a loop with a wrong step.
         for _ in 0..2 * SAMPLE_RATE {
             if self.sample(observe) {
                 break;
@@ -98,7 +95,6 @@ impl ClosedLoop {
 
     fn restart(&mut self) {
         let settings = *self.controller.settings();
-        // Settings accepted once are accepted again.
         if let (Ok(signal), Ok(controller)) = (
             Signal::build(&settings),
             Controller::build(&settings, self.target, StartCause::Reset),
@@ -126,14 +122,12 @@ impl ClosedLoop {
         sampled.wrapped
     }
 
-    /// Sets a fieldbus's commands for the next cycle; `request_received`: a request arrived since
-    /// the last.
+    /// Sets a fieldbus's commands for the next cycle, and whether a request arrived since the last.
     pub fn command(&mut self, command: BusCommand, request_received: bool) {
         self.bus = Some((command, request_received));
     }
 
-    /// Sets new settings, as on a board at rest. The error names the parameter out of range; the
-    /// settings then stay.
+    /// Sets new settings, as on a board at rest. After an error the old settings stay.
     pub fn configure(&mut self, settings: &Settings) -> Result<(), OutOfRange> {
         let signal = Signal::build(settings)?;
         let (target, interlock) = (self.controller.target(), self.controller.interlock());
@@ -169,8 +163,7 @@ mod tests {
     use crate::EnvelopeLoop;
     use kband_control::State;
 
-    /// Simultaneous impacts ring together. The ringing of 24 parts would add 4.7 % to the amplitude
-    /// at 800 Hz, and 1.5 % at 2.4 kHz.
+    /// Without blanking, 24 parts add 4.7 % of amplitude at 800 Hz, 1.5 % at 2.4 kHz.
     #[test]
     fn ringing_of_many_parts_adds_no_amplitude() {
         for (frequency, count) in [(800.0, 1), (800.0, 6), (800.0, 24), (2400.0, 24)] {

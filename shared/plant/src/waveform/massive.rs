@@ -1,8 +1,7 @@
 //! A part with mass on a track that recoils, simulated sample by sample.
 //!
-//! The impact map assumes an undisturbed track. Under parts of some per cent of its mass the track
-//! jumps at each impact. So the part is a falling body, and the track moves under drive, spring and
-//! all parts. An impact time is found by bisection.
+//! Under parts of some per cent of its mass the track jumps at each impact. So the part is a
+//! falling body, and the track moves under drive, spring and all parts. Impact times are bisected.
 
 use crate::model::law::Law;
 use kband::impact::Scatter;
@@ -10,9 +9,8 @@ use kband::impact::Scatter;
 /// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
 const BISECTIONS: usize = 30;
 
-/// Velocities of track and part after an impact with a part of `share` of the track's mass.
-/// Momentum is conserved, and the relative velocity is reversed times `restitution`. All velocities
-/// have the same unit.
+/// Velocities of track and part after an impact with a part of `share` of the track's mass. It
+/// keeps momentum, and reverses the relative velocity times `restitution`.
 pub fn collide(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
     let change = (1.0 + restitution) * (track - part) / (1.0 + share);
     [track - share * change, part + change]
@@ -27,8 +25,7 @@ pub struct Ground {
     pub gravity: [f64; 2],
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
-    /// Motion along the track over that normal to it, as cosine and sine parts of its lead (symbols
-    /// eta cos gamma, eta sin gamma).
+    /// Motion along the track over that normal to it: eta cos gamma, eta sin gamma.
     pub along: [f64; 2],
     /// Mean displacement of the swinging track in m.
     pub level: f64,
@@ -89,7 +86,6 @@ pub struct Blow {
 enum Motion {
     /// At rest normal to the track, with a velocity along it in m/s relative to it.
     Lying(f64),
-    /// In free fall.
     Flying(Fall),
 }
 
@@ -162,8 +158,7 @@ impl MassivePart {
         (self.began, self.rested) = (now, true);
     }
 
-    /// Simulates a sample at rest. The part presses with `normal` m/s^2, and the track accelerates
-    /// along itself by `along`.
+    /// Simulates a sample at rest: it presses with `normal`, the track accelerates by `along`.
     pub fn rest_on(&mut self, ground: &Ground, normal: f64, along: f64) {
         let (Motion::Lying(velocity), Law::Friction(friction)) = (&mut self.motion, ground.law)
         else {
@@ -193,8 +188,7 @@ impl MassivePart {
         }
     }
 
-    /// Begins a flight with a height, a velocity normal to the track and a velocity along it
-    /// relative to the track.
+    /// Begins a flight with height and velocity `own`, and a velocity along the track over it.
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
         let [launch_position, track_velocity] = ground.along(track);
         self.began = now;

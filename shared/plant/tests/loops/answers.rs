@@ -1,9 +1,8 @@
 //! Tests of the controller's reaction to detected and missing impacts.
 
+use super::fidelity::{changes, unwatched};
 use kband_control::{Event, Limits, State};
 use kband_plant::{Change, EnvelopeLoop, Scene};
-
-use super::fidelity::{changes, unwatched};
 
 #[test]
 fn parts_that_scatter_are_kicked_sixty_times_an_hour_at_most() {

@@ -1,14 +1,11 @@
-//! The measured amplitude of drawn machines keeps every limit. The method is a random walk through
-//! the accepted settings.
-
-use core::f32::consts::{PI, TAU};
-
-use kband::arithmetic::Noise;
-use kband_control::{SAMPLE_RATE, Settings, Target};
-use kband_plant::{Change, EnvelopeLoop, Scene};
+//! The measured amplitude of drawn machines keeps every limit: a walk through accepted settings.
 
 use super::fidelity::{changes, drive_of, unwatched};
 use super::lots::number;
+use core::f32::consts::{PI, TAU};
+use kband::arithmetic::Noise;
+use kband_control::{SAMPLE_RATE, Settings, Target};
+use kband_plant::{Change, EnvelopeLoop, Scene};
 
 /// Largest steady amplitude over the smallest of setpoint, hard limits and safe amplitude.
 const MAX_EXCESS: f32 = 1.05;
@@ -52,8 +49,7 @@ fn strength(settings: &Settings, frequency: f32) -> f32 {
     1e-3 * settings.gain * response
 }
 
-/// Complete machines whose sensor has the configured sensitivity or less. The bound is on the
-/// measured amplitude, because a board knows no other.
+/// Machines whose sensor has the configured sensitivity or less; a board knows no other amplitude.
 #[test]
 fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
     const MEAN: usize = 100;
@@ -68,9 +64,8 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mut settings = walk.step(200);
         let cycles = settings.quality / PI * settings.frequency / settings.resonance;
         settings.tracking = 0.0;
-        // The upper modes (Q 25) supply the response that the resonance lacks at 2f and 3f. They
-        // also move the track at the drive's own frequency. The configured gain describes the drive
-        // only while each mode moves it by less than 1 %.
+        // The upper modes (Q 25) supply the response that the resonance lacks, and move the track
+        // at the drive's frequency too. The gain describes it while each does so by less than 1 %.
         let strength = |harmonic: f32| strength(&settings, harmonic * settings.frequency);
         let limit = 1e3 * (0.01 * 0.75 * 25.0 * strength(1.0));
         let upper =
@@ -135,10 +130,7 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         let mean = last.fold(0.0, |sum, amplitude| sum + amplitude / MEAN as f32);
         let within = mean <= MAX_EXCESS * expected + noise_floor;
         let report = looped.moment().report;
-        assert!(
-            within,
-            "{written}: {mean} m of {expected} m: {report:?}: {scene:?}"
-        );
+        assert!(within, "{mean} of {expected} m: {report:?}: {scene:?}");
         if mean > 0.5 * expected && expected > noise_floor {
             moving += 1;
         }

@@ -1,11 +1,10 @@
 //! Captures of lots that fit the configured one, and of parts that do not.
 
+use super::lots::{between, random_lot};
 use kband::arithmetic::Noise;
 use kband::regime::classify::Regime;
 use kband_control::{Event, Limits, State, Target};
 use kband_plant::{ClosedLoop, EnvelopeLoop, Scene};
-
-use super::lots::{between, random_lot};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Parts {
@@ -64,12 +63,8 @@ fn end(scene: &Scene) -> Option<(bool, u8)> {
         let rests = |[_, before]: &[u32; 2]| *before > 0 && before + 24 > cycle;
         if report.state == State::Holding && thrown.iter().all(rests) {
             let sure = report.regime.filter(|verdict| verdict.confidence > 0.8);
-            let in_step = sure.is_some_and(|verdict| {
-                matches!(
-                    verdict.regime,
-                    Regime::Locked { .. } | Regime::Doubled { .. }
-                )
-            });
+            let regime = sure.map(|verdict| verdict.regime);
+            let in_step = matches!(regime, Some(Regime::Locked { .. } | Regime::Doubled { .. }));
             assert!(!in_step, "{sure:?} of parts that rest: {scene:?}");
         }
         if report.state == State::Locked {

@@ -1,9 +1,8 @@
 //! Tests of a commissioned sensor: at rest, by a small swing at each start, and in the run.
 
+use super::fidelity::changes;
 use kband_control::{Fault, State, Target};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
-
-use super::fidelity::changes;
 
 /// A commissioned machine whose sensor measures the share `mean` of 1 g at rest.
 fn commissioned(mean: f32) -> Scene {
@@ -18,8 +17,7 @@ fn commissioned(mean: f32) -> Scene {
     scene
 }
 
-/// The fault of a scene within a time in s, the largest amplitude so far over the hard limit,
-/// and the time of the fault.
+/// A scene's fault within a time in s, largest amplitude over the hard limit, time of the fault.
 fn run(scene: &Scene, seconds: f64) -> (Option<Fault>, f64, f64) {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     let limit = f64::from(scene.settings.amplitude_limit) * 1e-3;
@@ -111,8 +109,7 @@ fn with_current_sensor() -> Scene {
     scene
 }
 
-/// The fault of a scene within a time in s, and the largest amplitude over the hard limit, in
-/// the waveform and in the envelope.
+/// Fault within a time in s and largest amplitude over the limit, in waveform and envelope.
 fn run_both(scene: &Scene, seconds: f64) -> [(Option<Fault>, f64); 2] {
     let mut closed = ClosedLoop::build(scene).unwrap();
     let limit = f64::from(scene.settings.amplitude_limit) * 1e-3;

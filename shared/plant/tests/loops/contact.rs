@@ -1,13 +1,12 @@
 //! Impacts with a duration: lock, share in gear and detection in the closed loop.
 
+use super::fidelity::{Loop, ShareResult, lot, measure_share};
 use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
 use kband::regime::gear::{Share, shares_from_rest};
 use kband::transport::locked;
 use kband_control::{Limits, State};
 use kband_plant::Scene;
-
-use super::fidelity::{Loop, ShareResult, lot, measure_share};
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
 const CONTACT: f32 = 0.4;

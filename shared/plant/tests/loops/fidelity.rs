@@ -1,14 +1,13 @@
 //! Both plants under the controller, and the true and estimated time in gear of their parts.
 
 use core::f64::consts::TAU;
-use std::sync::Mutex;
-
 use kband::regime::classify::Regime;
 use kband::regime::gear::GearWatch;
 use kband_control::{Controller, GearPlanned, Settings, Target};
 use kband_plant::{
     Change, ClosedLoop, Disturbance, Disturbances, DriveModel, EnvelopeLoop, Moment, Scene, Strike,
 };
+use std::sync::Mutex;
 
 pub enum Loop {
     Envelope(Box<EnvelopeLoop>),
@@ -71,8 +70,7 @@ impl Drop for Loop {
     }
 }
 
-/// The envelope of a scene without displacement, READY and a regime that no decision needs: a run
-/// for other quantities takes half as long.
+/// The envelope without displacement, READY and an unneeded regime, in half of the time.
 pub fn unwatched(scene: &Scene) -> EnvelopeLoop {
     let mut closed = EnvelopeLoop::build(scene).unwrap();
     closed.watch(false);
@@ -113,8 +111,7 @@ pub fn record(watches: &mut [GearWatch], strikes: &[Strike]) {
     }
 }
 
-/// Parts evenly spaced over a lot, at a fixed k. Their restitutions and their scatter are
-/// configured correctly.
+/// Parts evenly spaced over a lot, configured correctly, at a fixed k.
 pub fn lot([low, high]: [f32; 2], scatter: f32, k: f32, parts: usize, seed: u64) -> Scene {
     let part = |n: usize| low + (high - low) * (n as f32 + 0.5) / parts as f32;
     let mut scene = Scene {
@@ -142,7 +139,6 @@ pub struct ShareResult {
     pub error: f64,
     /// Cycles without an estimate.
     pub deaf_cycles: usize,
-    /// Cycles with a detected lock.
     pub locked: usize,
 }
 

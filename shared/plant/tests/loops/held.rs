@@ -1,34 +1,22 @@
-//! Tests: the amplitude loop settles at its setpoint for drives over the whole range of the
-//! settings.
+//! Tests: the amplitude loop settles at its setpoint over the whole range of the settings.
 //!
-//! The machines have no parts and run in the envelope. `kband margins` prints the stability margins
-//! of the same loop.
-
-use kband_control::{State, Target};
-use kband_plant::Scene;
+//! The machines have no parts. `kband margins` prints the stability margins of the same loop.
 
 use super::fidelity::unwatched;
+use kband_control::{State, Target};
+use kband_plant::Scene;
 
 #[derive(Clone, Copy, Debug)]
 struct Start {
     peak: f32,
-    /// Settling time to 5 %, in time constants of the drive. It begins when the reference reaches
-    /// the setpoint, less eight cycles of dead time and noise.
+    /// Settling time to 5 % from the reference's arrival, in time constants, less eight cycles.
     settles: f32,
     swing: f32,
     state: State,
 }
 
-/// A machine at a frequency, detuned by a share of its resonance. Its gain is `gain_error` times
-/// the configured one; its hard limit is `limit` times its setpoint.
-fn machine(
-    frequency: f32,
-    quality: f32,
-    detuned: f32,
-    gain_error: f32,
-    limit: f32,
-    share: f32,
-) -> (Scene, f32) {
+/// A machine detuned by a share, with its gain over the configured one and limit over setpoint.
+fn machine([frequency, quality, detuned, gain_error, limit, share]: [f32; 6]) -> (Scene, f32) {
     let mut scene = Scene::default();
     scene.parts.clear();
     let settings = &mut scene.settings;
@@ -102,9 +90,7 @@ const DETUNINGS: [f32; 17] = [
 const GAIN_ERRORS: [f32; 3] = [1.0, 0.5, 2.0];
 
 fn drives() -> impl Iterator<Item = (f32, f32, f32)> {
-    let pairs = QUALITIES
-        .into_iter()
-        .flat_map(|quality| DETUNINGS.map(|off| (quality, off)));
+    let pairs = (QUALITIES.into_iter()).flat_map(|quality| DETUNINGS.map(|off| (quality, off)));
     pairs.flat_map(|(quality, off)| GAIN_ERRORS.map(|error| (quality, off, error)))
 }
 
@@ -119,7 +105,7 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
     ] {
         for (quality, detuned, gain_error) in drives() {
             let (mut scene, requested) =
-                machine(frequency, quality, detuned, gain_error, 2.0, share);
+                machine([frequency, quality, detuned, gain_error, 2.0, share]);
             scene.settings.soft_start = soft;
             let result = start(&scene, requested);
             let drive = format!("{frequency} Hz, Q {quality}, {detuned}, gain {gain_error}");
@@ -136,7 +122,7 @@ fn every_drive_comes_to_its_amplitude_and_stays() {
 fn no_start_goes_over_the_hard_limit_by_more_than_a_fiftieth() {
     for soft in [0.4, 0.02] {
         for (quality, detuned, gain_error) in drives() {
-            let (mut scene, requested) = machine(50.0, quality, detuned, gain_error, 1.0, 0.4);
+            let (mut scene, requested) = machine([50.0, quality, detuned, gain_error, 1.0, 0.4]);
             scene.settings.soft_start = soft;
             let result = start(&scene, requested);
             let case = format!("Q {quality}, {detuned}, gain {gain_error}, {soft} s: {result:?}");
@@ -152,7 +138,7 @@ fn wrong_resonance_is_held_or_reported() {
     for quality in QUALITIES {
         for widths in [0.5, 1.0, 1.5, 1.7, 2.2, 4.0] {
             for side in [-1.0, 1.0] {
-                let (mut scene, requested) = machine(50.0, quality, 0.0, 1.0, 2.0, 0.2);
+                let (mut scene, requested) = machine([50.0, quality, 0.0, 1.0, 2.0, 0.2]);
                 scene.drive.resonance = 50.0 / (1.0 + side * widths / (2.0 * quality));
                 let result = start(&scene, requested);
                 let case = format!("Q {quality}, {widths} half widths, {side}: {result:?}");

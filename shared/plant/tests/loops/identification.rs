@@ -1,12 +1,10 @@
 //! Identification of restitution in both plants.
 
+use super::fidelity::Loop;
 use core::f64::consts::TAU;
-
 use kband::impact::{Kernel, LIFT_OFF_DELAY, Map, Release};
 use kband_control::{Identification, Identified, Settings, Target, Unidentified};
 use kband_plant::{Scene, SensorModel};
-
-use super::fidelity::Loop;
 
 /// Cycles after which an identification ends at the latest (4000), and a margin.
 const LONGEST: usize = 4100;

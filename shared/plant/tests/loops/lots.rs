@@ -2,17 +2,14 @@
 //!
 //! `KBAND_LOTS` sets the number of random lots, `KBAND_SEED` their seed.
 
+use super::fidelity::{Loop, record};
 use core::f64::consts::TAU;
-use std::sync::OnceLock;
-
 use kband::arithmetic::Noise;
-
 use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::gear::GearWatch;
 use kband_control::{Limits, Target};
 use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
-
-use super::fidelity::{Loop, record};
+use std::sync::OnceLock;
 
 /// Drive cycles of a window in which the true share in gear is counted, and windows of a run.
 const WINDOW: u32 = 512;
@@ -28,9 +25,8 @@ fn log_between(noise: &mut Noise, low: f64, high: f64) -> f64 {
     libm::exp(between(noise, libm::log(low), libm::log(high)))
 }
 
-/// A feeder of 20 to 300 Hz for gear of order 1 or 2. It has 1 to 12 parts of R 0.1 to 0.6 and s
-/// 0.02 to 0.10. The sensor's gain is 0.7 to 1.4 of the configured one, and equal to it in a
-/// quarter of the lots.
+/// A feeder of 20 to 300 Hz for gear of order 1 or 2, with 1 to 12 parts of R 0.1 to 0.6. s is 0.02
+/// to 0.10; the sensor's gain is 0.7 to 1.4, and 1 in a quarter of the lots.
 pub(super) fn random_lot(seed: u64, number: u64) -> (Scene, u8) {
     let noise = &mut Noise::new(seed.wrapping_mul(1_000_003).wrapping_add(number));
     let order = 1 + (noise.bits() % 2) as u8;
@@ -163,9 +159,8 @@ fn ready_is_off_where_no_part_is_in_gear() {
     assert!(enough, "{ready_in_gear} of {lots} lots");
 }
 
-/// Shares of the reported estimates within 1, 2 and 3 of their errors, and the number of lots among
-/// them. The first window is left out, because the amplitude settles in it. Windows of a lot depend
-/// on each other, so the lots count as trials.
+/// Shares of the estimates within 1, 2 and 3 of their errors, and number of lots, the trials. The
+/// first window, in which the amplitude settles, is left out.
 fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
     let settled = windows.iter().filter(|window| window.number > 0);
     let reported: Vec<(u64, f64, f64)> = settled
@@ -194,8 +189,7 @@ fn coverage(windows: &[Window]) -> ([f64; 3], f64) {
 #[test]
 fn reported_errors_cover_the_true_share() {
     let (covered, lots) = coverage(configured());
-    // The share of 0.28 of 1000 lots is reported. The bound is three standard deviations of a
-    // binomial count.
+    // Three standard deviations of a binomial count below the share of 0.28 of 1000 lots.
     let expected = 0.28 * self::lots() as f64;
     let minimum = expected - 3.0 * (0.72 * expected).sqrt();
     assert!(lots > minimum, "{lots} lots");

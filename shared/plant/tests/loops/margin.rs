@@ -1,12 +1,10 @@
 //! The estimated margin of gear compared with the plant's own.
 
+use super::fidelity::{CYCLES, SETTLED, lot, record, unwatched};
 use core::f64::consts::TAU;
-
 use kband::regime::gear::{GearWatch, is_in_gear};
 use kband_control::{GearMargin, Shape, Target, UpperTone};
 use kband_plant::Scene;
-
-use super::fidelity::{CYCLES, SETTLED, lot, unwatched};
 
 /// Parts evenly over a lot, at a fixed k, with a second tone of ratio e and angle th.
 #[derive(Debug)]
@@ -18,8 +16,7 @@ struct Lot {
     tone: [f32; 2],
 }
 
-/// True values of the plant from 5 s to 60 s, over flights in gear from the eighth in a row on.
-/// Also the drive cycles in gear, and the losses.
+/// True values from 5 s to 60 s, over flights in gear from the eighth in a row on.
 #[derive(Debug)]
 struct Actual {
     trace: f64,
@@ -47,26 +44,22 @@ fn scene(of: &Lot, seed: u64) -> Scene {
 fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
     let scene = scene(lot, seed);
     let mut closed = unwatched(&scene);
-    let mut watches = std::vec![(GearWatch::build(1).unwrap(), 0, 0.0); lot.parts];
+    let mut watches = std::vec![GearWatch::build(1).unwrap(); lot.parts];
+    let mut flights = std::vec![(0, 0.0); lot.parts];
     let [ratio, angle] = lot.tone.map(f64::from);
     let (mut reported, mut last) = (0, GearMargin::default());
     let (mut traces, mut restitutions, mut count) = (0.0, 0.0, 0.0);
     for cycle in 0..CYCLES {
         if cycle == SETTLED {
-            for (watch, ..) in &mut watches {
+            for watch in &mut watches {
                 watch.begin(cycle as f64 * TAU);
             }
         }
         let report = closed.cycle().report;
+        record(&mut watches, closed.strikes());
         for strike in closed.strikes() {
-            let landed = strike.time as f64 / 4_294_967_296.0 * TAU;
-            let flight = f64::from(strike.flight) * TAU;
-            let (watch, row, launched) = &mut watches[usize::from(strike.part)];
-            if strike.rested {
-                watch.add_rest(landed - flight);
-            }
-            watch.add_landing(landed, flight);
-            let geared = is_in_gear(flight, TAU) && !strike.rested;
+            let (row, launched) = &mut flights[usize::from(strike.part)];
+            let geared = is_in_gear(f64::from(strike.flight) * TAU, TAU) && !strike.rested;
             *row = if geared { *row + 1 } else { 0 };
             let restitution = f64::from(scene.parts[usize::from(strike.part)]);
             // A of the impact that began this flight in gear.
@@ -87,7 +80,7 @@ fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
         }
     }
     let end = CYCLES as f64 * TAU;
-    let shares = watches.iter().map(|(watch, ..)| watch.share(end));
+    let shares = watches.iter().map(|watch| watch.share(end));
     let all = shares.reduce(|one, other| one.plus(&other)).unwrap();
     let cycles = all.share() * (lot.parts * (CYCLES - SETTLED)) as f64;
     let to_loss = all.time_to_loss();
@@ -130,8 +123,7 @@ fn estimated_margin_matches_the_plant() {
             assert!(estimate.error < 0.02, "{case}");
             assert!((estimate.scatter / scatter - 1.0).abs() < 0.15, "{case}");
             let longest = actual.cycles / actual.losses.max(1.0);
-            // If gear lasts a dozen flights, one part has few flights in gear in a minute, unlike
-            // many parts.
+            // If gear lasts a dozen flights, one part has few flights in gear in a minute.
             let tolerance = if longest > 15.0 { 0.12 } else { 0.35 };
             let difference = (f64::from(estimate.trace) - actual.trace).abs();
             assert!(difference < tolerance, "{case}");

@@ -1,12 +1,10 @@
-//! Parts that do not fit the configured lot: time to detection and setpoint after it. Parts of the
-//! lot are never detected as such.
-
-use kband::arithmetic::Noise;
-use kband_control::{Limits, State, Target};
-use kband_plant::{Change, Scene};
+//! Parts that do not fit the configured lot: time to detection and setpoint after it.
 
 use super::fidelity::{Loop, changes};
 use super::lots::{between, random_lot};
+use kband::arithmetic::Noise;
+use kband_control::{Limits, State, Target};
+use kband_plant::{Change, Scene};
 
 /// Seconds from the setpoint within which such parts are detected.
 const MAX_DETECTION_SECONDS: f64 = 10.0;
@@ -113,8 +111,7 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
     assert_eq!((found, missed), ([22, 10], [3, 15]));
 }
 
-/// Parts that bounce more regularly than configured strike at fewer phases than predicted, but at
-/// the predicted ones.
+/// Regular parts strike at fewer phases than predicted, but at the predicted ones.
 #[test]
 fn parts_that_scatter_less_than_configured_fit() {
     let (mut ready_count, mut misfits) = (0, Vec::new());

@@ -1,9 +1,8 @@
 //! The estimated share in gear of many parts compared with the plant's own.
 
+use super::fidelity::{lot, measure_share};
 use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
-
-use super::fidelity::{lot, measure_share};
 
 /// Crowds of 1, 6 and 24 parts, of one restitution or of a range.
 #[test]
@@ -29,8 +28,7 @@ fn share_of_a_crowd_is_within_three_errors() {
                 all.push(difference);
             }
         }
-        // Single runs scatter by 0.02 to 0.035. The mean of six runs has an error of 0.01; the
-        // bound is twice that.
+        // The mean of six runs has an error of 0.01; the bound is twice that.
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         assert!(mean.abs() < 0.03 + 0.02, "{range:?} {scatter}: {mean}");
     }

@@ -1,9 +1,8 @@
 //! Tests: the closed loop on drives with two and three tones, in both plants.
 
+use super::fidelity::{changes, drive_of};
 use kband_control::{Event, Limits, Report, Settings, Shape, State, Target, UpperTone};
 use kband_plant::{Change, ClosedLoop, EnvelopeLoop, Scene};
-
-use super::fidelity::{changes, drive_of};
 
 const TWO_TONES: Shape = Shape::of_two(UpperTone::new(0.15, 2.356));
 
@@ -15,7 +14,6 @@ fn scene(change: impl Fn(&mut Settings)) -> Scene {
     scene_of(TWO_TONES, change)
 }
 
-/// As [`scene`], with a given shape.
 fn scene_of(shape: Shape, change: impl Fn(&mut Settings)) -> Scene {
     let mut scene = Scene {
         target: Target::Tones { k: 0.35, shape },
@@ -84,14 +82,12 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
             if n < 300 {
                 continue;
             }
-            // Tolerance in e: 0.3 % of the first tone's amplitude, four times the effect of the
-            // reading's noise.
+            // Tolerance in e: 0.3 % of the first tone, four times the effect of noise.
             for shape in [slow.shape, fast.shape] {
                 let distance = shape_distance(shape, configured);
                 assert!(distance < 3e-3, "{name} {n}: {shape:?}");
             }
-            // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3, stiff
-            // drives).
+            // One resonance far above the drive's frequency (docs/theory-real-parts.md#t10.3).
             let (frequency, resonance) = (scene.settings.frequency, scene.settings.resonance);
             let stiff = (resonance / frequency) * (resonance / frequency);
             let sample = core::f32::consts::TAU * frequency / 20e3;
@@ -111,9 +107,8 @@ fn every_drive_holds_two_tones_and_three_in_both_fidelities() {
     }
 }
 
-/// A drive whose response at two or three times its frequency differs from the settings by a factor
-/// and an angle in degrees. Returns the cycle of the event for it, the largest ratio of that tone
-/// over the requested one, and the last report.
+/// A drive whose response at two or three times its frequency is wrong by a factor and an angle in
+/// degrees. Cycle of its event, largest ratio of that tone over the requested one, last report.
 fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, f32, Report) {
     let configured = if third { THREE_TONES } else { TWO_TONES };
     let mut scene = scene_of(configured, |_| ());
@@ -138,9 +133,8 @@ fn run_misconfigured(third: bool, factor: f32, degrees: f32) -> (Option<usize>, 
 
 #[test]
 fn large_drive_errors_are_reported_small_ones_corrected() {
-    [false, true]
-        .into_iter()
-        .for_each(misconfigured_tone_is_noticed);
+    misconfigured_tone_is_noticed(false);
+    misconfigured_tone_is_noticed(true);
 }
 
 fn misconfigured_tone_is_noticed(third: bool) {

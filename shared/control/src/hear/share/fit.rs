@@ -138,10 +138,8 @@ fn solve(
         let (mut largest_gradient, mut entering) = (tolerance, None);
         for a in 0..COMPONENTS {
             if !free[a] && scale[a] > 0.0 {
-                let gradient = sums[a]
-                    - (0..COMPONENTS)
-                        .map(|b| scaled[a][b] * weights[b])
-                        .sum::<f32>();
+                let gradient =
+                    sums[a] - ((0..COMPONENTS).map(|b| scaled[a][b] * weights[b])).sum::<f32>();
                 if gradient > largest_gradient {
                     (largest_gradient, entering) = (gradient, Some(a));
                 }
@@ -196,13 +194,7 @@ fn invert_free_block(matrix: &Covariance, free: &[bool; COMPONENTS]) -> Covarian
 
 /// Half of the sum of absolute differences: energy in other sectors than predicted.
 pub fn unexplained_energy(measured: &SectorEnergy, expected: &SectorEnergy) -> f32 {
-    let difference = measured.iter().zip(expected).map(|(measured, expected)| {
-        let difference = measured - expected;
-        0.5 * if difference < 0.0 {
-            -difference
-        } else {
-            difference
-        }
-    });
-    difference.sum()
+    let pairs = measured.iter().zip(expected);
+    let halves = pairs.map(|(measured, expected)| 0.5 * (measured - expected).abs());
+    halves.sum()
 }

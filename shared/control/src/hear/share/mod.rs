@@ -1,8 +1,7 @@
 //! Estimates the share of time in gear of any number of parts from the phases of their impacts.
 //!
-//! Single impacts of a crowd cannot be assigned to parts, but the energies of independent impacts
-//! add up. The residual's energy per sector is a mixture of predicted profiles: parts in gear, out
-//! of gear, and noise (docs/theory-real-parts.md#t10.7).
+//! Impacts of a crowd cannot be assigned to parts, but their energies add up. That of a sector is a
+//! mixture of profiles in gear, out of gear, and noise (docs/theory-real-parts.md#t10.7).
 //!
 //! The expected energy of the last mixture weights each equation of the `fit` (iteratively
 //! reweighted least squares). Histograms forget exponentially. Delay and decay time of the ringing
@@ -93,8 +92,7 @@ const MIN_MISFIT_DURATION: f32 = 2.6;
 const MIN_MISFIT_CYCLES: [f32; 2] = [64.0, 128.0];
 /// Number of fits of a hypothesis before the next one.
 const MIN_FITS: u32 = 2;
-/// Hypotheses on the scatter: factors on the configured one. Parts that bounce more regularly are
-/// in gear too, at fewer phases than predicted.
+/// Hypotheses on the scatter, over the configured one: regular parts are in gear at fewer phases.
 const SCATTER_FACTORS: [f32; 3] = [1.0, 0.4, 0.1];
 /// Initial delay of an impact's energy, in samples: two one-pole filters and the ringing's rise.
 const INITIAL_DELAY: f32 = 2.5;
@@ -450,11 +448,10 @@ impl ShareEstimator {
             return false;
         };
         let measured_energy = self.measured_energy(&self.long);
-        let (sector_variance, weights, covariance) =
-            self.fit_weights(&measured_energy, &design_matrix);
+        let (variance, weights, covariance) = self.fit_weights(&measured_energy, &design_matrix);
         let expected = predict_energy(&design_matrix, &weights);
         if let Some(difference) = search.residual_sum.get_mut(search.trials) {
-            *difference = residual_sum([&measured_energy, &expected, &sector_variance]);
+            *difference = residual_sum([&measured_energy, &expected, &variance]);
         }
         if search.trials == 0 {
             self.update_estimates(&Mixture {
@@ -488,8 +485,7 @@ impl ShareEstimator {
         }
     }
 
-    /// Fits the mixture from the last one, by whose expected energy each sector is weighed. Returns
-    /// that energy, the weights and their covariance.
+    /// Fits the mixture, weighed by the last one; expected energy, weights and their covariance.
     fn fit_weights(
         &self,
         measured_energy: &SectorEnergy,
@@ -509,12 +505,7 @@ impl ShareEstimator {
     }
 
     fn update_estimates(&mut self, mixture: &Mixture) {
-        let noise = self.long.noise / self.long.weight;
-        let aligned = DELAY_BOUNDS[0] < self.delay
-            && self.delay < DELAY_BOUNDS[1]
-            && self.decay_time > MIN_DECAY_TIME;
-        let share =
-            (self.profile()).and_then(|profile| estimate_share(mixture, profile, noise, aligned));
+        let share = self.estimate_share(mixture);
         let long = self.agreement(&self.long, &mixture.weights, mixture.unexplained_energy);
         let fitted = self.profile().zip(long);
         self.evidence = fitted.map(|(profile, long)| GearEvidence {
@@ -530,6 +521,46 @@ impl ShareEstimator {
         (self.is_stale, self.has_fit) = (false, true);
     }
 
+    /// The share of a mixture; `None` if the noise or the error is too large.
+    fn estimate_share(&self, mixture: &Mixture) -> Option<GearShare> {
+        let profile = self.profile()?;
+        let in_gear_weight = mixture.weights[..GROUPS].iter().sum::<f32>();
+        let out_weight = mixture.weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
+        let energy = impact_energy(&mixture.weights, profile);
+        let total_weight = in_gear_weight + out_weight;
+        if energy <= MIN_SIGNAL_TO_NOISE * mixture.weights[NOISE_INDEX] || total_weight <= 0.0 {
+            return None;
+        }
+        let share = in_gear_weight / total_weight;
+        // Derivative of the share by each weight, times the sum of weights.
+        let slope = |n: usize| match n {
+            n if n < GROUPS => 1.0 - share,
+            n if n < NOISE_INDEX => -share,
+            _ => 0.0,
+        };
+        let mut variance = 0.0;
+        for (a, row) in mixture.covariance.iter().enumerate() {
+            for (b, covariance) in row.iter().enumerate() {
+                variance += slope(a) * slope(b) * covariance;
+            }
+        }
+        let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
+        let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
+        // Unexplained energy may come from parts in gear or out of gear.
+        let surplus = (mixture.weights[NOISE_INDEX] - self.long.noise / self.long.weight).max(0.0);
+        let unexplained_share =
+            (mixture.unexplained_energy + surplus) / (energy + mixture.weights[NOISE_INDEX]);
+        let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
+        let aligned = DELAY_BOUNDS[0] < self.delay
+            && self.delay < DELAY_BOUNDS[1]
+            && self.decay_time > MIN_DECAY_TIME;
+        let bound_error = if aligned { 0.0 } else { ERROR_AT_BOUND };
+        let systematic = [MIN_SHARE_ERROR, unexplained_share, excess, bound_error];
+        let squares = systematic.map(|error| error * error);
+        let error = square_root_single(random_variance + squares.iter().sum::<f32>());
+        (error < MAX_REPORTED_ERROR).then_some(GearShare { share, error })
+    }
+
     /// Misfit of the parts to the lot: unexplained energy beyond its bound, plus what the share
     /// lacks of [`MIN_CREDIBLE_SHARE`] times the smallest share of a part of the lot.
     fn estimate_misfit(&self, long: Option<&Agreement>) -> f32 {
@@ -542,9 +573,8 @@ impl ShareEstimator {
         }
         // Number of equally weighted cycles with the same variance of their mean.
         let weight = self.long.weight;
-        let min_share =
-            profile.min_credible_share(weight / (1.0 - 0.5 * weight / LONG_MEMORY_CYCLES));
-        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * min_share - long.in_gear).max(0.0)
+        let lowest = profile.min_credible_share(weight / (1.0 - 0.5 * weight / LONG_MEMORY_CYCLES));
+        long.excess.max(0.0) + (MIN_CREDIBLE_SHARE * lowest - long.in_gear).max(0.0)
     }
 
     /// Whether the parts do not fit the lot: the misfit lasts with each hypothesis on the scatter.
@@ -565,9 +595,9 @@ impl ShareEstimator {
         let (settings, profile) = (profiler.settings(), profiler.profile()?);
         let in_gear_weight = weights[..GROUPS].iter().sum::<f32>();
         let out_weight = weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
-        let excess_noise = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
-        let unexplained = (unexplained_energy + excess_noise)
-            / (impact_energy(weights, profile) + excess_noise).max(f32::MIN_POSITIVE);
+        let surplus = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
+        let unexplained = (unexplained_energy + surplus)
+            / (impact_energy(weights, profile) + surplus).max(f32::MIN_POSITIVE);
         let [systematic, random] =
             if has_out_of_gear_profile(profile) || settings.scatter < MIN_SCATTER {
                 MAX_UNEXPLAINED
@@ -675,48 +705,6 @@ impl ShareEstimator {
 fn round_k(k: f32) -> f32 {
     const STEP: u32 = 1 << 15;
     f32::from_bits((k.to_bits() + STEP / 2) & !(STEP - 1))
-}
-
-/// The share of a mixture; `None` if the noise or the error is too large. `noise`: measured noise
-/// energy per cycle; `aligned`: delay and decay time are within their bounds.
-fn estimate_share(
-    mixture: &Mixture,
-    profile: &StrikeProfile,
-    noise: f32,
-    aligned: bool,
-) -> Option<GearShare> {
-    let in_gear_weight = mixture.weights[..GROUPS].iter().sum::<f32>();
-    let out_weight = mixture.weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
-    let energy = impact_energy(&mixture.weights, profile);
-    let total_weight = in_gear_weight + out_weight;
-    if energy <= MIN_SIGNAL_TO_NOISE * mixture.weights[NOISE_INDEX] || total_weight <= 0.0 {
-        return None;
-    }
-    let share = in_gear_weight / total_weight;
-    // Derivative of the share by each weight, times the sum of weights.
-    let slope = |n: usize| match n {
-        n if n < GROUPS => 1.0 - share,
-        n if n < NOISE_INDEX => -share,
-        _ => 0.0,
-    };
-    let mut variance = 0.0;
-    for (a, row) in mixture.covariance.iter().enumerate() {
-        for (b, covariance) in row.iter().enumerate() {
-            variance += slope(a) * slope(b) * covariance;
-        }
-    }
-    let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
-    let random_variance = variance.max(0.0) * dispersion / (total_weight * total_weight);
-    // Unexplained energy may come from parts in gear or out of gear.
-    let excess_noise = (mixture.weights[NOISE_INDEX] - noise).max(0.0);
-    let unexplained_share =
-        (mixture.unexplained_energy + excess_noise) / (energy + mixture.weights[NOISE_INDEX]);
-    let excess = ERROR_PER_EXCESS * (share - profile.share()).max(0.0);
-    let bound_error = if aligned { 0.0 } else { ERROR_AT_BOUND };
-    let systematic = [MIN_SHARE_ERROR, unexplained_share, excess, bound_error];
-    let squares = systematic.map(|error| error * error);
-    let error = square_root_single(random_variance + squares.iter().sum::<f32>());
-    (error < MAX_REPORTED_ERROR).then_some(GearShare { share, error })
 }
 
 #[cfg(test)]
