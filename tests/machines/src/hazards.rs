@@ -21,11 +21,9 @@ const FAILURE_TIME: f64 = 2.5;
 /// A scenario: a working machine, then a failure.
 #[derive(Clone, Debug)]
 pub struct Hazard {
-    /// Name of the scenario.
     pub name: &'static str,
     /// The machine and the configured settings.
     pub scene: Scene,
-    /// The requested target.
     pub target: Target,
     /// Times in s and the failures.
     pub acts: Vec<(f64, Act)>,
@@ -72,7 +70,6 @@ impl Hazard {
         }
     }
 
-    /// Changes the scene.
     pub fn with(mut self, change: impl FnOnce(&mut Scene)) -> Self {
         change(&mut self.scene);
         self

@@ -65,24 +65,18 @@ pub struct Board {
     pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
-    /// A pending reset.
     pub reset: Option<Cause>,
-    /// Whether the supply is present.
     pub supplied: bool,
     /// Identity of the chip, and its flash size in KiB.
     pub identity: (u32, u32),
-    /// Whether the core is halted by a debugger.
     pub halted: bool,
     /// Whether conversions are triggered; false for a failed converter.
     pub converts: bool,
     /// Number of the flash operation, from 1, at which the supply fails.
     pub cut_at: Option<u64>,
-    /// Clocks.
     pub clocks: Clocks,
     power: Power,
-    /// Flash.
     pub flash: Flash,
-    /// RAM.
     pub ram: Vec<u8>,
     coupled: Vec<u8>,
     /// Ports A to I.
@@ -97,7 +91,6 @@ pub struct Board {
     pub memory_below_ram: Vec<u8>,
     /// USART1 to USART3, UART4.
     pub serials: [Serial; 4],
-    /// IWDG.
     pub watchdog: Independent,
     window: Window,
     pub(super) system: System,
@@ -106,7 +99,6 @@ pub struct Board {
     monitor: bool,
     configuration: [u32; 8],
     stops: [u32; 3],
-    /// The chip's surroundings.
     pub world: World,
 }
 
@@ -294,7 +286,6 @@ impl Board {
         self.next = next;
     }
 
-    /// Executes the events that are due.
     pub(super) fn run_due(&mut self) {
         if self.next <= self.now {
             self.run_events();
@@ -416,7 +407,6 @@ impl Board {
         self.break_input(self.is_break(BREAK_BY_LOCKUP));
     }
 
-    /// Stops the crystal.
     pub fn crystal_stops(&mut self) {
         let detected = self.clocks.crystal_stops(self.now);
         self.clock_tree();

@@ -106,7 +106,6 @@ impl Cause {
     }
 }
 
-/// The registers, and the crystal.
 #[derive(Clone, Debug)]
 pub struct Clocks {
     /// Frequency of the crystal, Hz; 0: it does not oscillate.
@@ -159,7 +158,6 @@ impl Clocks {
         };
     }
 
-    /// Sets the flags of a reset's cause.
     pub fn note(&mut self, cause: Cause) {
         self.status |= cause.flags(self.kind);
     }

@@ -5,7 +5,6 @@
 
 use std::ops::Range;
 
-/// A chip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// STM32F405RG (RM0090, DS8626).
@@ -172,7 +171,6 @@ const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
 ];
 
 impl Kind {
-    /// The numbers of this chip.
     pub fn facts(self) -> &'static Facts {
         match self {
             Self::Stm32f405 => &STM32F405,
@@ -195,9 +193,6 @@ impl Kind {
     }
 
     /// Address of a register of this chip, from its address on the STM32F405.
-    ///
-    /// # Panics
-    /// The block does not exist.
     pub fn address(self, same: u32) -> u32 {
         let mut blocks = BLOCKS.iter();
         let block = blocks.find(|(_, count, [first, _])| same.wrapping_sub(*first) < count * SIZE);

@@ -29,7 +29,6 @@ pub enum Event {
     Fault(bool),
     /// Level of the fieldbus's driver enable.
     BusDriver(bool),
-    /// The chip was reset.
     Reset(Cause),
     /// The core has stopped: a fault within a fault (lock-up).
     LockedUp,
@@ -76,7 +75,6 @@ impl Default for World {
 }
 
 impl World {
-    /// Builds the surroundings for a scene.
     pub fn new(scene: &Scene) -> Result<Self, kband::feeder::OutOfRange> {
         let Settings { frequency, .. } = scene.settings;
         Ok(Self {
@@ -106,7 +104,6 @@ impl World {
         (self.held, self.since) = (output, now);
     }
 
-    /// Advances the track by a step.
     pub fn advance(&mut self) {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
@@ -128,7 +125,6 @@ impl World {
         x.hypot(v / self.angular)
     }
 
-    /// Adds an event to the trace.
     pub fn record(&mut self, now: u64, event: Event) {
         self.trace.push((now, event));
     }
