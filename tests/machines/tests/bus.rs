@@ -268,11 +268,14 @@ fn without_authority_the_bus_reads_and_the_desk_commands() {
 fn a_save_over_the_bus_outlasts_a_power_cut() {
     let mut rig = under(Target::K(0.8), 1.0);
     rig.bus_write(1, &[2]);
+    let frequency = float(60.0);
+    rig.bus_write(100, &frequency);
     rig.bus_write(9, &[1]);
     rig.run_for(0.1);
     assert_eq!(rig.bus_word(9), 2);
     rig.power_cycle(0.1, 0.5);
     assert_eq!(rig.bus_word(1), 2);
+    assert_eq!([100, 101].map(|at| rig.bus_word(at)), frequency);
     assert_eq!(rig.bus_word(9), 0);
 }
 
