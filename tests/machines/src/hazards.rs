@@ -36,8 +36,6 @@ pub struct Hazard {
 /// Result of a scenario.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Amplitude of the track before the failure, mm.
-    pub before: f64,
     /// Largest displacement of the track after the failure, mm.
     pub largest: f64,
     /// Amplitude at the end, mm.
@@ -140,12 +138,10 @@ impl Hazard {
         for (time, act) in &self.acts {
             rig.at(*time, act.clone());
         }
-        let before = rig.amplitude();
         rig.peak();
         rig.run(self.until);
         let fault = rig.faults_after(self.from);
         Outcome {
-            before,
             largest: rig.peak(),
             after: rig.amplitude(),
             opens: rig.opening_after(self.from),

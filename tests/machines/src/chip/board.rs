@@ -14,7 +14,7 @@ use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
-use super::world::{CURRENT_CHANNEL, Event, STEP, World};
+use super::world::{Event, STEP, World};
 use super::{set_word, word};
 
 /// First address of the RAM.
@@ -25,7 +25,6 @@ const COUPLED: u32 = 0x1000_0000;
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
 /// Interrupt numbers (12.2, table 62).
-const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
 /// Interrupt number of EXTI line 0.
 const EDGE: u16 = 6;
@@ -229,7 +228,6 @@ impl Board {
 
     fn interrupts(&mut self) {
         let system = &mut self.system;
-        system.line(WINDOW, self.window.interrupts());
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
         system.line(EDGE, self.lines[5] & self.lines[0] & 1 != 0);
         system.line(CONVERTED, self.converter.interrupts());
@@ -278,8 +276,7 @@ impl Board {
         next = next
             .min(self.bridge.due())
             .min(self.converter.due())
-            .min(self.window.due(lower))
-            .min(self.window.warns(lower));
+            .min(self.window.due(lower));
         for serial in &self.serials {
             next = next.min(serial.due());
         }
@@ -315,7 +312,7 @@ impl Board {
                 self.trigger(triggers, due);
                 self.drive(due);
             } else {
-                self.convert(due);
+                self.convert();
             }
         }
         if !self.supplied {
@@ -334,16 +331,12 @@ impl Board {
         self.refresh();
     }
 
-    fn convert(&mut self, at: u64) {
-        let (reading, others) = (self.world.reading, self.world.analogue);
-        let reference = (1.21 / self.power.volts * 4096.0) as u16;
-        let [accelerometer, current, referenced] = self.kind.facts().channels;
-        self.converter.end(at, |channel| match channel {
-            channel if channel == accelerometer => reading,
-            channel if channel == current => others[CURRENT_CHANNEL],
-            16 => (0.76 / 3.3 * 4096.0) as u16,
-            channel if channel == referenced => reference.min(4095),
-            channel => others.get(channel as usize).copied().unwrap_or(0),
+    fn convert(&mut self) {
+        let channels = self.kind.facts().channels;
+        let readings = [self.world.reading, self.world.current];
+        self.converter.end(|channel| {
+            let wired = channels.iter().position(|wired| *wired == channel);
+            wired.map_or(0, |index| readings[index])
         });
     }
 
@@ -351,9 +344,6 @@ impl Board {
         let lower = self.lower();
         if self.watchdog.due() <= self.now {
             self.reset = Some(Cause::Watchdog);
-        }
-        if self.window.warns(lower) <= self.now {
-            self.window.early = true;
         }
         if self.window.due(lower) <= self.now {
             self.reset = Some(Cause::Window);

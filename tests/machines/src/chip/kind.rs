@@ -39,8 +39,8 @@ pub struct Facts {
     pub brown_out: &'static [f64],
     /// Alternate function of the pins of TIM1.
     pub timer_function: u8,
-    /// Converter channels: accelerometer (PA1), current sensor (PC0), reference.
-    pub channels: [u32; 3],
+    /// Converter channels: accelerometer (PA1), current sensor (PC0).
+    pub channels: [u32; 2],
     /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
     pub ports: [[u32; 2]; 3],
     /// Bits of the prescaler in the window watchdog's configuration.
@@ -74,7 +74,7 @@ const STM32F405: Facts = Facts {
     levels: &[1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88],
     brown_out: &[2.83, 2.44, 2.19, 0.0],
     timer_function: 1,
-    channels: [1, 10, 17],
+    channels: [1, 10],
     ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
     window_prescaler: 3 << 7,
     // DS8626, table 40.
@@ -102,7 +102,7 @@ const STM32G474: Facts = Facts {
     levels: &[2.05, 2.2, 2.36, 2.52, 2.64, 2.81, 2.9],
     brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
     timer_function: 6,
-    channels: [2, 6, 18],
+    channels: [2, 6],
     ports: [
         [0xabff_ffff, 0x6400_0000],
         [0xffff_febf, 0x100],

@@ -110,6 +110,8 @@ impl Core {
             0..=3 => self.set_flags(value),
             8 => self.r[STACK] = value & !3,
             16 => self.mask = value & 1 == 1,
+            // The loaders select the first stack, which is the only one here.
+            20 if value & 0b10 == 0 => {}
             _ => return Err(Fault::Undefined),
         }
         self.attention = true;
