@@ -60,20 +60,6 @@ fn the_bridge_opens_in_time_for_every_cause() {
 }
 
 #[test]
-fn the_cause_of_an_open_bridge_is_reported_and_kept() {
-    let rig = running();
-    for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
-        let mut rig = rig.clone();
-        rig.at(3.0, act.clone()).run(3.03);
-        // Lamp and log follow within one cycle and the time to write a record.
-        assert!(rig.faults_after(3.0).is_some(), "{act:?}");
-        // The record waits until the supply has been good for 100 ms.
-        rig.at(3.1, Act::Volts(3.3)).run(3.4);
-        assert_eq!(rig.stored_fault(0), Some(number), "{act:?}");
-    }
-}
-
-#[test]
 fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     let mut rig = running();
     // In the last eighth of the stack; each cycle checks some words of it, and 80 cycles check all
@@ -84,16 +70,6 @@ fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
     rig.run(4.9);
     assert_eq!(rig.stored_fault(0), Some(10));
-}
-
-#[test]
-fn a_reset_by_the_pin_while_it_drives_is_a_fault() {
-    let mut rig = running();
-    rig.chip.reset(Cause::Pin);
-    rig.run(3.5);
-    assert_eq!(rig.resets()[1].1, Cause::Pin);
-    assert!(rig.faults_after(3.0).is_some());
-    assert_eq!(rig.closes_after(3.001), None);
 }
 
 #[test]

@@ -84,7 +84,6 @@ fn a_bounce_acknowledges_no_fault_and_the_third_locks_out(kind: Kind) {
     }
 }
 
-/// READY must be off without a part on the track and after an over-current.
 fn ready_is_off_outside_the_requested_regime(kind: Kind) {
     let alone = Hazard::new("lock without a part", 50.0, Target::Locked { order: 1 });
     shakes_without_ready(kind, &alone.end(4.0));
@@ -93,8 +92,9 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
         (2.6, Act::OverCurrent(false)),
     ];
     let acts = passes.into_iter().chain(withdrawn(3.0, 3.6));
-    let rig = play(kind, &machine().acts(acts).end(4.2)).rig;
+    let mut rig = play(kind, &machine().acts(acts).end(4.2)).rig;
     assert!(rig.opening_after(2.5).is_some_and(|time| time < 1e-4));
+    assert_eq!(rig.stored_fault(0), Some(Fault::OverCurrent.number()));
     let dark = rig.find_time(2.5, &Event::Ready(false)).unwrap();
     let fault = rig.faults_after(2.5).unwrap();
     assert!(dark < 2.522 && fault < 2.522, "{dark} {fault}");
@@ -115,10 +115,6 @@ fn ready_in_gear_follows_the_estimated_share(kind: Kind) {
     let on = outcome.ready.expect("gear is detected");
     let off = outcome.rig.find_time(on, &Event::Ready(false));
     let off = off.expect("they are out of it") - parts.from;
-    println!(
-        "READY on {:.3} s after the input, off {off:.3} s after gear",
-        on - ENABLE_TIME
-    );
     assert!((0.0..2.0).contains(&off), "{off}");
     let recovery = outcome.rig.find_time(parts.from, &Event::Ready(true));
     assert_eq!(recovery, None, "they never come back to it");
@@ -142,7 +138,6 @@ fn the_voltage_goes_to_its_middle_with_the_bridge(kind: Kind) {
         let rig = hazard.before(kind);
         let from = rig.time();
         for act in [Act::OverCurrent(true), Act::Volts(2.8)] {
-            // At different phases of the drive.
             for n in 0..5 {
                 let mut rig = rig.clone();
                 let at = from + 1e-3 + f64::from(n) / f64::from(5.3 * frequency);
@@ -252,7 +247,6 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on(kind: Kind) {
     assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
     assert_eq!(rig.chip.board.ports[2].output(2), Some(false), "READY");
     assert_eq!(rig.closes_after(0.0), None);
-    // A reset makes them float again.
     rig.chip.reset(Cause::Window);
     assert!(floats(&rig.chip));
 }
@@ -325,7 +319,6 @@ fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
         let place = format!("{n}: {volts} V at {at} s for {time} s");
         assert_eq!(rig.chip.board.world.outside, 0, "{place}");
         assert_eq!(rig.closes_after(1.0), None, "{place}");
-        // The board must still answer.
         rig.request_done(&Request::Alive);
     }
     let running = running(kind);
@@ -369,7 +362,6 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good(kind: Kind) {
     let narrow = std::iter::repeat_n((5000.0, 0.9), 5);
     for (n, (frequency, duty)) in chatters.chain(narrow).enumerate() {
         let mut rig = running.clone();
-        // At different phases of drive and samples.
         let from = 3.0 + 1.237e-3 * n as f64;
         let until = from + 0.04 + 1.2 / frequency;
         for (time, act) in chatter(frequency, duty, from, until) {
@@ -444,7 +436,6 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     let save = |rig: &mut Rig| rig.request(&Request::Save, |response| format!("{response:?}"));
     let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
     assert_eq!(save(&mut low), refused);
-    // The supply returns, falls again briefly, or the chip is reset meanwhile.
     for name in ["returns", "falls again", "reset"] {
         let mut rig = low.clone();
         if name == "reset" {
@@ -476,7 +467,6 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     }
 }
 
-/// The supply falls between two words of a save: no further word may be programmed.
 fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
     let mut rig = machine().commissioned(kind);
     set_pair(&mut rig, [0.9, 0.1]);
@@ -620,7 +610,6 @@ fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
         let [olds, news] = cut_saves(&rig, old, operations);
         old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
     }
-    println!("cut saves, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 
@@ -659,11 +648,9 @@ fn settings_of_an_older_image_drive_and_move_with_a_save() {
     let operations = operations_of_a_save(&mut rig);
     assert_eq!(operations, RECORD as u64 / 4 + 2 * (1 + 4));
     let old_or_new = cut_saves(&rig, [700, 300], operations);
-    println!("cut conversions, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 
-/// A save into a nearly full bank must end before the watchdog resets the chip.
 fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
     let mut rig = with_records(kind, records_per_bank(kind) - 1);
     // Slowest flash and fastest watchdog by the data sheets.
@@ -686,7 +673,6 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
         times.push((rig.time() - before, erased));
         assert_eq!(rig.stored(), SavedSettings::InUse, "{n}");
     }
-    println!("saves and their erasures: {times:?}");
     // One record fits. The next begins the other bank, which is erased after two, too.
     let erases = times.iter().filter(|(_, erased)| *erased > 0).count();
     assert_eq!(erases, 1 + 2 / records_per_bank(kind), "{times:?}");
@@ -851,7 +837,7 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth(kind: Kind) {
 }
 
 /// After power-on the board waits for the enable input without a fault. RAM that kept its mark
-/// shows a sag, which is one.
+/// shows a sag or a reset by the pin, which are faults.
 fn a_power_on_is_no_fault_and_a_sag_is_one(kind: Kind) {
     let mut rig = machine().commissioned(kind);
     rig.at(1.1, Act::Volts(0.0)).at(1.2, Act::Volts(3.3));
@@ -859,15 +845,19 @@ fn a_power_on_is_no_fault_and_a_sag_is_one(kind: Kind) {
     assert_eq!(rig.resets().len(), 2, "{:?}", rig.resets());
     assert_eq!(rig.faults_after(1.1), None);
     assert_eq!(rig.closes_after(1.1), None);
-    let from = rig.time();
-    rig.chip.reset(Cause::BrownOut);
-    rig.run(from + 0.3);
-    assert!(rig.faults_after(from).is_some());
-    assert_eq!(rig.stored_fault(0), Some(Fault::WatchdogReset.number()));
+    let running = running(kind);
+    for cause in [Cause::BrownOut, Cause::Pin] {
+        let mut rig = running.clone();
+        let from = rig.time();
+        rig.chip.reset(cause);
+        rig.run(from + 0.3);
+        assert!(rig.faults_after(from).is_some(), "{cause:?}");
+        assert_eq!(rig.closes_after(from + 1e-3), None, "{cause:?}");
+        let fault = Fault::WatchdogReset.number();
+        assert_eq!(rig.stored_fault(0), Some(fault), "{cause:?}");
+    }
 }
 
-/// A sag of the running drive is fault 14 and opens the bridge. Once the supply is good again, an
-/// acknowledgement and a press start the drive.
 fn a_sag_that_is_over_can_be_acknowledged(kind: Kind) {
     let mut rig = running(kind);
     let sag = rig.time();

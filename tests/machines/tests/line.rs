@@ -67,7 +67,6 @@ fn amplitudes(rig: &mut Rig, times: u32) -> Vec<f64> {
     values.collect()
 }
 
-/// A flood of requests must neither hang the link nor delay the control.
 #[test]
 fn a_thousand_pipelined_requests_are_answered() {
     let boards = [5.0, 130.0, 500.0].map(|frequency| (Kind::Stm32f405, frequency));
@@ -108,7 +107,6 @@ fn a_thousand_pipelined_requests_are_answered() {
             }
         }
         let counters = rig.counters();
-        println!("{frequency} Hz: {answers} answers, {rows} rows, {counters:?}");
         // The board answers 32 requests in a drive cycle and counts the others. The port's ring
         // buffer loses some requests that arrive faster than answers leave.
         assert!(answers >= 190, "{frequency} Hz: {answers}");
@@ -232,7 +230,6 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     let lamp = rig.find_time(rest, &Event::Fault(true));
     assert!(lamp.is_some_and(|time| time < rest + 0.2), "{lamp:?}");
     assert_eq!(rig.find_time(from + 0.01, &Event::Bridge(true)), None);
-    // The link answers.
     let repeated = Fault::RepeatedResets.number();
     assert_eq!(rig.stored_fault(0), Some(repeated));
     rig.run_for(12.0);
@@ -249,7 +246,6 @@ fn three_resets_end_at_rest_with_fault_and_link() {
     assert!((rig.amplitude() - 0.2).abs() < 0.01, "{}", rig.amplitude());
 }
 
-/// PC1 to ground makes the link read-only; the link may still withdraw the enable.
 #[test]
 fn the_strap_makes_the_link_read_only() {
     let mut rig = machine();

@@ -158,13 +158,3 @@ fn a_cut_return_leaves_the_old_image() {
     let old_and_new = cut(&rig, &cuts, |rig| rig.chip.reset(Cause::Pin));
     assert_eq!(old_and_new, [cuts.len() as u32, 0]);
 }
-
-#[test]
-fn a_cut_confirmation_leaves_the_old_or_the_new_image() {
-    let rig = on_trial();
-    let old_and_new = cut(&rig, &[1, 2, 3], |rig| {
-        let frame = rig.update_frame(&UpdateRequest::Confirm);
-        rig.act(&Act::Link(frame));
-    });
-    assert_eq!(old_and_new.iter().sum::<u32>(), 3);
-}
