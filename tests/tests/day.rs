@@ -112,38 +112,33 @@ impl Script {
         }
         self.next = now + self.random.between(30.0, 120.0);
         let random = &mut self.random;
-        let after = |length: f64| now + length;
-        let (name, changes) = match random.bits() % 8 {
+        let kind = random.bits() % 8;
+        // From now on for some seconds, another change, and its return.
+        let mut spell = |low: f64, high: f64, change: fn(bool) -> Change, on: bool| {
+            let end = now + random.between(low, high);
+            vec![(now, change(on)), (end, change(!on))]
+        };
+        let (name, changes) = match kind {
             0..3 => {
                 let part = random.between(0.18, 0.22) as f32;
                 ("other parts", vec![(now, Change::Restitution(part))])
             }
-            3..5 => {
-                // At most two cycles, from any start; no fault.
-                let end = after(random.between(0.01, 0.039));
-                let changes = [(now, true), (end, false)];
-                let lose = |(at, lost)| (at, Change::SensorLost(lost));
-                ("short drop-out", changes.map(lose).into())
-            }
+            // At most two cycles, from any start; no fault.
+            3..5 => (
+                "short drop-out",
+                spell(0.01, 0.039, Change::SensorLost, true),
+            ),
             5 => {
-                let changes = [
+                let changes = vec![
                     (now, Change::SensorLost(true)),
-                    (after(1.0), Change::SensorLost(false)),
-                    (after(2.0), Change::Enable(false)),
-                    (after(3.0), Change::Enable(true)),
+                    (now + 1.0, Change::SensorLost(false)),
+                    (now + 2.0, Change::Enable(false)),
+                    (now + 3.0, Change::Enable(true)),
                 ];
-                (LOST_SENSOR, changes.into())
+                (LOST_SENSOR, changes)
             }
-            6 => {
-                let end = after(random.between(0.02, 8.0));
-                let changes = [(now, Change::Enable(false)), (end, Change::Enable(true))];
-                ("pause", changes.into())
-            }
-            _ => {
-                let end = after(random.between(0.5, 8.0));
-                let changes = [(now, Change::Link(false)), (end, Change::Link(true))];
-                ("silent link", changes.into())
-            }
+            6 => ("pause", spell(0.02, 8.0, Change::Enable, false)),
+            _ => ("silent link", spell(0.5, 8.0, Change::Link, false)),
         };
         self.due.extend(changes);
         self.due.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -180,10 +175,9 @@ fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
     let (mut restitution, mut phase) = (None, None);
     while now < seconds {
         for change in script.changes(now) {
-            upset = match change {
-                Change::Gain(_) => upset,
-                _ => now,
-            };
+            if !matches!(change, Change::Gain(_)) {
+                upset = now;
+            }
             if let Change::Restitution(changed) = change {
                 (restitution, phase) = (Some(changed), None);
             }
@@ -223,14 +217,13 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     // Every kind of event occurred, and each lost sensor gave a fault.
-    let kinds = [
+    for name in [
         "other parts",
         "short drop-out",
         LOST_SENSOR,
         "pause",
         "silent link",
-    ];
-    for name in kinds {
+    ] {
         assert!(times(name) > 0, "{name}");
     }
     assert_eq!(times(LOST_SENSOR), times("faulted"));

@@ -5,7 +5,7 @@
 //! `tests/run.sh --soak` sends a million.
 
 use kband_control::Target;
-use kband_control::wire::{Request, Response};
+use kband_control::wire::Request;
 use kband_tests::chip::kind::Kind;
 use kband_tests::chip::{LINK, SAMPLE};
 use kband_tests::number;
@@ -58,17 +58,7 @@ fn frame(rig: &mut Rig, random: &mut Random) -> Vec<u8> {
     }
 }
 
-#[test]
-fn a_flood_of_frames_delays_no_sample_and_is_counted() {
-    flood(Kind::Stm32f405);
-}
-
-#[test]
-fn nor_on_the_stm32g474() {
-    flood(Kind::Stm32g474);
-}
-
-fn flood(kind: Kind) {
+fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
     let frames = number("KBAND_FRAMES", 10_000);
     let mut random = Random::new(number("KBAND_SEED", 1));
     let mut rig = Rig::boot_on(kind);
@@ -85,13 +75,7 @@ fn flood(kind: Kind) {
     let began = rig.time();
     rig.chip.forget_handlers();
     let lost = rig.chip.board.serials[1].lost;
-    let count = |rig: &mut Rig| {
-        rig.request(&Request::Counters, |response| match response {
-            Response::Counters(counters) => counters,
-            other => panic!("{other:?}"),
-        })
-    };
-    let before = count(&mut rig);
+    let before = rig.counters();
     let (mut sent, mut counts, mut sent_bytes) = (0_u64, 1_u64, 0);
     let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
     while sent < frames {
@@ -108,11 +92,11 @@ fn flood(kind: Kind) {
         // Discards the output so far.
         rig.chip.board.serials[1].sent.clear();
         if counts * 500 < sent {
-            count(&mut rig);
+            rig.counters();
             counts += 1;
         }
     }
-    let after = count(&mut rig);
+    let after = rig.counters();
     counts += 1;
     let counted = after.frames() - before.frames();
     let lost = rig.chip.board.serials[1].lost - lost;
@@ -135,16 +119,11 @@ fn flood(kind: Kind) {
     assert!(sampling.count as f64 > due, "{sampling:?} in {lasted} s");
     assert!(low > 0.98 * held && high < 1.02 * held);
     assert_eq!(rig.resets().len(), 1);
-    let state = rig.request(&Request::Status, |response| match response {
-        Response::Status(status) => status.ready,
-        other => panic!("{other:?}"),
-    });
-    assert!(state, "it holds what it was told");
-    rig.act(&Act::Enable(false));
-    rig.run(rig.time() + 3.0);
-    let missed = rig.request(&Request::SelfTest, |response| match response {
-        Response::SelfTest(test) => Some(test.missed),
-        _ => None,
-    });
-    assert_eq!(missed, Some(0), "cycles whose control came too late");
+    assert!(rig.status().ready, "it holds its target");
+    rig.act(&Act::Enable(false)).run_for(3.0);
+    assert_eq!(rig.self_test().missed, 0, "cycles whose control came late");
+}
+
+kband_tests::on_both! {
+    a_flood_of_frames_delays_no_sample_and_is_counted,
 }

@@ -54,7 +54,6 @@ type DesignResult = (Option<Row>, Vec<Row>, Vec<Row>, [usize; 2], [f64; 4]);
 
 /// Searches feeders with the drive of a scene.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn design(
     py: Python<'_>,
     given: Given<'_>,

@@ -12,6 +12,7 @@
 //! | `feeder` | plant and controller, sample by sample |
 //!
 //! Functions here take and give arrays of one dimension; the package broadcasts and names results.
+#![allow(clippy::too_many_arguments, reason = "the package names them")]
 
 mod board;
 mod design;

@@ -174,7 +174,6 @@ fn fly_on_tones(
 
 /// One impact of each launch: phase and speed after it, into `next_phase` and `next_speed`.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn impacts(
     py: Python<'_>,
     phase: PyReadonlyArray1<'_, f64>,
@@ -254,7 +253,6 @@ pub fn stream(seed: u64, number: u64) -> u64 {
 
 /// The first `impacts` impacts of the orbit from each launch, orbit by orbit.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn orbits(
     py: Python<'_>,
     phase: PyReadonlyArray1<'_, f64>,

@@ -71,13 +71,9 @@ pub fn doublings(
     })?;
     Ok(result.map(|cascade| {
         let limit = cascade.k_infinity().map(|limit| (limit.value, limit.error));
-        (
-            cascade.birth(),
-            cascade.flips().to_vec(),
-            cascade.ratios().collect(),
-            limit,
-            cascade.end() == CascadeEnd::Complete,
-        )
+        let (flips, ratios) = (cascade.flips().to_vec(), cascade.ratios().collect());
+        let complete = cascade.end() == CascadeEnd::Complete;
+        (cascade.birth(), flips, ratios, limit, complete)
     }))
 }
 
@@ -87,7 +83,6 @@ const TASK_PERIODS: f64 = 1e5;
 /// Share of time in gear of each part at each k. Then the mean time to a loss over all parts, in
 /// drive periods; infinite without a loss.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn gear_shares(
     py: Python<'_>,
     restitutions: Vec<f64>,
@@ -243,7 +238,6 @@ type CapturePlanned = (f64, Vec<(f32, u16, u16, f32)>, f64);
 
 /// Plans the kicks that lock a lot.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn capture_plan(
     py: Python<'_>,
     restitution: [f64; 2],
@@ -261,30 +255,31 @@ pub fn capture_plan(
     })?;
     let k = k.unwrap_or(band.setpoint());
     if !band.contains(k) {
-        let (low, high) = (band.low(), band.high());
-        let accepted = format!("accepted: {low}..{high}, the band of this lot");
-        return Err(PyValueError::new_err(format!(
-            "k = {k} is refused; {accepted}"
-        )));
+        let accepted = format!("{}..{}, the band of this lot", band.low(), band.high());
+        let message = format!("k = {k} is refused; accepted: {accepted}");
+        return Err(PyValueError::new_err(message));
     }
-    let drive = DriveLag::build(DriveLagSettings {
+    let start = 0.0;
+    let lag = DriveLagSettings {
         time_constant,
-        start: 0.0,
+        start,
         limit,
-    });
-    let mut planner = Planner::new(PlanSettings {
-        lot: Lot {
-            k,
-            restitution,
-            order,
-            amplitude_error,
-            contact: ContactTime::INSTANT,
-        },
-        drive: drive.map_err(Refused::from)?,
+    };
+    let lot = Lot {
+        k,
+        restitution,
+        order,
+        amplitude_error,
+        contact: ContactTime::INSTANT,
+    };
+    let drive = DriveLag::build(lag).map_err(Refused::from)?;
+    let settings = PlanSettings {
+        lot,
+        drive,
         time_constant,
         effort,
-    })
-    .map_err(Refused::from)?;
+    };
+    let mut planner = Planner::new(settings).map_err(Refused::from)?;
     let plan = py.detach(|| {
         let mut poll = InterruptPoll::new();
         loop {
@@ -309,7 +304,6 @@ type Exponents = ([f64; 2], [f64; 2], f64, &'static str);
 
 /// The largest Lyapunov exponent at each k, of the orbit that begins beside the lock.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn exponents(
     py: Python<'_>,
     k: Vec<f64>,
@@ -354,7 +348,6 @@ pub enum Along {
 /// Conveying speed at each k of a part from rest: mean over time in m/s, share of time in flight,
 /// and type of motion.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the package names them")]
 pub fn transport_speeds(
     py: Python<'_>,
     k: Vec<f64>,
@@ -377,8 +370,8 @@ pub fn transport_speeds(
     .map_err(Refused::from)?;
     let wave = wave(tones)?;
     if !wave.is_sine() && matches!(along, Along::Kept(_)) {
-        let accepted = "accepted: friction with tones";
-        let message = format!("tones are refused with tangential_restitution; {accepted}");
+        let message =
+            "tones are refused with tangential_restitution; accepted: friction with tones";
         return Err(PyValueError::new_err(message));
     }
     let effort = Effort { settle, impacts };

@@ -158,10 +158,7 @@ pub fn simulate<'py>(
                 Refusal::interrupted()
             })
         });
-        match interrupted {
-            Some(error) => Err(error),
-            None => Ok(outcome.map_err(Refused::from)?),
-        }
+        interrupted.map_or_else(|| Ok(outcome.map_err(Refused::from)?), Err)
     })?;
     let columns = COLUMNS.map(|of| outcome.moments().iter().map(of).collect());
     Ok((summary(py, &outcome, fidelity)?, columns.into()))

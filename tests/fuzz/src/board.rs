@@ -21,13 +21,8 @@ use crate::desk;
 use crate::frames::{framed, framed_update, payload};
 use crate::store::Flash;
 
-/// Dictionary of events.
-pub const WORDS: &[&[u8]] = &[
-    b"amplitude_limit",
-    b"gain",
-    b"output_maximum",
-    b"stm32f405rg",
-];
+/// Words of events.
+pub const WORDS: &str = "amplitude_limit|gain|output_maximum|stm32f405rg";
 
 static EXCHANGE: Exchange = Exchange::empty();
 

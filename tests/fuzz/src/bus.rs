@@ -7,8 +7,8 @@ use kband_control::{Settings, Target};
 
 use crate::Reader;
 
-/// Dictionary of requests.
-pub const WORDS: &[&[u8]] = &[&[3, 0, 0, 0, 10], &[16, 0, 0, 0, 4, 8], &[43, 14, 1, 0]];
+/// Words of requests.
+pub const WORDS: &str = "\x03\0\0\0\x0a|\x10\0\0\0\x04\x08|\x2b\x0e\x01\0";
 
 /// Unit of the board.
 const UNIT: u8 = 17;

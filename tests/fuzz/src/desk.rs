@@ -18,48 +18,19 @@ use kband_plant::{ClosedLoop, EnvelopeLoop};
 use crate::Reader;
 use crate::frames::framed;
 
-/// Dictionary of a scene.
-pub const SCENE: &[&[u8]] = &[
-    b"[track]",
-    b"[part]",
-    b"[drive]",
-    b"[target]",
-    b"[expect]",
-    b"[[disturbance]]",
-    b"frequency = ",
-    b"restitution = [0.1, 0.3]",
-    b"scatter = 0.1",
-    b"count = 3",
-    b"locked = 1",
-    b"gear = 1",
-    b"k = 0.41",
-    b"at = 1.0",
-    b"gain = ",
-    b"quality = 200.0",
-];
-/// Dictionary of a settings file.
-pub const SETTINGS: &[&[u8]] = &[b"frequency = ", b"1e400", b"inf", b"[a]\n", b"\"\"\""];
-/// Dictionary of a recipes file.
-pub const RECIPES: &[&[u8]] = &[
-    b"recipes = ",
-    b"\n[[recipe]]\n",
-    b"number = 1",
-    b"name = ",
-    b"target = \"gear\"",
-    b"value = ",
-    b"inf",
-];
-/// Dictionary of a table of launches.
-pub const ROWS: &[&[u8]] = &[
-    b"k,restitution,phase,velocity",
-    b"\n",
-    b",",
-    b"1e16",
-    b"0x1p3",
-    b"-0",
-];
-/// Dictionary of an image.
-pub const ELF: &[&[u8]] = &[b"stm32f405rg", b"stm32g474re", b".chip", b".vector_table"];
+/// Words of a scene.
+pub const SCENE: &str = "[track]|[part]|[drive]|[target]|[expect]|[[disturbance]]|frequency = |\
+    restitution = [0.1, 0.3]|scatter = 0.1|count = 3|locked = 1|gear = 1|k = 0.41|at = 1.0|gain = |\
+    quality = 200.0";
+/// Words of a settings file.
+pub const SETTINGS: &str = "frequency = |1e400|inf|[a]\n|\"\"\"";
+/// Words of a recipes file.
+pub const RECIPES: &str =
+    "recipes = |\n[[recipe]]\n|number = 1|name = |target = \"gear\"|value = |inf";
+/// Words of a table of launches.
+pub const ROWS: &str = "k,restitution,phase,velocity|\n|,|1e16|0x1p3|-0";
+/// Words of an image.
+pub const ELF: &str = "stm32f405rg|stm32g474re|.chip|.vector_table";
 
 /// Largest length of a readable message, bytes.
 const MAX_MESSAGE_BYTES: usize = 10_000;

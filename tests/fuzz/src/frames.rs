@@ -6,8 +6,8 @@ use kband_control::wire::{
     write_update_request,
 };
 
-/// Dictionary of messages.
-pub const WORDS: &[&[u8]] = &[b"amplitude_limit", b"frequency", b"stm32f405rg"];
+/// Words of messages.
+pub const WORDS: &str = "amplitude_limit|frequency|stm32f405rg";
 
 /// A frame with a valid checksum and its end byte; `None` if it is too long.
 pub fn framed(sequence: u8, message: &[u8]) -> Option<Vec<u8>> {

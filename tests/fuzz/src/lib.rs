@@ -25,8 +25,8 @@ pub struct Target {
     pub run: fn(&[u8]) -> bool,
     /// Number of mutated inputs in a short run, which takes 1 or 2 s on a busy machine.
     pub short: u32,
-    /// Dictionary of its inputs.
-    pub tokens: Tokens,
+    /// Words in its inputs, separated by `|`.
+    pub words: &'static str,
 }
 
 /// All targets.
@@ -35,22 +35,25 @@ pub const TARGETS: &[Target] = &[
     target("settings", desk::settings, 40_000, desk::SETTINGS),
     target("recipes", board::recipes, 5000, desk::RECIPES),
     target("rows", desk::rows, 40_000, desk::ROWS),
-    target("record", desk::record, 40_000, &[]),
+    target("record", desk::record, 40_000, ""),
     target("elf", desk::elf, 40_000, desk::ELF),
     target("frames", frames::frames, 200_000, frames::WORDS),
     target("bus", bus::bus, 100_000, bus::WORDS),
     target("service", board::service, 10_000, board::WORDS),
-    target("store", store::store, 3000, &[]),
+    target("store", store::store, 3000, ""),
 ];
 
-type Tokens = &'static [&'static [u8]];
-
-const fn target(name: &'static str, run: fn(&[u8]) -> bool, short: u32, tokens: Tokens) -> Target {
+const fn target(
+    name: &'static str,
+    run: fn(&[u8]) -> bool,
+    short: u32,
+    words: &'static str,
+) -> Target {
     Target {
         name,
         run,
         short,
-        tokens,
+        words,
     }
 }
 

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug)]
 pub struct Mutator<'a> {
     corpus: &'a [Vec<u8>],
-    tokens: &'a [&'a [u8]],
+    tokens: Vec<&'a [u8]>,
     state: u64,
 }
 
@@ -23,11 +23,12 @@ const EDGES: [&[u8]; 8] = [
 const MAX_INPUT_BYTES: usize = 1 << 16;
 
 impl<'a> Mutator<'a> {
-    /// Inputs of `seed` near those of `corpus`, with `tokens` in some of them.
-    pub fn new(corpus: &'a [Vec<u8>], tokens: &'a [&'a [u8]], seed: u64) -> Self {
+    /// Inputs of `seed` near those of `corpus`, with `words`, separated by `|`, in some of them.
+    pub fn new(corpus: &'a [Vec<u8>], words: &'a str, seed: u64) -> Self {
+        let tokens = words.split('|').map(str::as_bytes);
         Self {
             corpus,
-            tokens,
+            tokens: tokens.filter(|word| !word.is_empty()).collect(),
             state: seed,
         }
     }
@@ -90,7 +91,10 @@ impl<'a> Mutator<'a> {
                     continue;
                 }
                 4 => EDGES[self.below(EDGES.len())],
-                5 if !self.tokens.is_empty() => self.tokens[self.below(self.tokens.len())],
+                5 if !self.tokens.is_empty() => {
+                    let word = self.below(self.tokens.len());
+                    self.tokens[word]
+                }
                 _ => {
                     let other = self.one();
                     self.stretch(other)

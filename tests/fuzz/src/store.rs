@@ -54,23 +54,6 @@ impl Flash {
         Ok(())
     }
 
-    /// Writes the pages of settings as an image with records of version 3 does in some saves.
-    fn fill_by_version_3(&self, saves: usize) {
-        let bytes = &mut self.0.borrow_mut().bytes;
-        bytes[..2 * PAGE].fill(0xff);
-        for line in include_str!("../../../firmware/src/storage/store/version_3.hex").lines() {
-            let words = line.split(' ');
-            let mut words = words.map(|word| usize::from_str_radix(word, 16).unwrap_or(0));
-            let at = words.next().unwrap_or(0);
-            if at < 256 * (1 + saves) {
-                for (byte, word) in bytes[at..].iter_mut().zip(words) {
-                    *byte = word as u8;
-                }
-            }
-        }
-        bytes.copy_within(..256, PAGE);
-    }
-
     /// Sets the number of words until the power fails.
     pub fn power(&self, words: usize) {
         self.0.borrow_mut().power = words;
@@ -129,25 +112,14 @@ impl NorFlash for Flash {
     }
 }
 
-/// Valid settings, different for each number.
-fn some(number: u8) -> Settings {
-    Settings {
+/// Valid settings and a target, different for each number.
+fn some(number: u8) -> (Settings, Target) {
+    let settings = Settings {
         amplitude_limit: 0.1 + f32::from(number) * 0.01,
         ..Settings::default()
-    }
+    };
+    (settings, Target::Amplitude(f32::from(number) * 1e-3))
 }
-
-fn one(number: u8) -> Target {
-    match number % 4 {
-        0 => Target::Gear { order: 1 },
-        1 => Target::K(0.41),
-        2 => Target::Amplitude(f32::from(number) * 1e-3),
-        _ => Target::Identify,
-    }
-}
-
-/// Smallest first byte of an operation that writes the pages of an image with records of version 3.
-const OLDER_IMAGE: u8 = 250;
 
 /// A sequence of operations on a memory.
 pub fn store(input: &[u8]) -> bool {
@@ -159,12 +131,6 @@ pub fn store(input: &[u8]) -> bool {
     let mut whole = false;
     while let Some(what) = input.byte() {
         let number = input.byte().unwrap_or(0);
-        if what >= OLDER_IMAGE {
-            flash.fill_by_version_3(usize::from(number) % 7);
-            records = flash.records();
-            sound = true;
-            continue;
-        }
         match what % 5 {
             // Arbitrary content, for example after a change of firmware.
             0 => {
@@ -176,13 +142,14 @@ pub fn store(input: &[u8]) -> bool {
                 sound = false;
             }
             1 => {
-                let saved = block_on(records.save(&some(number), one(number), None));
+                let (settings, target) = some(number);
+                let saved = block_on(records.save(&settings, target, None));
                 assert!(saved.is_ok() || !sound, "a sound memory keeps");
                 if saved.is_ok() {
                     for mut records in [flash.records(), records] {
                         let state = block_on(records.load());
                         assert_eq!(state.condition, Condition::Whole);
-                        assert_eq!((state.settings, state.target), (some(number), one(number)));
+                        assert_eq!((state.settings, state.target), (settings, target));
                     }
                 }
                 records = flash.records();
@@ -204,11 +171,12 @@ pub fn store(input: &[u8]) -> bool {
             3 => {
                 let before = block_on(records.load());
                 flash.power(usize::from(input.half().unwrap_or(0)) % 700);
-                let saved = block_on(records.save(&some(number), one(number), None));
+                let (settings, target) = some(number);
+                let saved = block_on(records.save(&settings, target, None));
                 flash.power(usize::MAX);
                 records = flash.records();
                 let after = block_on(records.load());
-                let new = (after.settings, after.target) == (some(number), one(number));
+                let new = (after.settings, after.target) == (settings, target);
                 if sound {
                     assert!(after == before || new, "{before:?} {after:?}");
                 }

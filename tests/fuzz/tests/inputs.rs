@@ -49,7 +49,7 @@ fn no_input_is_more_than_refused() {
         let count = number("KBAND_FUZZED").unwrap_or(target.short.into());
         // Half of the inputs are near the corpus, half near results of coverage-guided fuzzing.
         let second = if is_searched { &saved } else { &corpus };
-        let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.tokens, seed));
+        let mut near = [&corpus, second].map(|inputs| Mutator::new(inputs, target.words, seed));
         let mut make = |n: &u64| run(target, &near[(n % 2) as usize].make());
         let made = (0..count).filter(&mut make).count();
         let (all, found, seconds) = (corpus.len(), saved.len(), began.elapsed().as_secs_f64());

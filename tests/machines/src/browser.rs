@@ -15,13 +15,9 @@ const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
 /// Keys without a character (WebDriver, section 17.4.2).
 pub mod keys {
-    /// End.
     pub const END: char = '\u{E010}';
-    /// Home.
     pub const HOME: char = '\u{E011}';
-    /// Left arrow.
     pub const LEFT: char = '\u{E012}';
-    /// Right arrow.
     pub const RIGHT: char = '\u{E014}';
 }
 
@@ -33,7 +29,6 @@ pub struct Browser {
 }
 
 impl Browser {
-    /// Starts the browser without a page.
     pub fn start() -> Self {
         let mut driver = Command::new("chromedriver")
             .args(["--port=0"])
@@ -84,7 +79,6 @@ impl Browser {
         );
     }
 
-    /// Waits until this condition holds on the page.
     pub fn wait_for(&self, condition: &str) {
         let end = Instant::now() + WAIT_TIMEOUT;
         while self.script(&format!("return {condition}")) != true {
@@ -93,25 +87,21 @@ impl Browser {
         }
     }
 
-    /// Runs a script on the page and returns its result.
     pub fn script(&self, script: &str) -> Json {
         self.command("/execute/sync", &json!({"script": script, "args": []}))
     }
 
-    /// The text that an element shows.
     pub fn text(&self, selector: &str) -> String {
         let path = format!("{}/element/{}/text", self.session, self.element(selector));
         let text = self.exchange("GET", &path, "");
         text.as_str().expect("a text").into()
     }
 
-    /// Presses keys on an element.
     pub fn press(&self, selector: &str, keys: &str) {
         let path = format!("/element/{}/value", self.element(selector));
         self.command(&path, &json!({ "text": keys }));
     }
 
-    /// Clicks on an element.
     pub fn click(&self, selector: &str) {
         let element = self.element(selector);
         self.command(&format!("/element/{element}/click"), &json!({}));

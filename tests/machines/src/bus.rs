@@ -91,7 +91,6 @@ impl Rig {
         answer.pdu
     }
 
-    /// Reads a register.
     pub fn bus_word(&mut self, address: u16) -> u16 {
         match self.bus_answer(&read(address, 1))[..] {
             [3, 2, high, low] => u16::from_be_bytes([high, low]),

@@ -4,12 +4,10 @@ use kband::arithmetic::Noise;
 use kband_control::{Settings, Target};
 use kband_plant::{Change, Scene};
 
-/// Random numbers from ranges.
 #[derive(Clone, Debug)]
 pub struct Draw(Noise);
 
 impl Draw {
-    /// Starts with a seed.
     pub fn new(seed: u64) -> Self {
         Self(Noise::new(seed))
     }

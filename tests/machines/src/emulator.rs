@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use crate::root;
 
-/// The emulated machine.
 #[derive(Clone, Copy, Debug, Eq, Hash, PartialEq)]
 pub enum Machine {
     /// Olimex STM32-H405: Cortex-M4F with 1 MiB of flash and 128 KiB of RAM.
@@ -44,7 +43,6 @@ pub enum Clock {
     Instructions,
 }
 
-/// Result of a run.
 #[derive(Clone, Debug)]
 pub struct Output {
     /// Exit status of the image, 0 if it passed; `None` after a stop at the limit.

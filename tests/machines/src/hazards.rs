@@ -21,11 +21,9 @@ const FAILURE_TIME: f64 = 2.5;
 /// A scenario: a working machine, then a failure.
 #[derive(Clone, Debug)]
 pub struct Hazard {
-    /// Name of the scenario.
     pub name: &'static str,
     /// The machine and the configured settings.
     pub scene: Scene,
-    /// The requested target.
     pub target: Target,
     /// Times in s and the failures.
     pub acts: Vec<(f64, Act)>,
@@ -38,8 +36,6 @@ pub struct Hazard {
 /// Result of a scenario.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Amplitude of the track before the failure, mm.
-    pub before: f64,
     /// Largest displacement of the track after the failure, mm.
     pub largest: f64,
     /// Amplitude at the end, mm.
@@ -72,7 +68,6 @@ impl Hazard {
         }
     }
 
-    /// Changes the scene.
     pub fn with(mut self, change: impl FnOnce(&mut Scene)) -> Self {
         change(&mut self.scene);
         self
@@ -143,12 +138,10 @@ impl Hazard {
         for (time, act) in &self.acts {
             rig.at(*time, act.clone());
         }
-        let before = rig.amplitude();
         rig.peak();
         rig.run(self.until);
         let fault = rig.faults_after(self.from);
         Outcome {
-            before,
             largest: rig.peak(),
             after: rig.amplitude(),
             opens: rig.opening_after(self.from),

@@ -61,7 +61,6 @@ impl Probe {
         format!("1d50:6018:{}", self.address)
     }
 
-    /// The chip.
     pub fn chip(&self) -> MutexGuard<'_, Chip> {
         lock(&self.chip)
     }

@@ -44,7 +44,6 @@ pub enum Act {
     Plant(Change),
     /// Whether conversions are triggered.
     Converts(bool),
-    /// The crystal stops.
     CrystalStops,
     /// The supply, V.
     Volts(f64),
@@ -52,7 +51,6 @@ pub enum Act {
     Link(Vec<u8>),
     /// A master on the fieldbus sends these bytes.
     Bus(Vec<u8>),
-    /// Hangs the program.
     Hang(Hang),
     /// A debugger halts the core.
     Halt,
@@ -74,10 +72,8 @@ pub fn ticks(seconds: f64) -> u64 {
     (seconds * TICKS as f64) as u64
 }
 
-/// A board on the rig.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// The emulated chip.
     pub chip: Chip,
     acts: VecDeque<(u64, Act)>,
     sequence: u8,
@@ -227,6 +223,14 @@ impl Rig {
         opened.map(|(time, _)| (time - from) as f64 / TICKS as f64)
     }
 
+    /// Requires that the bridge opens less than `limit` s after `from` s, and then stays open.
+    #[track_caller]
+    pub fn assert_opens(&self, from: f64, limit: f64, name: &str) {
+        let opens = self.opening_after(from);
+        assert!(opens.is_some_and(|time| time < limit), "{name}: {opens:?}");
+        assert_eq!(self.closes_after(from + limit), None, "{name}");
+    }
+
     /// Time in s of the first event of this kind at or after `seconds`.
     pub fn find_time(&self, seconds: f64, event: &Event) -> Option<f64> {
         let from = ticks(seconds);
@@ -370,7 +374,6 @@ impl Rig {
         self
     }
 
-    /// Result of the board's self-test.
     pub fn self_test(&mut self) -> SelfTest {
         self.request(&Request::SelfTest, |response| match response {
             Response::SelfTest(test) => test,
@@ -378,7 +381,6 @@ impl Rig {
         })
     }
 
-    /// Counters of the board's link.
     pub fn counters(&mut self) -> Counters {
         self.request(&Request::Counters, |response| match response {
             Response::Counters(counters) => counters,

@@ -74,7 +74,6 @@ fn inputs_select_recipes_while_the_drive_runs() {
         let [from, to] = [before, number].map(|number| f64::from(AMPLITUDES[number]));
         let reached = run(&mut rig, 1.4, to) - start;
         let largest = rig.peak();
-        println!("recipe {number}: {from} to {to} mm in {reached:.2} s, largest {largest:.4} mm");
         assert!(reached < 0.8, "{number}: {reached}");
         assert!(largest < 1.02 * from.max(to), "{number}: {largest}");
         before = number;

@@ -102,7 +102,6 @@ fn no_sensor_raises_the_amplitude(kind: Kind) {
         }
         rig.run_for(0.05);
         let (largest, opens) = (rig.peak() / limit, rig.opening_after(hazard.from));
-        println!("{row:?}: {before:.3}, then {largest:.3} of the limit; open after {opens:?} s");
         assert!(before > 0.8 * f64::from(share), "{row:?}: {before}");
         assert!(largest <= upper_limit, "{row:?}: {largest}");
         let in_time = opens.is_some_and(|time| time < latest);
@@ -126,7 +125,6 @@ fn a_commissioned_sensor_that_loses_45_percent_is_found(kind: Kind) {
     ] {
         let mut outcome = play(kind, &sensitivity_hazard(name, share).acts([act]));
         let (largest, fault) = (outcome.largest, outcome.fault);
-        println!("{name}: {largest:.4} mm, {fault:?} s");
         assert!(largest <= upper_limit, "{name}: {largest}");
         assert!(fault.is_some_and(|time| time < latest), "{name}: {fault:?}");
         assert!(outcome.after < 0.1, "{name}: {}", outcome.after);
@@ -141,7 +139,6 @@ fn a_commissioned_sensor_that_loses_45_percent_is_found(kind: Kind) {
     assert!(outcome.ready.is_some() && dark.is_none());
 }
 
-/// Temperature drift of sensitivity and voltage: before the start, and again during the run.
 fn a_healthy_sensor_that_drifts_is_no_fault(kind: Kind) {
     for (sensitivity, volts, current) in [(0.95, -0.02, true), (1.05, 0.02, false)] {
         let drift = |time: f64, share: f32| {
