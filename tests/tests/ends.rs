@@ -101,6 +101,19 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
 }
 
 #[test]
+fn a_board_does_not_start_by_itself() {
+    let mut rig = machine().commissioned(Kind::default());
+    // Power fails and returns with the enable input on.
+    rig.at(1.1, Act::Enable(true)).at(1.2, Act::Volts(0.0));
+    rig.at(1.7, Act::Volts(3.3)).run(3.0);
+    assert_eq!(rig.closes_after(1.2), None);
+    rig.at(3.0, Act::Enable(false));
+    rig.at(3.6, Act::Enable(true)).run(5.0);
+    assert!(rig.closes_after(3.6).is_some());
+    assert!((rig.amplitude() - 0.2).abs() < 0.01, "the target is kept");
+}
+
+#[test]
 fn damaged_settings_never_drive() {
     let mut rig = machine().commissioned(Kind::default());
     // The mark of the bank is before the first record.

@@ -252,10 +252,18 @@ fn the_strap_makes_the_link_read_only() {
     let set = Request::set("soft_start", 0.3);
     rig.request_done(&set);
     rig.act(&Act::Wire(2, 1, Wire::Low));
-    rig.request(&set, |response| {
-        let refused = matches!(response, Response::Refused(Refusal::ReadOnly(_)));
-        assert!(refused, "{response:?}");
-    });
+    for request in [
+        set,
+        Request::Defaults,
+        Request::Save,
+        Request::Target(Target::Amplitude(0.9)),
+        Request::Lock(None),
+    ] {
+        rig.request(&request, |response| {
+            let refused = matches!(response, Response::Refused(Refusal::ReadOnly(_)));
+            assert!(refused, "{request:?}: {response:?}");
+        });
+    }
     rig.request_done(&Request::Enable(false));
     rig.act(&Act::Wire(2, 1, Wire::Open)).request_done(&set);
 }

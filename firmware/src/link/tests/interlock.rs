@@ -64,9 +64,10 @@ fn request(noise: &mut Noise) -> Request<'static> {
 }
 
 fn board_with_the_input_on(noise: &mut Noise) -> Board {
-    let conditions = [Condition::Whole, Condition::Never, Condition::Lost];
-    let loaded = LOADED(conditions[(below(noise, 5) as usize).min(2)]);
-    let start = [StartCause::PowerOn, StartCause::Reset][below(noise, 2) as usize];
+    let condition = [Condition::Whole, Condition::Never, Condition::Lost];
+    let loaded = LOADED(condition[(below(noise, 5) as usize).min(2)]);
+    let starts = [StartCause::PowerOn, StartCause::Reset];
+    let start = starts[below(noise, 2) as usize];
     let mut board = Board::started(loaded, start);
     // Some boards run first, until the controller detects a track that does not move.
     if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
@@ -122,6 +123,32 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     }
     println!("{SEQUENCES} sequences, {answered} answers, {done} of them done, {faults} faults");
     assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
+}
+
+/// Three faults within a minute lock the drive out, even when settings are changed in between.
+#[test]
+fn a_setting_between_faults_does_not_end_the_lock_out() {
+    let mut board = Board::started(LOADED(Condition::Whole), StartCause::PowerOn);
+    let mut fault = |acknowledged: bool| {
+        board.enable = false;
+        board.cycles(30);
+        if acknowledged {
+            assert_eq!(board.state(), State::Off);
+            board.done(&Request::set("soft_start", 0.3));
+        }
+        board.enable = true;
+        board.cycles(60);
+        assert_eq!(board.state(), State::Fault);
+    };
+    (0..3).for_each(|_| fault(true));
+    fault(false);
+    // A minute is 3000 cycles.
+    board.enable = false;
+    for cycle in 1..=3000 {
+        board.cycle();
+        let off = board.state() == State::Off;
+        assert_eq!(off, cycle == 3000, "{cycle}");
+    }
 }
 
 /// A fault outlives a simulation by the desk, which starts with the input off.

@@ -49,6 +49,15 @@ fn in_use(board: &Board) -> (Target, f32, u8) {
     (station.target(), middle, station.recipe())
 }
 
+/// Runs the drive on a track that never moves, until it starts.
+fn start(board: &mut Board) {
+    board.enable = false;
+    board.cycle();
+    board.enable = true;
+    board.cycle();
+    assert_eq!(board.state(), State::Starting);
+}
+
 #[test]
 fn recipes_are_set_saved_used_and_deleted() {
     let mut board = board();
@@ -99,8 +108,7 @@ fn a_recipe_that_does_not_fit_the_machine_is_refused() {
 #[test]
 fn a_running_drive_uses_recipes_and_changes_none() {
     let mut board = board();
-    board.enable = true;
-    board.cycle();
+    start(&mut board);
     board.refused(&set(2, recipe("M3", Target::K(0.4), 0.3)), Refusal::Running);
     board.refused(&delete(1), Refusal::Running);
     board.refused(&Request::SaveRecipes, Refusal::Running);
@@ -147,9 +155,13 @@ fn inputs_select_when_they_change() {
     board.done(&Request::UseRecipe(6));
     board.station.follow_inputs(1);
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
-    // A missing recipe: the previous target stays.
+    // A missing recipe: the previous target stays, and READY is off.
     board.station.follow_inputs(3);
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
+    board.cycle();
+    assert!(!board.station.ready());
+    let events = board.station.report().events;
+    assert!(events.iter().any(|event| event == Event::RecipeRefused));
     // While the desk simulates a plant, the inputs select nothing.
     board.done(&SIMULATE);
     board.station.follow_inputs(1);

@@ -417,7 +417,8 @@ mod tests {
 
     #[test]
     fn each_disturbance_accepts_its_range_and_nothing_else() {
-        let cases: [(&str, [f32; 2], fn(f32) -> Change); 8] = [
+        type Case = (&'static str, [f32; 2], fn(f32) -> Change);
+        let cases: [Case; 8] = [
             ("disturbance gain", [0.0, 10.0], Change::Gain),
             ("disturbance restitution", [-0.5, 1.0], Change::Restitution),
             ("disturbance scatter", [0.0, 0.5], Change::Scatter),

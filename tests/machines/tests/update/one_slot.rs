@@ -4,7 +4,7 @@
 
 use std::sync::LazyLock;
 
-use kband_control::wire::{MAX_UPDATE_BYTES, Request, UpdateRefusal, UpdateRequest};
+use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
@@ -15,6 +15,7 @@ use super::{
     await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
     rig_with_key, runs_other, send, signature, sum,
 };
+use kband_control::wire::MAX_UPDATE_BYTES;
 
 const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
@@ -25,6 +26,7 @@ const DEFAULT_REQUESTS: usize = 20;
 const DEFAULT_SHARE: f32 = 0.02;
 
 struct Header {
+    board: &'static str,
     length: u32,
     sum: [u8; 64],
     signature: [u8; 64],
@@ -33,6 +35,7 @@ struct Header {
 impl Header {
     fn from_image(image: &[u8]) -> Self {
         Self {
+            board: BOARD,
             length: image.len() as u32,
             sum: sum(image, BOARD),
             signature: signature(image, BOARD),
@@ -41,7 +44,7 @@ impl Header {
 
     fn request(&self) -> UpdateRequest<'_> {
         UpdateRequest::Signed {
-            board: BOARD,
+            board: self.board,
             length: self.length,
             sum: &self.sum,
             signature: &self.signature,
@@ -106,10 +109,18 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     let operations = rig.chip.operations();
     let image = program(&rig);
     let mut header = Header::from_image(&image);
+    header.signature[40] ^= 1;
+    assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
     header.signature = signature(&image, "stm32f405rg");
     assert_eq!(rig.update(&header.request()), Err(UpdateRefusal::Signature));
-    let bytes = send(&mut rig, &image[..256]);
-    assert_eq!(bytes, Err(UpdateRefusal::Order(0)));
+    header.board = "stm32f405rg";
+    let refused = rig.update(&header.request());
+    assert_eq!(refused, Err(UpdateRefusal::OtherBoard));
+    let bytes = UpdateRequest::Bytes {
+        offset: 0,
+        bytes: &image[..256],
+    };
+    assert_eq!(rig.update(&bytes), Err(UpdateRefusal::Order(0)));
     // The desk is silent: the old image starts again, without a fault.
     let from = rig.time();
     rig.run(from + 9.5);
@@ -183,11 +194,11 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     let chunks = offsets.zip(other.chunks(MAX_UPDATE_BYTES));
     let bytes = chunks.map(|(offset, bytes)| UpdateRequest::Bytes { offset, bytes });
     let requests: Vec<_> = [header.request()].into_iter().chain(bytes).collect();
-    let tried = if every {
+    let requests = &requests[..if every {
         requests.len()
     } else {
         DEFAULT_REQUESTS
-    };
+    }];
     let mut cuts = 0;
     let mut cut = |rig: &Rig, request: &UpdateRequest<'_>, cut: u64, keeps_image: bool| {
         let mut rig = rig.clone();
@@ -210,7 +221,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         assert_eq!(rig.find_time(began, &Event::Bridge(true)), None);
         cuts += 1;
     };
-    for (number, request) in requests[..tried].iter().enumerate() {
+    for (number, request) in requests.iter().enumerate() {
         let mut next = rig.clone();
         assert_eq!(next.update(request), Ok(()));
         for operation in 1..=next.chip.operations() - rig.chip.operations() {

@@ -71,7 +71,8 @@ fn a_confirmed_update_drives_with_the_old_settings() {
 fn an_unconfirmed_update_is_reverted_by_a_reset() {
     let mut rig = on_trial();
     power_cycle(&mut rig);
-    assert!(!runs_other(&mut rig) && drives(&mut rig));
+    assert!(!runs_other(&mut rig));
+    assert!(drives(&mut rig));
     power_cycle(&mut rig);
     assert!(!runs_other(&mut rig), "it stays");
 }
@@ -80,13 +81,21 @@ fn an_unconfirmed_update_is_reverted_by_a_reset() {
 fn an_invalid_update_is_refused_and_the_old_image_drives() {
     let mut rig = rig_with_key(Kind::Stm32f405);
     let image = program(&rig)[..1024].to_vec();
-    let end = signature(&image, "stm32g474re");
-    assert_eq!(rig.update(&begin(BOARD, image.len())), Ok(()));
-    assert_eq!(send(&mut rig, &image), Ok(()));
-    let refused = rig.update(&UpdateRequest::End(&end));
-    assert_eq!(refused, Err(UpdateRefusal::Signature));
+    let mut wrong = signature(&image, BOARD);
+    wrong[40] ^= 1;
+    for end in [wrong, signature(&image, "stm32g474re")] {
+        assert_eq!(rig.update(&begin(BOARD, image.len())), Ok(()));
+        assert_eq!(send(&mut rig, &image), Ok(()));
+        let refused = rig.update(&UpdateRequest::End(&end));
+        assert_eq!(refused, Err(UpdateRefusal::Signature));
+    }
+    let other_board = rig.update(&begin("stm32g474re", image.len()));
+    assert_eq!(other_board, Err(UpdateRefusal::OtherBoard));
     assert_eq!(rig.update(&begin(BOARD, image.len() + 256)), Ok(()));
     assert_eq!(send(&mut rig, &image), Ok(()));
+    let end = signature(&image, BOARD);
+    let truncated = rig.update(&UpdateRequest::End(&end));
+    assert_eq!(truncated, Err(UpdateRefusal::Order(1024)));
     // The desk is silent for ten seconds.
     rig.run_for(11.0);
     assert!(drives(&mut rig));
@@ -94,8 +103,19 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     assert!(!runs_other(&mut rig));
     let from = rig.time();
     rig.act(&Act::Enable(true)).run(from + 2.0);
+    let driven = rig.amplitude();
+    assert!((driven - 0.2).abs() < 0.01, "{driven}");
     let operations = rig.chip.operations();
-    for request in [begin(BOARD, image.len()), UpdateRequest::Confirm] {
+    for request in [
+        begin(BOARD, image.len()),
+        UpdateRequest::Bytes {
+            offset: 0,
+            bytes: &image[..256],
+        },
+        UpdateRequest::End(&end),
+        UpdateRequest::Key(&[1; 32]),
+        UpdateRequest::Confirm,
+    ] {
         let refused = rig.update(&request);
         assert_eq!(refused, Err(UpdateRefusal::Running), "{request:?}");
         rig.request_done(&Request::Alive);
@@ -157,4 +177,14 @@ fn a_cut_return_leaves_the_old_image() {
     let cuts = cuts(&mut draw, 1..2, MIN_SWAP_OPERATIONS, 2);
     let old_and_new = cut(&rig, &cuts, |rig| rig.chip.reset(Cause::Pin));
     assert_eq!(old_and_new, [cuts.len() as u32, 0]);
+}
+
+#[test]
+fn a_cut_confirmation_leaves_the_old_or_the_new_image() {
+    let rig = on_trial();
+    let old_and_new = cut(&rig, &[1, 2, 3], |rig| {
+        let frame = rig.update_frame(&UpdateRequest::Confirm);
+        rig.act(&Act::Link(frame));
+    });
+    assert_eq!(old_and_new.iter().sum::<u32>(), 3);
 }
