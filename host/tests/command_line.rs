@@ -118,6 +118,48 @@ fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
     }
 }
 
+/// Scenes whose printed reports differ in most of their lines.
+const REPORTED: [&str; 10] = [
+    "chaotic",
+    "doubled",
+    "drawn_parts",
+    "identification",
+    "in_gear",
+    "locked_order_2",
+    "misfit",
+    "not_captured",
+    "over_current",
+    "output_limit",
+];
+
+/// What `kband simulate` prints of these scenes is in `reports.txt`, except its own run time.
+#[test]
+fn the_report_of_a_scene_is_the_accepted_one() {
+    let here = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/reports.txt");
+    let folder = folder();
+    let mut reports = String::new();
+    for name in REPORTED {
+        let scene = format!("{}/../tests/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        std::fs::copy(scene, folder.path().join("scene.toml")).unwrap();
+        let printed = kband(&folder, "simulate scene.toml").done();
+        reports.push_str(&format!("$ kband simulate {name}.toml\n"));
+        for line in printed.lines() {
+            if !line.ends_with(" times real time (envelope)") {
+                reports.push_str(&format!("{line}\n"));
+            }
+        }
+    }
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        std::fs::write(here, reports).unwrap();
+        return;
+    }
+    let accepted = std::fs::read_to_string(here).unwrap();
+    for (line, expected) in reports.lines().zip(accepted.lines()) {
+        assert_eq!(line, expected);
+    }
+    assert_eq!(reports.len(), accepted.len(), "lines at the end");
+}
+
 /// A named output overwrites any file, a default name only files that kband wrote.
 #[test]
 fn a_foreign_file_is_replaced_only_where_it_is_named() {

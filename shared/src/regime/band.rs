@@ -357,6 +357,7 @@ mod tests {
                     assert!(order > 1, "{low}..{high}");
                     continue;
                 };
+                assert_eq!(band.order(), order);
                 let k = band.setpoint();
                 let margins = band.margins(k);
                 assert!((margins.low.amplitude - margins.high.amplitude).abs() < 1e-14);

@@ -504,6 +504,29 @@ mod tests {
         }
     }
 
+    /// Phases alternate by 0.6 standard deviations of their noise, or not at all.
+    #[test]
+    fn alternation_below_the_noise_is_a_doubled_lock() {
+        let settings = TimingAccuracy::BOARD;
+        let (order, doublings) = (1, 1);
+        let cases = [
+            (0.0, Regime::Locked { order }),
+            (0.6, Regime::Doubled { order, doublings }),
+        ];
+        for (share, regime) in cases {
+            for seed in 1..=20 {
+                let mut classifier = Classifier::<256>::build(settings).unwrap();
+                let mut random = Noise::new(seed);
+                for cycle in 0..256 {
+                    let offset = if cycle % 2 == 0 { share } else { -share };
+                    let angle = 1.0 + settings.noise * (offset + f64::from(random.gauss()));
+                    classifier.impact(cycle, Phase::from_radians(angle));
+                }
+                assert_eq!(classifier.verdict().regime, regime, "{share}, seed {seed}");
+            }
+        }
+    }
+
     #[test]
     fn backward_times_are_ignored() {
         let mut undisturbed = Classifier::<64>::build(TimingAccuracy::BOARD).unwrap();

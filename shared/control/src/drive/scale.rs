@@ -154,6 +154,29 @@ mod tests {
         assert_eq!(scale.ceiling_limit, Limits::ACCELERATION);
     }
 
+    /// The amplitude follows the command with `envelope`, the track follows the output with `decay`.
+    #[test]
+    fn the_largest_kick_needs_the_whole_output() {
+        for envelope in [0.5, 2.0, 8.0, 40.0] {
+            let settings = with(Settings::default(), |it| {
+                (it.envelope, it.amplitude_limit, it.acceleration_limit) = (envelope, 50.0, 4e3);
+            });
+            let scale = Scale::from_settings(&settings, settings.frequency);
+            let full = settings.output_maximum * settings.gain * 1e-3;
+            for share in [0.3, 0.6, 0.9] {
+                let kick = scale.max_kick(&settings, share * full);
+                let (mut command, mut largest) = (1.0, 0.0_f32);
+                for _ in 0..1000 {
+                    let next = kick + (command - kick) * libm::expf(-1.0 / envelope);
+                    let output = (next - scale.decay * command) / (1.0 - scale.decay);
+                    (command, largest) = (next, largest.max(output));
+                }
+                let used = largest * share;
+                assert!((used - 1.0).abs() < 1e-4, "{envelope}, {share}: {used}");
+            }
+        }
+    }
+
     #[test]
     fn no_output_takes_the_envelope_further() {
         let settings = with(Settings::default(), |it| it.amplitude_limit = 0.3);

@@ -191,7 +191,8 @@ mod tests {
         let valid = tone(0.1, 2.4);
         for (second, third, parameter) in [
             (tone(0.6, 0.0), UpperTone::NONE, "second tone, ratio"),
-            (tone(0.1, 135.0), UpperTone::NONE, "second tone, phase"),
+            (tone(0.1, 6.3), UpperTone::NONE, "second tone, phase"),
+            (tone(0.1, -6.3), UpperTone::NONE, "second tone, phase"),
             (tone(f32::NAN, 0.0), UpperTone::NONE, "second tone, ratio"),
             (valid, tone(-0.1, 0.0), "third tone, ratio"),
             (valid, tone(0.05, 300.0), "third tone, phase"),

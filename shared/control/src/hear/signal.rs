@@ -609,6 +609,26 @@ mod tests {
     }
 
     #[test]
+    fn an_immediate_command_changes_upper_tones_within_its_cycle() {
+        let settings = with(Settings::default(), |it| it.second_tone = 0.1);
+        for immediate in [true, false] {
+            let mut signal = Signal::build(&settings).unwrap();
+            cycle(&mut signal, REST);
+            signal.command(Command {
+                overtones: [[0.2, 0.0]; UPPER],
+                step: signal.timing.step,
+                immediate,
+                ..Command::default()
+            });
+            // A cycle of 50 Hz has 400 samples.
+            let peak = (0..390).fold(0.0_f32, |max, _| max.max(signal.sample(REST).output));
+            assert_eq!(peak > 0.19, immediate, "{peak}");
+            let peak = (0..400).fold(0.0_f32, |max, _| max.max(signal.sample(REST).output));
+            assert!(peak > 0.19, "{peak}");
+        }
+    }
+
+    #[test]
     fn output_stays_off_past_the_end_of_the_cycle() {
         let mut signal = signal();
         let command = half_output(&signal);

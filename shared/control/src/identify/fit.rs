@@ -463,6 +463,19 @@ mod tests {
         (0..200).map(filtered).collect()
     }
 
+    #[test]
+    fn interpolated_minimum_is_the_vertex_of_a_parabola() {
+        for vertex in [0.6_f32, 1.0, 3.3, 4.5, 7.9] {
+            let square = |n: u8| (f32::from(n) - vertex) * (f32::from(n) - vertex) + 2.0;
+            let values: Vec<f32> = (0..10).map(square).collect();
+            let found = interpolate_minimum(&values).unwrap();
+            assert!((found - vertex).abs() < 1e-4, "{vertex}: {found}");
+        }
+        assert_eq!(interpolate_minimum(&[1.0, 2.0, 3.0]), Some(0.0));
+        assert_eq!(interpolate_minimum(&[3.0, 2.0, f32::INFINITY]), Some(1.0));
+        assert_eq!(interpolate_minimum(&[]), None);
+    }
+
     fn compared(fit: &mut Fit, k: f64, averaged: &[f32]) -> Verdict {
         for (n, bins) in averaged.chunks(BINS_PER_CYCLE).enumerate() {
             fit.store(n * BINS_PER_CYCLE, bins.try_into().unwrap());
