@@ -12,10 +12,15 @@ use kband_tests::rig::{Act, Rig};
 
 /// A machine that runs at a small amplitude at 3 s.
 fn machine() -> Hazard {
-    let mut hazard = Hazard::new("ends", 50.0, Target::Amplitude(0.2));
-    hazard.scene.settings.link_timeout = 0.0;
+    let mut hazard = Hazard::new("ends", 50.0, Target::Amplitude(0.2))
+        .with(|scene| scene.settings.link_timeout = 0.0);
     hazard.from = 3.0;
     hazard
+}
+
+/// Its board at 1 s with saved settings.
+fn commissioned() -> Rig {
+    machine().commissioned(Kind::default())
 }
 
 /// Its board at 3 s, running.
@@ -44,8 +49,9 @@ fn the_bridge_opens_in_time_for_every_cause() {
         let mut rig = rig.clone();
         rig.tolerant = true;
         rig.at(3.0, act.clone()).run(3.2);
-        let (opens, fault) = (rig.opening_after(3.0), rig.faults_after(3.0));
-        println!("{name}: bridge open after {opens:?} s, FAULT at {fault:?} s");
+        let opens = rig.opening_after(3.0);
+        let (fault, resets) = (rig.faults_after(3.0), rig.resets());
+        println!("{name}: bridge open after {opens:?} s, FAULT at {fault:?} s, resets {resets:?}");
         let in_time = opens.is_some_and(|time| time <= upper_limit);
         assert!(in_time, "{name}: {opens:?}");
         // The bridge stays open, even with the enable input on.
@@ -60,6 +66,20 @@ fn the_bridge_opens_in_time_for_every_cause() {
 }
 
 #[test]
+fn the_cause_of_an_open_bridge_is_reported_and_kept() {
+    let rig = running();
+    for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
+        let mut rig = rig.clone();
+        rig.at(3.0, act.clone()).run(3.03);
+        // Lamp and log follow within one cycle and the time to write a record.
+        assert!(rig.faults_after(3.0).is_some(), "{act:?}");
+        // The record waits until the supply has been good for 100 ms.
+        rig.at(3.1, Act::Volts(3.3)).run(3.4);
+        assert_eq!(rig.stored_fault(0), Some(number), "{act:?}");
+    }
+}
+
+#[test]
 fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     let mut rig = running();
     // In the last eighth of the stack; each cycle checks some words of it, and 80 cycles check all
@@ -70,6 +90,16 @@ fn a_stack_that_is_nearly_used_up_stops_the_drive() {
     assert_eq!(rig.resets().len(), 1, "{:?}", rig.resets());
     rig.run(4.9);
     assert_eq!(rig.stored_fault(0), Some(10));
+}
+
+#[test]
+fn a_reset_by_the_pin_while_it_drives_is_a_fault() {
+    let mut rig = running();
+    rig.chip.reset(Cause::Pin);
+    rig.run(3.5);
+    assert_eq!(rig.resets()[1].1, Cause::Pin);
+    assert!(rig.faults_after(3.0).is_some());
+    assert_eq!(rig.closes_after(3.001), None);
 }
 
 #[test]
@@ -102,7 +132,7 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
 
 #[test]
 fn a_board_does_not_start_by_itself() {
-    let mut rig = machine().commissioned(Kind::default());
+    let mut rig = commissioned();
     // Power fails and returns with the enable input on.
     rig.at(1.1, Act::Enable(true)).at(1.2, Act::Volts(0.0));
     rig.at(1.7, Act::Volts(3.3)).run(3.0);
@@ -115,7 +145,7 @@ fn a_board_does_not_start_by_itself() {
 
 #[test]
 fn damaged_settings_never_drive() {
-    let mut rig = machine().commissioned(Kind::default());
+    let mut rig = commissioned();
     // The mark of the bank is before the first record.
     let settings = Kind::default().facts().settings + 32;
     assert_eq!(rig.stored(), SavedSettings::InUse);

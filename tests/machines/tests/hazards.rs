@@ -18,11 +18,12 @@ use kband_machines::rig::{Act, Rig, image_check, ticks};
 use kband_machines::{images, on_both};
 use kband_plant::{Change, Scene};
 
+/// A machine that runs at an amplitude of 0.2 mm.
 fn machine() -> Hazard {
     Hazard::new("running", 50.0, Target::Amplitude(0.2))
 }
 
-/// A board that runs the machine, at 3 s; the desk is on the link until 6 s.
+/// A board that runs this machine, at 3 s; the desk is on the link until 6 s.
 fn running(kind: Kind) -> Rig {
     let mut rig = machine().before(kind);
     rig.keep_link_alive(rig.time(), 6.0);
@@ -84,6 +85,7 @@ fn a_bounce_acknowledges_no_fault_and_the_third_locks_out(kind: Kind) {
     }
 }
 
+/// READY must be off without a part on the track and after an over-current.
 fn ready_is_off_outside_the_requested_regime(kind: Kind) {
     let alone = Hazard::new("lock without a part", 50.0, Target::Locked { order: 1 });
     shakes_without_ready(kind, &alone.end(4.0));
@@ -92,9 +94,8 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
         (2.6, Act::OverCurrent(false)),
     ];
     let acts = passes.into_iter().chain(withdrawn(3.0, 3.6));
-    let mut rig = play(kind, &machine().acts(acts).end(4.2)).rig;
+    let rig = play(kind, &machine().acts(acts).end(4.2)).rig;
     assert!(rig.opening_after(2.5).is_some_and(|time| time < 1e-4));
-    assert_eq!(rig.stored_fault(0), Some(Fault::OverCurrent.number()));
     let dark = rig.find_time(2.5, &Event::Ready(false)).unwrap();
     let fault = rig.faults_after(2.5).unwrap();
     assert!(dark < 2.522 && fault < 2.522, "{dark} {fault}");
@@ -115,6 +116,10 @@ fn ready_in_gear_follows_the_estimated_share(kind: Kind) {
     let on = outcome.ready.expect("gear is detected");
     let off = outcome.rig.find_time(on, &Event::Ready(false));
     let off = off.expect("they are out of it") - parts.from;
+    println!(
+        "READY on {:.3} s after the input, off {off:.3} s after gear",
+        on - ENABLE_TIME
+    );
     assert!((0.0..2.0).contains(&off), "{off}");
     let recovery = outcome.rig.find_time(parts.from, &Event::Ready(true));
     assert_eq!(recovery, None, "they never come back to it");
@@ -138,6 +143,7 @@ fn the_voltage_goes_to_its_middle_with_the_bridge(kind: Kind) {
         let rig = hazard.before(kind);
         let from = rig.time();
         for act in [Act::OverCurrent(true), Act::Volts(2.8)] {
+            // At different phases of the drive.
             for n in 0..5 {
                 let mut rig = rig.clone();
                 let at = from + 1e-3 + f64::from(n) / f64::from(5.3 * frequency);
@@ -182,9 +188,13 @@ fn a_program_error_opens_the_bridge(kind: Kind) {
     // The handlers of the core's faults open the bridge first. They may wait for a sample in
     // progress, 1300 cycles. The stack is used by the next sample.
     let (handler, sample, watchdog) = (10e-6, 55e-6, 5e-3);
-    let stray_words = "unexpected interrupt 28";
     for (name, acts, upper_limit, last_words) in [
-        ("interrupt", stray.to_vec(), handler, stray_words),
+        (
+            "interrupt",
+            stray.to_vec(),
+            handler,
+            "unexpected interrupt 28",
+        ),
         ("panic", panic, handler, ": panic"),
         ("erased flash", astray, handler, "hard fault at 0x08"),
         ("stack", overflow, sample, "hard fault with the stack"),
@@ -235,10 +245,12 @@ fn hung_tasks_are_reset_at_any_watchdog_clock(kind: Kind) {
 fn outputs_float_in_reset_and_are_off_from_the_start_on(kind: Kind) {
     let mut rig = Rig::boot_on(kind);
     let floats = |chip: &Chip| {
-        let mut pins = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2), (2, 3)].into_iter();
-        let mode = |(port, pin): (usize, usize)| chip.board.ports[port].mode(pin);
+        let ports = &chip.board.ports;
+        let inputs = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2), (2, 3)];
         chip.board.voltage.output().is_none()
-            && pins.all(|pin| matches!(mode(pin), Mode::Input | Mode::Analogue))
+            && inputs
+                .iter()
+                .all(|(port, pin)| matches!(ports[*port].mode(*pin), Mode::Input | Mode::Analogue))
     };
     assert!(floats(&rig.chip));
     rig.run(0.5);
@@ -247,6 +259,7 @@ fn outputs_float_in_reset_and_are_off_from_the_start_on(kind: Kind) {
     assert_eq!(output, Some(0.5), "an external amplifier gets its middle");
     assert_eq!(rig.chip.board.ports[2].output(2), Some(false), "READY");
     assert_eq!(rig.closes_after(0.0), None);
+    // A reset makes them float again.
     rig.chip.reset(Cause::Window);
     assert!(floats(&rig.chip));
 }
@@ -303,11 +316,14 @@ fn samples_avoid_edges_and_keep_their_rate(kind: Kind) {
 /// Sags at any instruction from power-on to the running drive, to any level, for any time.
 fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
     let mut draw = Draw::new(31);
-    let sag = |draw: &mut Draw| [draw.between(0.0, 2.85), draw.scale(1e-6, 2e-2)].map(f64::from);
+    let sag = |draw: &mut Draw| {
+        let volts = f64::from(draw.between(0.0, 2.85));
+        (volts, f64::from(draw.scale(1e-6, 2e-2)))
+    };
     let off = machine().commissioned(kind);
     for n in 0..16 {
         let mut rig = off.clone();
-        let [volts, time] = sag(&mut draw);
+        let (volts, time) = sag(&mut draw);
         // Power returns with the enable input on, and sags while the program starts.
         let at = 1.2 + f64::from(draw.unit()) * 0.1;
         rig.at(1.1, Act::Enable(true))
@@ -319,18 +335,21 @@ fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
         let place = format!("{n}: {volts} V at {at} s for {time} s");
         assert_eq!(rig.chip.board.world.outside, 0, "{place}");
         assert_eq!(rig.closes_after(1.0), None, "{place}");
+        // The board must still answer.
         rig.request_done(&Request::Alive);
     }
     let running = running(kind);
     for n in 0..10 {
         let mut rig = running.clone();
-        let [volts, time] = sag(&mut draw);
+        let (volts, time) = sag(&mut draw);
         let at = 3.0 + f64::from(draw.unit()) * 0.02;
         rig.at(at, Act::Volts(volts));
         rig.at(at + time, Act::Volts(3.3)).run(3.5);
-        let place = format!("{n}: {volts} V at {at} s for {time} s");
-        assert_eq!(rig.chip.board.world.outside, 0, "{place}");
-        rig.assert_opens(at, 1e-4, &place);
+        assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
+        let opens = rig.opening_after(at);
+        assert!(opens.is_some_and(|time| time < 1e-4), "{n}: {opens:?}");
+        let restart = rig.closes_after(at + 1e-4);
+        assert_eq!(restart, None, "{n}: {volts} V at {at} s for {time} s");
         rig.request_done(&Request::Alive);
     }
 }
@@ -355,29 +374,35 @@ fn reported_chatter(rig: &mut Rig) -> usize {
 
 fn an_enable_input_that_chatters_stops_a_drive_for_good(kind: Kind) {
     let running = running(kind);
-    let slow = [10.0, 33.0, 50.0, 50.3, 100.0, 200.0, 222.0];
-    let frequencies = slow.into_iter().chain([500.0, 1000.0, 2000.0, 5000.0]);
-    let chatters = frequencies.flat_map(|frequency| [0.1, 0.5, 0.9].map(|duty| (frequency, duty)));
+    let frequencies = [
+        10.0, 33.0, 50.0, 50.3, 100.0, 200.0, 222.0, 500.0, 1000.0, 2000.0, 5000.0,
+    ];
+    let chatters = frequencies.into_iter();
+    let chatters = chatters.flat_map(|frequency| [0.1, 0.5, 0.9].map(|duty| (frequency, duty)));
     // Gaps between two samples, at several phases.
     let narrow = std::iter::repeat_n((5000.0, 0.9), 5);
     for (n, (frequency, duty)) in chatters.chain(narrow).enumerate() {
         let mut rig = running.clone();
+        // At different phases of drive and samples.
         let from = 3.0 + 1.237e-3 * n as f64;
         let until = from + 0.04 + 1.2 / frequency;
         for (time, act) in chatter(frequency, duty, from, until) {
             rig.at(time, act);
         }
-        let name = format!("{frequency} Hz, {duty}");
-        rig.run(until + 0.02).assert_opens(from, 5e-3, &name);
+        rig.run(until + 0.02);
+        let opens = rig.opening_after(from).expect("it opens");
+        assert!(opens < 5e-3, "{frequency} Hz, {duty}: {opens}");
+        let restart = rig.closes_after(from + 5e-3);
+        assert_eq!(restart, None, "{frequency} Hz, {duty}");
         let dark = rig.find_time(from, &Event::Ready(false));
         assert!(dark.is_some_and(|time| time < from + 0.03), "{dark:?}");
         assert_eq!(rig.faults_after(from), None);
         drive_on_follows_the_bridge(&rig);
-        assert_eq!(reported_chatter(&mut rig), 1, "{name}");
+        assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
         // The track is at rest first. A high input alone starts nothing; a press does.
         if n % 11 == 4 {
             rig.act(&Act::Enable(true)).run(from + 1.5);
-            assert!(!rig.chip.is_driven(), "{name}");
+            assert!(!rig.chip.is_driven(), "{frequency} Hz, {duty}");
             let press = from + 1.62;
             rig.at(from + 1.5, Act::Enable(false))
                 .at(press, Act::Enable(true))
@@ -398,9 +423,12 @@ fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms(kind: Kind) {
         for (time, act) in chatter(400.0, 0.5, from + 5e-3, from + 15e-3) {
             rig.at(time, act);
         }
-        rig.at(from + 16e-3, Act::Enable(false)).run(from + 0.15);
-        rig.assert_opens(from, 2e-3, "withdrawn");
-        assert_eq!(reported_chatter(&mut rig), 0);
+        rig.at(from + 16e-3, Act::Enable(false));
+        rig.run(from + 0.15);
+        let opens = rig.opening_after(from).expect("it opens");
+        assert!(opens < 2e-3, "{opens}");
+        let restart = rig.closes_after(from + 2e-3);
+        assert_eq!((restart, reported_chatter(&mut rig)), (None, 0));
         drive_on_follows_the_bridge(&rig);
     }
 }
@@ -415,8 +443,11 @@ fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open(kind: Kind) {
     };
     let closes = starts(&mut resting.clone()).expect("it starts");
     // From before the control's last measurement to within the sample that closes the bridge.
-    let long = [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6].map(|before| (before, 20e-3));
-    for (before, time) in long.into_iter().chain([(40e-6, 20e-6)]) {
+    for (before, time) in [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6]
+        .map(|before| (before, 20e-3))
+        .into_iter()
+        .chain([(40e-6, 20e-6)])
+    {
         let mut rig = resting.clone();
         rig.at(closes - before, Act::Volts(2.6))
             .at(closes - before + time, Act::Volts(3.3));
@@ -436,17 +467,22 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     let save = |rig: &mut Rig| rig.request(&Request::Save, |response| format!("{response:?}"));
     let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
     assert_eq!(save(&mut low), refused);
-    for name in ["returns", "falls again", "reset"] {
+    // The supply returns, falls again briefly, or the chip is reset meanwhile.
+    for (name, blip, reset) in [
+        ("returns", None, false),
+        ("falls again", Some(0.06), false),
+        ("reset", None, true),
+    ] {
         let mut rig = low.clone();
-        if name == "reset" {
+        if reset {
             rig.chip.reset(Cause::Pin);
             rig.run_for(0.25);
             assert_eq!(rig.chip.operations(), operations, "{name}");
         }
         rig.act(&Act::Volts(3.3));
         let mut good = rig.time();
-        if name == "falls again" {
-            rig.run(good + 0.06);
+        if let Some(blip) = blip {
+            rig.run(good + blip);
             rig.act(&Act::Volts(2.6)).run_for(1e-4);
             rig.act(&Act::Volts(3.3));
             good = rig.time();
@@ -467,6 +503,7 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     }
 }
 
+/// The supply falls between two words of a save: no further word may be programmed.
 fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
     let mut rig = machine().commissioned(kind);
     set_pair(&mut rig, [0.9, 0.1]);
@@ -598,18 +635,21 @@ fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
 fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
     let mut old_or_new = [0; 2];
     // Within a bank, and at a change to the next bank with an erasure of this one.
-    let word = kind.facts().flash_word as u64;
-    // The erasure, and eight bytes each for three writes: clearing the mark before it, setting
-    // mark and tag after it.
-    for (records, erasure) in [(1, 0), (records_per_bank(kind), 1 + 3 * 8 / word)] {
+    for records in [1, records_per_bank(kind)] {
         let mut rig = with_records(kind, records);
         assert_eq!(rig.stored(), SavedSettings::InUse, "{records}");
         let old = pair(&mut rig);
         let operations = operations_of_a_save(&mut rig);
-        assert_eq!(operations, RECORD as u64 / word + erasure);
+        // The erasure, and eight bytes each for three writes: clearing the mark before it, setting
+        // mark and tag after it.
+        let word = kind.facts().flash_word as u64;
+        let another_bank = u64::from(records == records_per_bank(kind));
+        let expected = RECORD as u64 / word + another_bank * (1 + 3 * 8 / word);
+        assert_eq!(operations, expected);
         let [olds, news] = cut_saves(&rig, old, operations);
         old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
     }
+    println!("cut saves, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 
@@ -648,9 +688,11 @@ fn settings_of_an_older_image_drive_and_move_with_a_save() {
     let operations = operations_of_a_save(&mut rig);
     assert_eq!(operations, RECORD as u64 / 4 + 2 * (1 + 4));
     let old_or_new = cut_saves(&rig, [700, 300], operations);
+    println!("cut conversions, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");
 }
 
+/// A save into a nearly full bank must end before the watchdog resets the chip.
 fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
     let mut rig = with_records(kind, records_per_bank(kind) - 1);
     // Slowest flash and fastest watchdog by the data sheets.
@@ -673,9 +715,10 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
         times.push((rig.time() - before, erased));
         assert_eq!(rig.stored(), SavedSettings::InUse, "{n}");
     }
+    println!("saves and their erasures: {times:?}");
+    let erases = times.iter().filter(|(_, erased)| *erased > 0);
     // One record fits. The next begins the other bank, which is erased after two, too.
-    let erases = times.iter().filter(|(_, erased)| *erased > 0).count();
-    assert_eq!(erases, 1 + 2 / records_per_bank(kind), "{times:?}");
+    assert_eq!(erases.count(), 1 + 2 / records_per_bank(kind), "{times:?}");
     // Longest erasure: 0.5 s for a sector, 24.5 ms for a page.
     let erasure = if kind == Kind::Stm32f405 { 0.5 } else { 0.0245 };
     for (time, erased) in &times {
@@ -740,9 +783,9 @@ fn an_output_that_is_no_number_opens_the_bridge(kind: Kind) {
 
 /// Stack use of a start, new settings, the planning of a lock and a fault.
 fn the_stack_of_the_image_is_what_the_manual_says(kind: Kind) {
-    let mut hazard = Hazard::new("stack", 50.0, Target::Locked { order: 1 }).end(6.3);
+    let mut hazard = Hazard::new("stack", 50.0, Target::Locked { order: 1 });
     hazard.scene.parts = Scene::default().parts;
-    hazard.acts = vec![(6.0, Act::ThermalSwitch(false))];
+    (hazard.acts, hazard.until) = (vec![(6.0, Act::ThermalSwitch(false))], 6.3);
     let rig = play(kind, &hazard).rig;
     let image = feeder_on(kind);
     let bounds = ["_stack_end", "_stack_start"].map(|name| images::symbol(&image, name));
@@ -815,18 +858,16 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth(kind: Kind) {
         rig.act(&Act::Stack(bottom + 4 - depth)).run(from + 0.5);
         let opens = rig.opening_after(from).expect("it opens");
         let written = |rig: &Rig| {
-            rig.chip
-                .board
-                .memory_below_ram
-                .iter()
-                .any(|byte| *byte != 0)
+            let memory = &rig.chip.board.memory_below_ram;
+            memory.iter().any(|byte| *byte != 0)
         };
         assert!(!written(&rig), "{depth}: no access is let through");
         // Without the guard that memory is written, except by a frame that ends in the RAM.
         if depth >= 1024 {
             let mut unguarded = ready.clone();
             unguarded.chip.board.memory_below_ram = vec![0; 64 * 1024];
-            (unguarded.act(&Act::Store(0xe000_ed94, 0)))
+            unguarded
+                .act(&Act::Store(0xe000_ed94, 0))
                 .act(&Act::Stack(bottom + 4 - depth))
                 .run(from + 60e-6);
             assert!(written(&unguarded), "{depth}");
@@ -837,7 +878,7 @@ fn a_stack_below_the_ram_is_a_fault_at_every_depth(kind: Kind) {
 }
 
 /// After power-on the board waits for the enable input without a fault. RAM that kept its mark
-/// shows a sag or a reset by the pin, which are faults.
+/// shows a sag, which is one.
 fn a_power_on_is_no_fault_and_a_sag_is_one(kind: Kind) {
     let mut rig = machine().commissioned(kind);
     rig.at(1.1, Act::Volts(0.0)).at(1.2, Act::Volts(3.3));
@@ -845,19 +886,15 @@ fn a_power_on_is_no_fault_and_a_sag_is_one(kind: Kind) {
     assert_eq!(rig.resets().len(), 2, "{:?}", rig.resets());
     assert_eq!(rig.faults_after(1.1), None);
     assert_eq!(rig.closes_after(1.1), None);
-    let running = running(kind);
-    for cause in [Cause::BrownOut, Cause::Pin] {
-        let mut rig = running.clone();
-        let from = rig.time();
-        rig.chip.reset(cause);
-        rig.run(from + 0.3);
-        assert!(rig.faults_after(from).is_some(), "{cause:?}");
-        assert_eq!(rig.closes_after(from + 1e-3), None, "{cause:?}");
-        let fault = Fault::WatchdogReset.number();
-        assert_eq!(rig.stored_fault(0), Some(fault), "{cause:?}");
-    }
+    let from = rig.time();
+    rig.chip.reset(Cause::BrownOut);
+    rig.run(from + 0.3);
+    assert!(rig.faults_after(from).is_some());
+    assert_eq!(rig.stored_fault(0), Some(Fault::WatchdogReset.number()));
 }
 
+/// A sag of the running drive is fault 14 and opens the bridge. Once the supply is good again, an
+/// acknowledgement and a press start the drive.
 fn a_sag_that_is_over_can_be_acknowledged(kind: Kind) {
     let mut rig = running(kind);
     let sag = rig.time();
@@ -903,8 +940,11 @@ fn two_wrong_bits_in_the_program_open_the_bridge() {
     let from = rig.time();
     let handler = images::symbol(&feeder_on(kind), "ADC1_2") - flash::START;
     rig.chip.board.flash.tear(handler as usize & !7, 8);
-    rig.run(from + 0.5).assert_opens(from, 60e-6, "two bits");
+    rig.run(from + 0.5);
+    let opens = rig.opening_after(from);
+    assert!(opens.is_some_and(|time| time < 60e-6), "{opens:?}");
     assert_eq!(rig.resets()[1].1, Cause::Software);
+    assert_eq!(rig.closes_after(from + 1e-4), None);
     assert!(rig.image().unwrap().starts_with("loader"), "it waits");
 }
 

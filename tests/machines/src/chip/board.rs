@@ -14,7 +14,7 @@ use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
-use super::world::{Event, STEP, World};
+use super::world::{CURRENT_CHANNEL, Event, STEP, World};
 use super::{set_word, word};
 
 /// First address of the RAM.
@@ -25,6 +25,7 @@ const COUPLED: u32 = 0x1000_0000;
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
 /// Interrupt numbers (12.2, table 62).
+const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
 /// Interrupt number of EXTI line 0.
 const EDGE: u16 = 6;
@@ -64,18 +65,24 @@ pub struct Board {
     pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
+    /// A pending reset.
     pub reset: Option<Cause>,
+    /// Whether the supply is present.
     pub supplied: bool,
     /// Identity of the chip, and its flash size in KiB.
     pub identity: (u32, u32),
+    /// Whether the core is halted by a debugger.
     pub halted: bool,
     /// Whether conversions are triggered; false for a failed converter.
     pub converts: bool,
     /// Number of the flash operation, from 1, at which the supply fails.
     pub cut_at: Option<u64>,
+    /// Clocks.
     pub clocks: Clocks,
     power: Power,
+    /// Flash.
     pub flash: Flash,
+    /// RAM.
     pub ram: Vec<u8>,
     coupled: Vec<u8>,
     /// Ports A to I.
@@ -90,6 +97,7 @@ pub struct Board {
     pub memory_below_ram: Vec<u8>,
     /// USART1 to USART3, UART4.
     pub serials: [Serial; 4],
+    /// IWDG.
     pub watchdog: Independent,
     window: Window,
     pub(super) system: System,
@@ -98,6 +106,7 @@ pub struct Board {
     monitor: bool,
     configuration: [u32; 8],
     stops: [u32; 3],
+    /// The chip's surroundings.
     pub world: World,
 }
 
@@ -228,6 +237,7 @@ impl Board {
 
     fn interrupts(&mut self) {
         let system = &mut self.system;
+        system.line(WINDOW, self.window.interrupts());
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
         system.line(EDGE, self.lines[5] & self.lines[0] & 1 != 0);
         system.line(CONVERTED, self.converter.interrupts());
@@ -276,13 +286,15 @@ impl Board {
         next = next
             .min(self.bridge.due())
             .min(self.converter.due())
-            .min(self.window.due(lower));
+            .min(self.window.due(lower))
+            .min(self.window.warns(lower));
         for serial in &self.serials {
             next = next.min(serial.due());
         }
         self.next = next;
     }
 
+    /// Executes the events that are due.
     pub(super) fn run_due(&mut self) {
         if self.next <= self.now {
             self.run_events();
@@ -312,7 +324,7 @@ impl Board {
                 self.trigger(triggers, due);
                 self.drive(due);
             } else {
-                self.convert();
+                self.convert(due);
             }
         }
         if !self.supplied {
@@ -331,12 +343,16 @@ impl Board {
         self.refresh();
     }
 
-    fn convert(&mut self) {
-        let channels = self.kind.facts().channels;
-        let readings = [self.world.reading, self.world.current];
-        self.converter.end(|channel| {
-            let wired = channels.iter().position(|wired| *wired == channel);
-            wired.map_or(0, |index| readings[index])
+    fn convert(&mut self, at: u64) {
+        let (reading, others) = (self.world.reading, self.world.analogue);
+        let reference = (1.21 / self.power.volts * 4096.0) as u16;
+        let [accelerometer, current, referenced] = self.kind.facts().channels;
+        self.converter.end(at, |channel| match channel {
+            channel if channel == accelerometer => reading,
+            channel if channel == current => others[CURRENT_CHANNEL],
+            16 => (0.76 / 3.3 * 4096.0) as u16,
+            channel if channel == referenced => reference.min(4095),
+            channel => others.get(channel as usize).copied().unwrap_or(0),
         });
     }
 
@@ -344,6 +360,9 @@ impl Board {
         let lower = self.lower();
         if self.watchdog.due() <= self.now {
             self.reset = Some(Cause::Watchdog);
+        }
+        if self.window.warns(lower) <= self.now {
+            self.window.early = true;
         }
         if self.window.due(lower) <= self.now {
             self.reset = Some(Cause::Window);
@@ -397,6 +416,7 @@ impl Board {
         self.break_input(self.is_break(BREAK_BY_LOCKUP));
     }
 
+    /// Stops the crystal.
     pub fn crystal_stops(&mut self) {
         let detected = self.clocks.crystal_stops(self.now);
         self.clock_tree();

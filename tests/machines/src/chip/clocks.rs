@@ -21,6 +21,9 @@ const HSERDY: u32 = 1 << 17;
 const CSSON: u32 = 1 << 19;
 const PLLON: u32 = 1 << 24;
 const PLLRDY: u32 = 1 << 25;
+/// Flag of the clock security system and its acknowledgement (7.3.4).
+const CSSF: u32 = 1 << 7;
+const CSSC: u32 = 1 << 23;
 /// Bits of CSR (7.3.21).
 const LSION: u32 = 1;
 const LSIRDY: u32 = 1 << 1;
@@ -103,6 +106,7 @@ impl Cause {
     }
 }
 
+/// The registers, and the crystal.
 #[derive(Clone, Debug)]
 pub struct Clocks {
     /// Frequency of the crystal, Hz; 0: it does not oscillate.
@@ -112,8 +116,7 @@ pub struct Clocks {
     control: u32,
     pll: u32,
     configuration: u32,
-    /// Whether the clock security system has found the crystal stopped.
-    failed: bool,
+    interrupts: u32,
     status: u32,
     /// Other registers by word: resets, enables, backup domain.
     others: [u32; 40],
@@ -139,7 +142,7 @@ impl Clocks {
             control,
             pll,
             configuration,
-            failed: false,
+            interrupts: 0,
             status: 0,
             others,
             crystal_ready: u64::MAX,
@@ -156,6 +159,7 @@ impl Clocks {
         };
     }
 
+    /// Sets the flags of a reset's cause.
     pub fn note(&mut self, cause: Cause) {
         self.status |= cause.flags(self.kind);
     }
@@ -168,6 +172,7 @@ impl Clocks {
             offset if offset == self.layout.status => self.status,
             // A requested clock switch takes effect at once.
             0x08 => self.configuration & !0xc | (self.configuration & 3) << 2,
+            0x0c => self.interrupts,
             // CRRCR of the STM32G474: its oscillator of 48 MHz is ready at once.
             0x98 => self.others[0x98 / 4] | (self.others[0x98 / 4] & 1) << 1,
             offset => word(&self.others, offset),
@@ -201,6 +206,11 @@ impl Clocks {
                 self.status = self.status & !3 | on | on << 1;
             }
             0x08 => self.configuration = value,
+            0x0c => {
+                if value & CSSC != 0 {
+                    self.interrupts &= !CSSF;
+                }
+            }
             offset => set_word(&mut self.others, offset, value),
         }
     }
@@ -233,7 +243,7 @@ impl Clocks {
         }
         let detected = ran && self.control & CSSON != 0;
         if detected {
-            self.failed = true;
+            self.interrupts |= CSSF;
             self.control &= !(HSEON | CSSON);
             if self.uses_crystal() {
                 self.control &= !PLLON;
@@ -246,7 +256,7 @@ impl Clocks {
 
     /// Whether the security system's interrupt is pending.
     pub fn security(&self) -> bool {
-        self.failed
+        self.interrupts & CSSF != 0
     }
 
     /// Frequency of the core at tick `now`, Hz; 0: none.

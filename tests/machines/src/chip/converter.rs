@@ -1,15 +1,18 @@
-//! Model of a converter with one triggered group of injected conversions (RM0090, chapter 13;
-//! RM0440, chapter 21). No program uses regular conversions.
+//! Model of a converter: one triggered group of injected conversions, and regular conversions
+//! started by software (RM0090, chapter 13; RM0440, chapter 21).
 
 use super::kind::Kind;
 use super::{set_word, word};
 
 /// Bits of SR and CR2.
+const REGULAR_END: u32 = 1 << 1;
 const INJECTED_END: u32 = 1 << 2;
 const INJECTED_START: u32 = 1 << 3;
+const REGULAR_START: u32 = 1 << 4;
 const ON: u32 = 1;
 const RIGHT_TO_LEFT: u32 = 1 << 11;
 const START_INJECTED: u32 = 1 << 22;
+const START: u32 = 1 << 30;
 /// Sampling times by code, half cycles (13.13.5; RM0440, 21.7.6).
 const SAMPLING: [u32; 8] = [6, 30, 56, 112, 168, 224, 288, 960];
 const SAMPLING_G474: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
@@ -18,13 +21,15 @@ const SAMPLING_G474: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
 const TRIGGER_DELAY: u32 = 6;
 const TRIGGER_DELAY_G474: u32 = 7;
 
-/// Bits of the STM32G474 (RM0440, 21.7). ISR: ready, end of the conversions. CR: on, start, and
-/// stop, which clears the start. CFGR: only the resolution is modelled.
+/// Bits of the STM32G474 (RM0440, 21.7). ISR: ready, end of regular conversions, end of injected
+/// ones. CR: on, starts, and stops, which clear the starts. CFGR: only the resolution is modelled.
 const READY_G474: u32 = 1;
+const REGULAR_END_G474: u32 = 3 << 2;
 const INJECTED_END_G474: u32 = 3 << 5;
 const ON_G474: u32 = 1;
+const START_G474: u32 = 1 << 2;
 const START_INJECTED_G474: u32 = 1 << 3;
-const STOP_G474: u32 = 1 << 5;
+const STOPS_G474: u32 = 3 << 4;
 /// Offsets of JSQR and of the first injected result.
 const GROUP_G474: usize = 0x4c;
 const RESULTS_G474: usize = 0x80;
@@ -37,8 +42,9 @@ pub struct Converter {
     kind: Kind,
     registers: [u32; 64],
     prescaler: u32,
-    /// End tick of the running group.
+    /// End ticks of the running injected group and of the regular conversion.
     injected: u64,
+    regular: u64,
 }
 
 impl Converter {
@@ -48,13 +54,24 @@ impl Converter {
             registers: [0; 64],
             prescaler: 0,
             injected: u64::MAX,
+            regular: u64::MAX,
         }
     }
 
     /// Reads a register; from `offset` 0x300 on a common one.
-    pub fn read(&self, offset: u32) -> u32 {
+    pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
-            0x304 | 0x308 => self.prescaler,
+            0x308 => self.prescaler,
+            0x40 if self.kind == Kind::Stm32g474 => {
+                self.registers[0] &= !(1 << 2);
+                self.registers[0x40 / 4]
+            }
+            offset if self.kind == Kind::Stm32g474 => word(&self.registers, offset),
+            0x304 => self.prescaler,
+            0x4c => {
+                self.registers[0] &= !REGULAR_END;
+                self.registers[0x4c / 4]
+            }
             offset => word(&self.registers, offset),
         }
     }
@@ -68,12 +85,17 @@ impl Converter {
             0x00 => self.registers[0] &= value,
             0x304 => self.prescaler = value,
             0x08 => {
-                self.registers[2] = value & !START_INJECTED;
+                self.registers[2] = value & !(START | START_INJECTED);
+                if value & ON != 0 && value & START != 0 {
+                    self.registers[0] |= REGULAR_START;
+                    let channel = self.registers[0x34 / 4] & 0x1f;
+                    self.regular = now + self.time(channel, cycle);
+                }
                 if value & ON != 0 && value & START_INJECTED != 0 {
                     self.begin(now, cycle);
                 }
             }
-            0x3c..=0x48 => {}
+            0x3c..=0x4c => {}
             offset => set_word(&mut self.registers, offset, value),
         }
     }
@@ -85,12 +107,16 @@ impl Converter {
             0x308 => self.prescaler = value,
             0x08 => {
                 // A start stays set until it is stopped; a calibration ends at once.
-                let stopped = (value & STOP_G474) >> 2;
+                let stopped = (value & STOPS_G474) >> 2;
                 let started = value & !self.registers[2] & !stopped;
-                let preserved = self.registers[2] & START_INJECTED_G474;
-                self.registers[2] = (value | preserved) & !(stopped | STOP_G474 | 1 << 31);
+                let preserved = self.registers[2] & (START_G474 | START_INJECTED_G474);
+                self.registers[2] = (value | preserved) & !(stopped | STOPS_G474 | 1 << 31);
                 if value & ON_G474 != 0 {
                     self.registers[0] |= READY_G474;
+                }
+                if started & START_G474 != 0 {
+                    let channel = self.registers[0x30 / 4] >> 6 & 0x1f;
+                    self.regular = now + self.time(channel, cycle);
                 }
                 if started & START_INJECTED_G474 != 0
                     && self.registers[GROUP_G474 / 4] >> 7 & 3 == 0
@@ -98,7 +124,7 @@ impl Converter {
                     self.begin(now, cycle);
                 }
             }
-            0x80..=0x8c => {}
+            0x40 | 0x80..=0x8c => {}
             offset => set_word(&mut self.registers, offset, value),
         }
     }
@@ -187,21 +213,36 @@ impl Converter {
         }
     }
 
-    /// Tick at which the conversions end.
+    /// Tick at which a conversion ends.
     pub fn due(&self) -> u64 {
-        self.injected
+        self.injected.min(self.regular)
     }
 
-    /// Ends the conversions with the readings `level` of each channel, 0 to 4095.
-    pub fn end(&mut self, level: impl Fn(u32) -> u16) {
+    /// Ends the conversions due by `now` with the readings `level` of each channel, 0 to 4095.
+    pub fn end(&mut self, now: u64, mut level: impl FnMut(u32) -> u16) {
         let g474 = self.kind == Kind::Stm32g474;
         let (register, at) = if g474 { (3, 3) } else { (1, 24) };
         let cut = 2 * (self.registers[register] >> at & 3);
         let to_left = !g474 && self.registers[2] & RIGHT_TO_LEFT != 0;
         let left = if to_left { 4 } else { 0 };
+        let mut convert = |channel: u32| u32::from(level(channel)) >> cut << left;
+        if now >= self.regular {
+            self.regular = u64::MAX;
+            if g474 {
+                self.registers[0x40 / 4] = convert(self.registers[0x30 / 4] >> 6 & 0x1f);
+                self.registers[0] |= REGULAR_END_G474;
+                self.registers[2] &= !START_G474;
+            } else {
+                self.registers[0x4c / 4] = convert(self.registers[0x34 / 4] & 0x1f);
+                self.registers[0] |= REGULAR_END;
+            }
+        }
+        if now < self.injected {
+            return;
+        }
         self.injected = u64::MAX;
         for (rank, channel) in self.group().into_iter().enumerate() {
-            let value = u32::from(level(channel)) >> cut << left;
+            let value = convert(channel);
             if g474 {
                 self.registers[RESULTS_G474 / 4 + rank] = value;
             } else {
@@ -216,12 +257,14 @@ impl Converter {
         };
     }
 
-    /// Whether it requests its interrupt: end of the conversions.
+    /// Whether it requests its interrupt: end of a regular conversion, or of the injected group.
     pub fn interrupts(&self) -> bool {
-        let (status, control) = (self.registers[0], self.registers[1]);
-        match self.kind {
-            Kind::Stm32f405 => status & INJECTED_END != 0 && control >> 7 & 1 == 1,
-            Kind::Stm32g474 => status & control & INJECTED_END_G474 != 0,
+        if self.kind == Kind::Stm32g474 {
+            return self.registers[0] & self.registers[1] & (REGULAR_END_G474 | INJECTED_END_G474)
+                != 0;
         }
+        let (status, control) = (self.registers[0], self.registers[1]);
+        status & REGULAR_END != 0 && control >> 5 & 1 == 1
+            || status & INJECTED_END != 0 && control >> 7 & 1 == 1
     }
 }

@@ -117,12 +117,14 @@ impl Lines {
 /// The flash, erased at first.
 #[derive(Clone, Debug, Default)]
 pub struct Flash {
+    /// Content.
     pub bytes: Vec<u8>,
     kind: Kind,
     /// Address and mask of bits that stay 1 when programmed, on the STM32F405.
     pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
+    /// Number of erased sectors.
     pub erasures: u32,
     /// Whether operations take the longest time of the data sheet instead of the typical one.
     pub slow: bool,
@@ -179,6 +181,7 @@ impl Flash {
         flash
     }
 
+    /// Resets the controller.
     pub fn reset(&mut self) {
         (self.keys, self.control, self.status) = (0, LOCKED, 0);
         (self.option_keys, self.option_control) = (0, self.options | OPTIONS_LOCKED);
@@ -209,6 +212,7 @@ impl Flash {
         self.options & by_software == 0
     }
 
+    /// Offset of the status register.
     pub fn status_offset(&self) -> u32 {
         match self.kind {
             Kind::Stm32f405 => 0x0c,
@@ -284,6 +288,7 @@ impl Flash {
         (self.latency(), old)
     }
 
+    /// Reads a register by its offset at tick `now`.
     pub fn register(&self, offset: u32, now: u64) -> u32 {
         if self.kind == Kind::Stm32g474 {
             return self.page_register(offset, now);
@@ -300,6 +305,7 @@ impl Flash {
         }
     }
 
+    /// Writes a register.
     pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
         match offset {
             0x00 => {

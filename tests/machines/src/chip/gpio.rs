@@ -18,14 +18,17 @@ pub enum Wire {
 /// Configuration of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
+    /// Input.
     Input,
     /// Output of its bit.
     Output,
     /// Alternate function with this number.
     Function(u8),
+    /// Analogue.
     Analogue,
 }
 
+/// Registers of a port.
 #[derive(Clone, Debug)]
 pub struct Port {
     /// External level at each pin.
@@ -48,12 +51,14 @@ impl Port {
         port
     }
 
+    /// Resets the registers.
     pub fn reset(&mut self) {
         self.registers = [0; 10];
         self.registers[0] = self.first[0];
         self.registers[3] = self.first[1];
     }
 
+    /// Reads a register.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
@@ -62,6 +67,7 @@ impl Port {
         }
     }
 
+    /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x10 => {}

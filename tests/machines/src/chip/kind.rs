@@ -5,6 +5,7 @@
 
 use std::ops::Range;
 
+/// A chip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// STM32F405RG (RM0090, DS8626).
@@ -39,8 +40,8 @@ pub struct Facts {
     pub brown_out: &'static [f64],
     /// Alternate function of the pins of TIM1.
     pub timer_function: u8,
-    /// Converter channels: accelerometer (PA1), current sensor (PC0).
-    pub channels: [u32; 2],
+    /// Converter channels: accelerometer (PA1), current sensor (PC0), reference.
+    pub channels: [u32; 3],
     /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
     pub ports: [[u32; 2]; 3],
     /// Bits of the prescaler in the window watchdog's configuration.
@@ -74,7 +75,7 @@ const STM32F405: Facts = Facts {
     levels: &[1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88],
     brown_out: &[2.83, 2.44, 2.19, 0.0],
     timer_function: 1,
-    channels: [1, 10],
+    channels: [1, 10, 17],
     ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
     window_prescaler: 3 << 7,
     // DS8626, table 40.
@@ -102,7 +103,7 @@ const STM32G474: Facts = Facts {
     levels: &[2.05, 2.2, 2.36, 2.52, 2.64, 2.81, 2.9],
     brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
     timer_function: 6,
-    channels: [2, 6],
+    channels: [2, 6, 18],
     ports: [
         [0xabff_ffff, 0x6400_0000],
         [0xffff_febf, 0x100],
@@ -171,6 +172,7 @@ const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
 ];
 
 impl Kind {
+    /// The numbers of this chip.
     pub fn facts(self) -> &'static Facts {
         match self {
             Self::Stm32f405 => &STM32F405,
@@ -193,6 +195,9 @@ impl Kind {
     }
 
     /// Address of a register of this chip, from its address on the STM32F405.
+    ///
+    /// # Panics
+    /// The block does not exist.
     pub fn address(self, same: u32) -> u32 {
         let mut blocks = BLOCKS.iter();
         let block = blocks.find(|(_, count, [first, _])| same.wrapping_sub(*first) < count * SIZE);

@@ -83,20 +83,27 @@ enum Runs {
 /// Run time of an exception's handler in core cycles, including handlers that preempt it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Handler {
+    /// Number of calls.
     pub count: u64,
+    /// Sum over all calls, entry and exit included.
+    pub sum: u64,
+    /// Longest call.
     pub longest: u64,
     entered: u64,
 }
 
+/// The emulated chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
     /// Number of flash operations after which the supply fails.
     pub fails_after: Option<u64>,
     /// Whether the bridge was driven while a debugger changed the flash or ran a loader.
     pub driven_while_halted: bool,
+    /// Whether the core was ever halted.
     pub was_halted: bool,
     /// The chip without its core.
     pub board: Board,
+    /// The core.
     pub core: Core,
     runs: Runs,
     /// Whether it still runs the unspecified older firmware.
@@ -168,6 +175,9 @@ impl Chip {
     }
 
     /// Run times of an exception's handler since they were last cleared.
+    ///
+    /// # Panics
+    /// The chip has no such exception.
     pub fn handler(&self, exception: u16) -> Handler {
         self.handlers[usize::from(exception)]
     }
@@ -175,14 +185,19 @@ impl Chip {
     /// Clears the handlers' run times; a running handler keeps its start.
     pub fn forget_handlers(&mut self) {
         for handler in &mut self.handlers {
-            (handler.count, handler.longest) = (0, 0);
+            *handler = Handler {
+                entered: handler.entered,
+                ..Handler::default()
+            };
         }
     }
 
+    /// Content of the flash.
     pub fn flash(&self) -> &[u8] {
         &self.board.flash.bytes
     }
 
+    /// Content of the flash for writing.
     pub fn flash_mut(&mut self) -> &mut [u8] {
         &mut self.board.flash.bytes
     }
@@ -222,6 +237,7 @@ impl Chip {
         }
     }
 
+    /// Switches the supply off.
     pub fn power_off(&mut self) {
         self.board.supplied = false;
         self.board.flash.supply_goes(self.board.now);
@@ -278,14 +294,15 @@ impl Chip {
         if !self.is_supplied() {
             return None;
         }
-        if self.runs != Runs::Unknown {
-            self.run(self.board.now + ACCESS_TICKS);
-        } else if !self.was_reset {
-            self.board.bridge.switch_on();
+        match self.runs {
+            Runs::Unknown if !self.was_reset => self.board.bridge.switch_on(),
+            Runs::Unknown => {}
+            Runs::Halted | Runs::Stopped | Runs::Core => self.run(self.board.now + ACCESS_TICKS),
         }
         Some(())
     }
 
+    /// Runs the chip for this time.
     pub fn run_for(&mut self, time: std::time::Duration) {
         if self.runs == Runs::Core && self.is_supplied() {
             let passed = (time.as_secs_f64() * TICKS as f64) as u64;
@@ -354,14 +371,17 @@ impl Chip {
     fn halt(&mut self, control: u32) {
         self.halting = control;
         let requested = control & (DEBUG | HALT | STEP);
-        if requested & (DEBUG | HALT) == DEBUG | HALT {
+        if requested & DEBUG == 0 {
+            if self.runs == Runs::Halted {
+                self.resume();
+            }
+            return;
+        }
+        if requested & HALT != 0 {
             self.stop(1);
         } else if self.runs == Runs::Halted {
             self.resume();
             let unknown = self.runs == Runs::Unknown;
-            if requested & DEBUG == 0 {
-                return;
-            }
             if requested & STEP != 0 {
                 if !unknown {
                     self.steps(1);
@@ -416,6 +436,7 @@ impl Chip {
         self.stop(1);
     }
 
+    /// Resets the chip.
     pub fn reset(&mut self, cause: Cause) {
         self.was_reset = true;
         self.older = false;
@@ -433,6 +454,7 @@ impl Chip {
         }
     }
 
+    /// Runs to tick `until`.
     pub fn run(&mut self, until: u64) {
         while self.board.now < until {
             if let Some(cause) = self.board.reset {
@@ -495,7 +517,7 @@ impl Chip {
 
     #[inline(always)]
     fn step(&mut self) {
-        if self.hangs.is_some_and(|hang| self.is_hung(hang)) {
+        if self.hangs.is_some() && self.is_hung() {
             self.core.instructions += 1;
             self.board.spend(3);
             return;
@@ -507,11 +529,12 @@ impl Chip {
     }
 
     #[cold]
-    fn is_hung(&self, hang: Hang) -> bool {
-        match hang {
-            Hang::Thread => self.core.exception == 0,
-            Hang::Samples => self.core.exception == SAMPLE,
-            Hang::Everything => true,
+    fn is_hung(&self) -> bool {
+        match self.hangs {
+            None => false,
+            Some(Hang::Thread) => self.core.exception == 0,
+            Some(Hang::Samples) => self.core.exception == SAMPLE,
+            Some(Hang::Everything) => true,
         }
     }
 
@@ -531,7 +554,8 @@ impl Chip {
     }
 
     fn due_exception(&self) -> Option<u16> {
-        self.board.system.due(self.core.mask)
+        let (core, system) = (&self.core, &self.board.system);
+        system.due(core.mask, core.fault_mask, core.base_priority)
     }
 
     fn handle_exceptions(&mut self) {
@@ -551,6 +575,7 @@ impl Chip {
             if let Some(handler) = self.handlers.get_mut(usize::from(from)) {
                 let duration = self.board.cycles - handler.entered;
                 handler.count += 1;
+                handler.sum += duration;
                 handler.longest = handler.longest.max(duration);
             }
         }
@@ -597,7 +622,9 @@ impl Chip {
                 system.fault_address = address;
             }
         }
-        if system.running(self.core.mask) <= -1 {
+        let core = &self.core;
+        let running = system.running(core.mask, core.fault_mask, core.base_priority);
+        if running <= -1 {
             self.runs = Runs::Stopped;
             self.core.attention = true;
             self.board.locks_up();

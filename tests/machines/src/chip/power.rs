@@ -33,6 +33,7 @@ pub struct Power {
     kind: Kind,
     /// CR of the STM32F405; CR2 of the STM32G474.
     control: u32,
+    status: u32,
     /// Output of the monitor: the supply is below its level.
     pub below: bool,
     /// CR1, CR3 and CR5 of the STM32G474.
@@ -49,6 +50,7 @@ impl Power {
             volts: 3.3,
             kind,
             control,
+            status: 0,
             below: false,
             others,
         }
@@ -74,7 +76,7 @@ impl Power {
         }
         match offset {
             0x00 => self.control,
-            0x04 => SCALED | (u32::from(self.below) * BELOW),
+            0x04 => self.status | SCALED | (u32::from(self.below) * BELOW),
             _ => 0,
         }
     }
@@ -82,6 +84,7 @@ impl Power {
     pub fn write(&mut self, offset: u32, value: u32) {
         match (self.kind, offset) {
             (Kind::Stm32f405, 0x00) => self.control = value & 0xc3f3,
+            (Kind::Stm32f405, 0x04) => self.status = value & 0x300,
             (Kind::Stm32g474, 0x00) => self.others[0] = value,
             (Kind::Stm32g474, 0x04) => self.control = value & 0xff,
             (Kind::Stm32g474, 0x08) => self.others[1] = value,

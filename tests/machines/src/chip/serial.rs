@@ -55,6 +55,7 @@ pub struct Serial {
 const RATE: u64 = 115_200;
 
 impl Serial {
+    /// Builds a port of a chip.
     pub fn new(kind: Kind) -> Self {
         Self {
             status: SENT | EMPTY,

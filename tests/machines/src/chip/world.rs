@@ -13,6 +13,9 @@ pub const STEP: u64 = TICKS / kband_control::SAMPLE_RATE as u64;
 /// output, a duty of 93 %.
 const FULL_OUTPUT_DUTY: f32 = 0.86;
 
+/// Index of the current sensor's reading (PC0): its channel on the STM32F405.
+pub const CURRENT_CHANNEL: usize = 10;
+
 /// Events observed from outside the chip.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
@@ -26,6 +29,7 @@ pub enum Event {
     Fault(bool),
     /// Level of the fieldbus's driver enable.
     BusDriver(bool),
+    /// The chip was reset.
     Reset(Cause),
     /// The core has stopped: a fault within a fault (lock-up).
     LockedUp,
@@ -48,8 +52,8 @@ pub struct World {
     pub min_edge_distance: u32,
     /// Sensor reading, counts of a converter of 12 bits.
     pub reading: u16,
-    /// Current sensor reading, counts.
-    pub current: u16,
+    /// Readings of the converter's other channels, counts.
+    pub analogue: [u16; 19],
     held: f32,
     since: u64,
     sum: f64,
@@ -72,6 +76,7 @@ impl Default for World {
 }
 
 impl World {
+    /// Builds the surroundings for a scene.
     pub fn new(scene: &Scene) -> Result<Self, kband::feeder::OutOfRange> {
         let Settings { frequency, .. } = scene.settings;
         Ok(Self {
@@ -83,7 +88,7 @@ impl World {
             sensor_offset: 0.0,
             min_edge_distance: u32::MAX,
             reading: 2048,
-            current: 0,
+            analogue: [0; 19],
             held: 0.0,
             since: 0,
             sum: 0.0,
@@ -101,6 +106,7 @@ impl World {
         (self.held, self.since) = (output, now);
     }
 
+    /// Advances the track by a step.
     pub fn advance(&mut self) {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
@@ -109,7 +115,7 @@ impl World {
         let reading = f32::from(self.bench.sample().0);
         let drift = self.sensor_offset * (4096.0 / 3.3);
         self.reading = (reading * self.sensor_supply + drift) as u16;
-        self.current = self.bench.current().0;
+        self.analogue[CURRENT_CHANNEL] = self.bench.current().0;
         self.bench.forget_strikes();
         let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
@@ -122,6 +128,7 @@ impl World {
         x.hypot(v / self.angular)
     }
 
+    /// Adds an event to the trace.
     pub fn record(&mut self, now: u64, event: Event) {
         self.trace.push((now, event));
     }

@@ -7,6 +7,8 @@ use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
 const NAN: u32 = 0x7fc0_0000;
 /// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
+/// FPSCR bit: operations on NaN return the default NaN.
+const DEFAULT_NAN: u32 = 1 << 25;
 
 fn is_nan(bits: u32) -> bool {
     bits & 0x7fff_ffff > 0x7f80_0000
@@ -26,6 +28,9 @@ impl Core {
     fn number(&self, result: f32, operands: &[u32]) -> u32 {
         if !result.is_nan() {
             return result.to_bits();
+        }
+        if self.status & DEFAULT_NAN != 0 {
+            return NAN;
         }
         let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
         let first = operands.iter().find(signalling);
@@ -106,11 +111,16 @@ impl Core {
         let s = match (double, kind) {
             (false, 0) => register(n, bit(second, 7), false),
             (true, 0 | 1) => register(n, bit(second, 7), true) + kind,
-            // The flags of a comparison.
-            (false, 7) if n == 1 && to_core && t == COUNTER => {
-                let saturated = self.saturated;
-                self.set_flags(self.status);
-                self.saturated = saturated;
+            (false, 7) if n == 1 => {
+                match (to_core, t) {
+                    (true, COUNTER) => {
+                        let saturated = self.saturated;
+                        self.set_flags(self.status);
+                        self.saturated = saturated;
+                    }
+                    (true, t) => _ = self.set(t, self.status),
+                    (false, t) => self.status = self.r[t],
+                }
                 return Ok(1);
             }
             _ => return Err(Fault::Undefined),

@@ -28,6 +28,7 @@ pub trait Bus {
 /// Reason for which an instruction was not executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
+    /// Undefined instruction.
     Undefined,
     /// Branch to an address without Thumb code.
     State,
@@ -39,6 +40,7 @@ pub enum Fault {
     Unaligned,
     /// The floating-point unit is off.
     NoCoprocessor,
+    /// A breakpoint instruction.
     Breakpoint,
     /// Invalid exception return.
     Return,
@@ -50,9 +52,12 @@ type Cycles = Result<u32, Fault>;
 /// Event for which a core waits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WaitState {
+    /// None.
     #[default]
     Not,
+    /// An event.
     Event,
+    /// An interrupt.
     Interrupt,
 }
 
@@ -60,9 +65,11 @@ pub enum WaitState {
 const REFILL: u32 = 2;
 /// Register number for "no target".
 const NONE: usize = 16;
-/// Register numbers: stack pointer; return address of a call; address of the next instruction.
+/// Register number of the stack pointer.
 pub const STACK: usize = 13;
+/// Register number of the link register, the return address of a call.
 pub const LINK: usize = 14;
+/// Register number of the program counter, the address of the next instruction.
 pub const COUNTER: usize = 15;
 
 /// Registers and state of the core.
@@ -83,17 +90,25 @@ pub struct Core {
     status: u32,
     /// PRIMASK.
     pub mask: bool,
-    /// Whether the floating-point registers are in use: a stack frame includes them.
-    has_float: bool,
+    /// FAULTMASK: all but the NMI is masked.
+    pub fault_mask: bool,
+    /// BASEPRI: this priority and lower ones are masked; 0: none.
+    pub base_priority: u8,
+    control: u32,
+    other_stack: u32,
     /// Number of the active exception; 0: none.
     pub exception: u16,
     /// Whether the floating-point unit is on (CPACR).
     pub float: bool,
+    /// The event register.
     pub event: bool,
+    /// Event for which the core waits.
     pub waits: WaitState,
     /// Whether the chip must check the core: it waits, a mask was cleared, or an exception ends.
     pub attention: bool,
+    /// The pending exception return.
     pub returning: Option<u32>,
+    /// Number of executed instructions.
     pub instructions: u64,
     exclusive: bool,
     next: u32,
@@ -115,6 +130,7 @@ impl Core {
         self.r[COUNTER] = entry & !1;
     }
 
+    /// Continues at another address.
     pub fn set_next_instruction(&mut self, address: u32) {
         self.r[COUNTER] = address & !1;
         self.block = 0;

@@ -137,16 +137,19 @@ impl Core {
             0x4 => return self.store_many(bus, STACK, list, true, true),
             0x5 => return self.store_many(bus, STACK, list | 1 << LINK, true, true),
             0x6 if bits(code, 5, 3) == 0b011 => {
-                (self.mask, self.attention) = (bit(code, 4), true);
-                return if bits(code, 0, 2) == 0b10 {
-                    Ok(1)
-                } else {
-                    Err(Fault::Undefined)
-                };
+                if bit(code, 1) {
+                    self.mask = bit(code, 4);
+                }
+                if bit(code, 0) {
+                    self.fault_mask = bit(code, 4);
+                }
+                self.attention = true;
+                return Ok(1);
             }
             0xa => match bits(code, 6, 2) {
                 0 => value.swap_bytes(),
                 1 => value.swap_bytes().rotate_right(16),
+                3 => i32::from((value as u16).swap_bytes() as i16) as u32,
                 _ => return Err(Fault::Undefined),
             },
             0xc => return self.load_many(bus, STACK, list, false, true),
