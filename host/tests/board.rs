@@ -541,9 +541,13 @@ impl Commissioned {
         let response = write_response(&mut buffer, sequence, &response);
         let mut answers = response.unwrap().to_vec();
         if let Request::Telemetry(1) = request {
-            let state = [State::Off, State::Holding][usize::from(self.running)].number();
+            let state = if self.running {
+                State::Holding
+            } else {
+                State::Off
+            };
             let telemetry = Telemetry {
-                state,
+                state: state.number(),
                 ..Telemetry::default()
             };
             let row = write_response(&mut buffer, 0, &Response::Telemetry(telemetry));

@@ -395,7 +395,11 @@ impl Kicks {
         let (left, right) = span(&lengths);
         let (bottom, top) = span(&self.factors);
         let is_slow = self.slow.is_some();
-        let title = ["hold", "descent of the amplitude"][usize::from(is_slow)];
+        let title = if is_slow {
+            "descent of the amplitude"
+        } else {
+            "hold"
+        };
         let length = Axis::new(title, "drive cycles", left, right);
         let factor = Axis::new("factor of the amplitude", "", bottom, top);
         let captured = Axis::new("share of the parts captured", "", 0.0, 1.0);

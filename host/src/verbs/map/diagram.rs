@@ -365,7 +365,11 @@ impl Diagram {
                 let states = column.states.iter();
                 states.map(|state| self.height(*state) as f32).collect()
             });
-            let height = [240.0, 420.0][usize::from(self.branches.len() == 1)];
+            let height = if self.branches.len() == 1 {
+                420.0
+            } else {
+                240.0
+            };
             let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
                 .heading(branch.start.names()[1])
                 .height(height);
