@@ -34,6 +34,9 @@ mod set_up;
 mod wave;
 mod wave_map;
 
+#[cfg(test)]
+mod tests;
+
 pub use anchor::{Single, SingleState};
 pub use contact_time::ContactTime;
 pub(crate) use contact_time::speed_gain;

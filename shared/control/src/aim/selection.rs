@@ -36,7 +36,11 @@ pub struct Selection {
 }
 
 impl Selection {
-    pub fn begin(target: Target, settings: &Settings, scale: &Scale) -> Result<Self, OutOfRange> {
+    pub fn from_target(
+        target: Target,
+        settings: &Settings,
+        scale: &Scale,
+    ) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
         let gear = match target {
             Target::Gear { .. } | Target::Flow(_) => {
@@ -62,7 +66,7 @@ impl Selection {
             order: first_order(target),
             plan: None,
             retuning: Retuning::default(),
-            search: kicks_of(&choice, settings, scale)?,
+            search: plan_kicks(&choice, settings, scale)?,
             choice,
             chaos: chaotic.then(|| ChaosSearch::begin(settings)).transpose()?,
             misfit: false,
@@ -230,7 +234,7 @@ impl Selection {
 
     fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
         self.choice = choice;
-        match kicks_of(&choice, settings, scale) {
+        match plan_kicks(&choice, settings, scale) {
             Ok(search) => self.search = search,
             // A lock without a plan of kicks is no setpoint.
             Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
@@ -248,7 +252,11 @@ fn first_order(target: Target) -> u8 {
     }
 }
 
-fn kicks_of(choice: &Choice, settings: &Settings, scale: &Scale) -> Result<KickSearch, OutOfRange> {
+fn plan_kicks(
+    choice: &Choice,
+    settings: &Settings,
+    scale: &Scale,
+) -> Result<KickSearch, OutOfRange> {
     let Some(lock) = &choice.lock else {
         return Ok(KickSearch::default());
     };

@@ -106,7 +106,7 @@ impl Controller {
             scale,
             resonance,
             amplitude,
-            selection: Selection::begin(target, settings, &scale)?,
+            selection: Selection::from_target(target, settings, &scale)?,
             machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),
             listener: Listener::build()?,
             missed_impact_detector: MissedImpactDetector::default(),
@@ -174,7 +174,7 @@ impl Controller {
     /// The setpoint selection for a target within the drive's reach.
     #[inline(never)]
     fn select(&self, target: Target, settings: &Settings) -> Result<Selection, OutOfRange> {
-        let selection = Selection::begin(target, settings, &self.scale)?;
+        let selection = Selection::from_target(target, settings, &self.scale)?;
         match selection.no_setpoint() {
             Some(NoSetpoint::Output { .. }) => {
                 let reach = "what output_maximum and gain let the drive reach at its frequency";

@@ -69,7 +69,8 @@ impl Observer {
         goal: f32,
         decay: f32,
     ) -> Complex {
-        // A cycle's fundamental contains half of a drift, and of a jump the part after it.
+        // A cycle's fundamental contains half of a drift, and of a jump the part after it. The ends
+        // of the cycle add the conjugate term.
         let ends = Complex::new(0.0, 0.25 / PI);
         // Angle from the impact to half a turn.
         let since = libm::atan2f(impact.at.im, -impact.at.re);

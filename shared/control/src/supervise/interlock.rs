@@ -1,7 +1,8 @@
 //! The interlock: it keeps the drive off until a person acts at the machine.
 //!
-//! Only the enable input ends fault, latch and lock-out (IEC 60204-1, 9.2.5.4.2), and they outlast
-//! every new controller. A fieldbus with that authority acknowledges a fault, but no lock-out.
+//! No request over the link changes fault, latch or lock-out. Only the enable input ends them (IEC
+//! 60204-1, 9.2.5.4.2), and they outlast every new controller. One exception: a fieldbus with that
+//! authority acknowledges a fault, but no lock-out.
 
 use crate::{Event, Events, Fault, Inputs, StartCause};
 
