@@ -160,6 +160,50 @@ fn the_report_of_a_scene_is_the_accepted_one() {
     assert_eq!(reports.len(), accepted.len(), "lines at the end");
 }
 
+/// Keys, texts and numbers (to nine digits) of a JSON value, in the order of the value.
+fn digest(value: &serde_json::Value, text: &mut String) {
+    match value {
+        serde_json::Value::Number(number) => {
+            *text += &format!("{:.8e} ", number.as_f64().unwrap());
+        }
+        serde_json::Value::Array(values) => values.iter().for_each(|value| digest(value, text)),
+        serde_json::Value::Object(fields) => {
+            for (key, value) in fields {
+                *text += key;
+                digest(value, text);
+            }
+        }
+        other => *text += &other.to_string(),
+    }
+}
+
+/// Each command of `answers.txt` has the result of the hash (FNV-1a) before it. `KBAND_ACCEPT=1`
+/// writes the hashes after an intended change.
+#[test]
+fn the_answer_of_a_command_is_the_accepted_one() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/answers.txt");
+    let accepted = std::fs::read_to_string(path).unwrap();
+    let folder = folder();
+    let mut actual = String::new();
+    for line in accepted.lines() {
+        let (_, command) = line.split_once("  ").expect("a hash and a command");
+        let answer = kband(&folder, &format!("{command} --format json")).json();
+        let mut text = String::new();
+        digest(&answer, &mut text);
+        let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3)
+        });
+        actual += &format!("{hash:016x}  {command}\n");
+    }
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        std::fs::write(path, actual).unwrap();
+        return;
+    }
+    for (line, expected) in actual.lines().zip(accepted.lines()) {
+        assert_eq!(line, expected);
+    }
+}
+
 /// A named output overwrites any file, a default name only files that kband wrote.
 #[test]
 fn a_foreign_file_is_replaced_only_where_it_is_named() {

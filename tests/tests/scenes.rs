@@ -1,4 +1,7 @@
-//! One test per scene: the events are exactly the expected ones.
+//! One test per scene: the events are exactly the expected ones, and the trace keeps its bits.
+
+use std::fmt::Write;
+use std::sync::Mutex;
 
 use kband_control::Event;
 use kband_host::desk::Desk;
@@ -23,6 +26,40 @@ fn run(name: &str) {
     };
     let [envelope, waveform] = Fidelity::ALL.map(run_fidelity);
     agree(&envelope, &waveform);
+    let [envelope, waveform] = [envelope, waveform].map(|outcome| hash(&outcome));
+    keeps_bits(name, &format!("{name}: {envelope:016x} {waveform:016x}"));
+}
+
+/// Hash (FNV-1a) of what a run records in every cycle.
+fn hash(outcome: &Outcome) -> u64 {
+    let (mut text, mut hash) = (String::new(), 0xcbf2_9ce4_8422_2325_u64);
+    for moment in outcome.moments() {
+        text.clear();
+        write!(text, "{moment:?}").unwrap();
+        for byte in text.bytes() {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+        }
+    }
+    hash
+}
+
+/// Compares a scene's line with bits.txt. `KBAND_ACCEPT=1` replaces it after an intended change.
+fn keeps_bits(name: &str, line: &str) {
+    static FILE: Mutex<()> = Mutex::new(());
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/bits.txt");
+    let accepts = std::env::var_os("KBAND_ACCEPT").is_some();
+    let file = FILE.lock().unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let accepted = |other: &&str| other.split(':').next() == Some(name);
+    if !accepts {
+        drop(file);
+        assert_eq!(Some(line), text.lines().find(accepted), "scenes/bits.txt");
+        return;
+    }
+    let mut lines: Vec<_> = text.lines().filter(|other| !accepted(other)).collect();
+    lines.push(line);
+    lines.sort_unstable();
+    std::fs::write(path, lines.join("\n") + "\n").unwrap();
 }
 
 /// Number of drive cycles by which noise may shift a decision of one fidelity against the other.

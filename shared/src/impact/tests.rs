@@ -1,35 +1,58 @@
 //! Tests of the arithmetics against each other, launch by launch.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
+use std::format;
+use std::string::String;
 
 use super::*;
+use crate::feeder::OutOfRange;
 
-/// k, phase and velocity of launches: fast, slow, without a hump, and past the top of a hump.
-fn launches() -> impl Iterator<Item = [f64; 3]> {
-    (0..24_000).map(|n| {
-        let [w, x, y, z] = [0.414_214, 0.618_034, 0.732_051, 0.236_068]
-            .map(|factor| (f64::from(n) * factor).rem_euclid(1.0));
-        let (k, phase) = (0.02 + 0.96 * x, TAU * w);
-        match n % 4 {
-            0 => [k, phase, 20.0 * y],
-            1 => [k, phase, 3.0 * libm::exp10(-7.0 * y)],
-            2 => [1.0 + 3.0 * x, phase, 20.0 * y],
-            _ => {
-                // After d, at a crest, the part is at this height and slope over the track.
-                let (height, slope) = (0.02 * (x - 0.5), 0.4 * (y - 0.5));
-                let d = FRAC_PI_2 + TAU * libm::floor(1.0 + 3.0 * z) - phase;
-                let k = 2.0 * (1.0 + height - libm::sin(phase) - slope * d) / (d * d);
-                [k, phase, k * d + slope - libm::cos(phase)]
-            }
+/// Kinds of launch. Those of [`COMPARED`] are rarely within rounding of a touch.
+const KINDS: [&str; 8] = [
+    "fast",
+    "slow",
+    "without a hump",
+    "past a crest",
+    "low",
+    "at the edge of a hump",
+    "touching a crest",
+    "wide",
+];
+const COMPARED: usize = 4;
+
+/// k, phase in rad and velocity in `b w` of launch `n` of a kind.
+fn launch(kind: usize, n: u32) -> [f64; 3] {
+    let [w, x, y, z] = [0.414_214, 0.618_034, 0.732_051, 0.236_068]
+        .map(|factor| (f64::from(n) * factor).rem_euclid(1.0));
+    let (k, phase) = (0.02 + 0.96 * x, TAU * w);
+    // After d, at a crest, the part is at this height and slope over the track.
+    let past_crest = |height: f64, slope: f64| {
+        let d = FRAC_PI_2 + TAU * libm::floor(1.0 + 3.0 * z) - phase;
+        let k = 2.0 * (1.0 + height - libm::sin(phase) - slope * d) / (d * d);
+        [k, phase, k * d + slope - libm::cos(phase)]
+    };
+    match KINDS[kind] {
+        "fast" => [k, phase, 20.0 * y],
+        "slow" => [k, phase, 3.0 * libm::exp10(-7.0 * y)],
+        "without a hump" => [1.0 + 3.0 * x, phase, 20.0 * y],
+        "past a crest" => past_crest(0.02 * (x - 0.5), 0.4 * (y - 0.5)),
+        "low" => [k, phase, 3.0 * y],
+        "at the edge of a hump" => {
+            let off = (z - 0.5).signum() * libm::exp10(-12.0 * w);
+            let velocity = if x < 0.2 { 0.0 } else { libm::exp10(-10.0 * y) };
+            [k, libm::asin(k) + off, velocity]
         }
-    })
+        "touching a crest" => past_crest((x - 0.5).signum() * libm::exp10(-9.0 * y), 1e-3 * z),
+        _ => [3.0 * libm::exp10(-2.7 * x), phase, 60.0 * y * y],
+    }
 }
 
 /// Compares the impacts of two arithmetics, by flights in rad and velocities. Launches within
 /// rounding of a touch are left out.
 fn compare<A: Kernel, B: Kernel>(max_error: f64, build: impl Fn(f64) -> (A, B)) {
     let mut compared = 0;
-    for [k, phase, velocity] in launches() {
+    for n in 0..24_000 {
+        let [k, phase, velocity] = launch(n as usize % COMPARED, n);
         if k < 0.02 || velocity < 0.0 {
             continue;
         }
@@ -71,4 +94,52 @@ fn f32_has_the_impacts_of_f64_on_three_tones() {
             WaveMap::on_tones(tones, k, 0.8).unwrap(),
         )
     });
+}
+
+/// Hash (FNV-1a) of the flights, states and flags of some thousand impacts, a line for each kind.
+fn hashes<K: Kernel>(tones: &str, build: impl Fn(f64) -> Result<K, OutOfRange>) -> String {
+    let mut lines = String::new();
+    for (kind, name) in KINDS.iter().enumerate() {
+        let (mut hash, mut count) = (0xcbf2_9ce4_8422_2325_u64, 0);
+        for [k, phase, velocity] in (0..3_000).map(|n| launch(kind, n)) {
+            let (Ok(kernel), Ok(state)) = (build(k), K::state(phase, velocity)) else {
+                continue;
+            };
+            let impact = kernel.impact(state);
+            let next = K::observe(impact.next);
+            let words = [impact.flight, next.phase, next.velocity].map(f64::to_bits);
+            for word in words.into_iter().chain([u64::from(impact.grazes)]) {
+                hash = (hash ^ word).wrapping_mul(0x100_0000_01b3);
+            }
+            count += 1;
+        }
+        assert!(count > 1_000, "{} {name}: {count}", K::NAME);
+        lines += &format!("{} {tones}, {name}: {hash:016x} of {count}\n", K::NAME);
+    }
+    lines
+}
+
+/// The bits are those of bits.txt. `KBAND_ACCEPT=1` writes it after an intended change.
+#[test]
+fn every_arithmetic_keeps_its_bits() {
+    let two = [Tone::new(0.15, 2.356), Tone::default()];
+    let three = [Tone::new(0.3, 1.0), Tone::new(0.1, 5.74)];
+    let actual = [
+        hashes::<Integer>("one tone", |k| Integer::build(k, 0.8)),
+        hashes::<Single>("one tone", |k| Single::build(k, 0.8)),
+        hashes::<Single>("two tones", |k| Single::on_tones(two, k, 0.8)),
+        hashes::<Single>("three tones", |k| Single::on_tones(three, k, 0.8)),
+        hashes::<Map>("one tone", |k| Map::build(k, 0.8)),
+        hashes::<WaveMap>("two tones", |k| WaveMap::on_tones(two, k, 0.8)),
+        hashes::<WaveMap>("three tones", |k| WaveMap::on_tones(three, k, 0.8)),
+    ]
+    .concat();
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/src/impact/bits.txt");
+        std::fs::write(file, &actual).unwrap();
+        return;
+    }
+    for (line, accepted) in actual.lines().zip(include_str!("bits.txt").lines()) {
+        assert_eq!(line, accepted);
+    }
 }
