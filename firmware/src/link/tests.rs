@@ -190,6 +190,7 @@ fn open(frame: &[u8]) -> (u8, Response<'static>) {
     }
 }
 
+mod conversation;
 mod interlock;
 mod recipes;
 mod update;

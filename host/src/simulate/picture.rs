@@ -74,10 +74,14 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     // Band and phase of the lock apply to one tone.
     let alone = outcome.last().shape.is_sine();
     let lock = band.filter(|_| alone);
-    if let Some([low, high]) = outcome.last().gear_band {
-        throw = throw.shelf("gear band", low.into(), high.into());
+    if let Some([low, high]) = outcome.last().target_band {
+        let (name, of_lock) = match outcome.target() {
+            Target::Chaotic => ("chaotic band", "lock"),
+            _ => ("gear band", "lock without scatter"),
+        };
+        throw = throw.shelf(name, low.into(), high.into());
         if let Some(band) = lock {
-            let low = throw.level(band.low(), "lock without scatter");
+            let low = throw.level(band.low(), of_lock);
             throw = low.level(band.high(), "");
         }
     } else if let Some(band) = lock {

@@ -45,9 +45,12 @@ pub struct Report {
     pub margin: Option<GearMargin>,
     /// Predicted share of the lot's time in gear at the setpoint, 0..1; 0 for another target.
     pub expected_in_gear: f32,
-    /// Gear band: lowest and highest k at which the lot's predicted share is within
-    /// [`kband::regime::gear::GEAR_BAND_LOSS`] of the setpoint's; `None` without such a target.
-    pub gear_band: Option<[f32; 2]>,
+    /// Lowest and highest k for a target of gear or chaos; `None` for another target.
+    ///
+    /// In the gear band the lot's predicted share is within
+    /// [`kband::regime::gear::GEAR_BAND_LOSS`] of the setpoint's. In the chaotic band every part of
+    /// the lot is chaotic.
+    pub target_band: Option<[f32; 2]>,
     /// Load of the parts, estimated from their power; `None` out of gear or without a track mass.
     pub load: Option<Load>,
     /// Kicks begun for the present target.

@@ -163,8 +163,8 @@ fields! {
         all IN_GEAR_ERROR.digits(1) => finite(row.2.in_gear_error).map(shortest);
         all IN_GEAR_EXPECTED.titled("expected").digits(2) =>
             Some(row.2.expected_in_gear).filter(|share| *share > 0.0).map(shortest);
-        all GEAR_BAND_LOW.titled("band from").digits(4) => row.2.gear_band.map(|band| shortest(band[0]));
-        all GEAR_BAND_HIGH.titled("to").digits(4) => row.2.gear_band.map(|band| shortest(band[1]));
+        all GEAR_BAND_LOW.titled("band from").digits(4) => row.2.target_band.map(|band| shortest(band[0]));
+        all GEAR_BAND_HIGH.titled("to").digits(4) => row.2.target_band.map(|band| shortest(band[1]));
         all FLIP_ESTIMATED.titled("margin").digits(2) => margin(&row.2, |margin| margin.flip);
         all TRACE_ESTIMATED.titled("trace").digits(2) => margin(&row.2, |margin| margin.trace);
         all RESTITUTION_ESTIMATED.titled("R").digits(3) => margin(&row.2, |margin| margin.restitution);

@@ -165,9 +165,14 @@ impl BoardStatus {
             ("impacts detected", format!("{impacts} a cycle")),
             ("in gear estimated", number(telemetry.in_gear, 2)),
         ]);
-        if let Some([low, high]) = telemetry.gear_band {
+        if let Some([low, high]) = telemetry.target_band {
             let [low, high] = [low, high].map(|k| number(k, 4));
-            rows.push(("gear band", format!("k {low} .. {high}")));
+            let name = if self.target == Target::Chaotic {
+                "chaotic band"
+            } else {
+                "gear band"
+            };
+            rows.push((name, format!("k {low} .. {high}")));
         }
         if let Some(margin) = telemetry.margin {
             let (flip, trace) = (number(margin.flip, 2), number(margin.trace, 2));
@@ -280,8 +285,8 @@ impl BoardStatus {
             "output": self.telemetry.output,
             "impacts_detected": self.telemetry.rate,
             "in_gear_estimated": self.telemetry.in_gear,
-            "gear_band_low": self.telemetry.gear_band.map(|[low, _]| low),
-            "gear_band_high": self.telemetry.gear_band.map(|[_, high]| high),
+            "gear_band_low": self.telemetry.target_band.map(|[low, _]| low),
+            "gear_band_high": self.telemetry.target_band.map(|[_, high]| high),
             "flip_estimated": self.telemetry.margin.map(|margin| margin.flip),
             "trace_estimated": self.telemetry.margin.map(|margin| margin.trace),
             "restitution_estimated": self.telemetry.margin.map(|margin| margin.restitution),
@@ -386,7 +391,7 @@ mod tests {
     fn the_live_view_fits_a_terminal_of_80_columns_and_24_lines() {
         let mut now = status();
         let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
-        (now.telemetry.limits, now.telemetry.gear_band) = (limits, Some([0.392_12, 0.477_43]));
+        (now.telemetry.limits, now.telemetry.target_band) = (limits, Some([0.392_12, 0.477_43]));
         now.telemetry.margin = Some(GearMargin::default());
         now.telemetry.load = Some(Load::default());
         let inputs = &mut now.status.inputs;

@@ -165,7 +165,7 @@ fn describe_setpoint(outcome: &Outcome) -> Vec<String> {
     lines
 }
 
-/// Gear band for a target of gear, band of the lock, and whether k is inside.
+/// Band of a target of gear or chaos, band of the lock, and whether k is inside.
 fn describe_band(outcome: &Outcome) -> Vec<String> {
     let (k, is_moving) = (outcome.k(), outcome.amplitude() > RESTING_AMPLITUDE);
     let place = |inside: bool| match (is_moving, inside) {
@@ -173,18 +173,22 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
         (true, true) => ", k inside",
         (true, false) => ", k outside",
     };
-    let gear = outcome.last().gear_band.map(|band| {
+    let name = match outcome.target() {
+        Target::Chaotic => "chaotic band",
+        _ => "gear band",
+    };
+    let target = outcome.last().target_band.map(|band| {
         let [low, high] = band.map(f64::from);
         let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
         let b = when(is_moving, || format!(" (b {} .. {} mm)", mm(high), mm(low)));
         let place = place((low..=high).contains(&k));
         let [low, high] = numbers([low, high], 4);
-        format!("gear band        k {low} .. {high}{b}{place}")
+        format!("{name:<17}k {low} .. {high}{b}{place}")
     });
     let lock = match outcome.band() {
         Some(band) => {
             let scatter = when(outcome.file().scatters(), || ", of a lock without scatter");
-            let place = when(gear.is_none(), || place(band.contains(k)));
+            let place = when(target.is_none(), || place(band.contains(k)));
             let ([low, high], order) = (numbers([band.low(), band.high()], 4), band.order());
             format!("band             k {low} .. {high} (order {order}{scatter}){place}")
         }
@@ -193,7 +197,7 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
             outcome.no_band().unwrap_or_default()
         ),
     };
-    gear.into_iter().chain([lock]).collect()
+    target.into_iter().chain([lock]).collect()
 }
 
 fn describe_share_in_gear(outcome: &Outcome) -> Vec<String> {
@@ -397,7 +401,7 @@ fn as_json(
         "b": outcome.amplitude() * 1e3,
         "k": finite(outcome.k()),
         "band": outcome.band().map(|band| [band.low(), band.high()]),
-        "gear_band": last.gear_band,
+        "gear_band": last.target_band,
         "regime": outcome.regime(),
         "in_gear": outcome.in_gear(),
         "in_gear_estimated": outcome.record().in_gear_estimated(),

@@ -127,10 +127,10 @@ impl ChaosSearch {
         self.k *= 1.0 - SCAN_STEP;
     }
 
-    /// The result, once the search is over: k in the middle of the widest interval.
-    pub fn result(&self) -> Option<Option<f64>> {
-        let middle = self.longest.map(|(high, low)| libm::sqrt(high * low));
-        self.done.then_some(middle)
+    /// The result, once the search is over: lowest and highest k of the widest interval.
+    pub fn result(&self) -> Option<Option<[f64; 2]>> {
+        let interval = self.longest.map(|(high, low)| [low, high]);
+        self.done.then_some(interval)
     }
 }
 
@@ -141,7 +141,7 @@ mod tests {
     use kband::impact::Map;
     use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 
-    fn search(low: f32, high: f32) -> (Option<f64>, u32) {
+    fn search(low: f32, high: f32) -> (Option<[f64; 2]>, u32) {
         let mut search = ChaosSearch::begin(&lot(low, high)).unwrap();
         let mut slices = 0;
         while search.step() {
@@ -154,7 +154,8 @@ mod tests {
     #[test]
     fn found_k_has_a_positive_exponent() {
         for (low, high) in [(0.2, 0.2), (0.195, 0.205), (0.3, 0.3), (0.5, 0.5)] {
-            let k = search(low, high).0.unwrap();
+            let [lowest, highest] = search(low, high).0.unwrap();
+            let k = libm::sqrt(lowest * highest);
             let middle = 0.5 * f64::from(low + high);
             let map = Map::build(k, middle).unwrap();
             let settings = ExponentSettings {
@@ -169,8 +170,8 @@ mod tests {
 
     #[test]
     fn a_wide_lot_has_no_common_chaos_and_the_search_ends() {
-        let (k, slices) = search(0.15, 0.25);
-        assert_eq!(k, None);
+        let (interval, slices) = search(0.15, 0.25);
+        assert_eq!(interval, None);
         assert!(slices < 1200, "{slices}");
     }
 }

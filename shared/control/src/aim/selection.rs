@@ -131,9 +131,17 @@ impl Selection {
         self.choice = Choice::level(Level::None(NoSetpoint::Chaos));
     }
 
-    /// The result of the finished search for chaos: its k, if there is one.
+    /// The result of the finished search for chaos: the middle of its interval of k.
     pub fn chaos_result(&self) -> Option<Option<f64>> {
-        self.chaos.as_ref().and_then(ChaosSearch::result)
+        let interval = self.chaos.as_ref()?.result()?;
+        Some(interval.map(|[low, high]| libm::sqrt(low * high)))
+    }
+
+    /// The band of gear or the chaotic interval, as lowest and highest k.
+    pub fn target_band(&self) -> Option<[f32; 2]> {
+        let chaotic = || self.chaos.as_ref()?.result()?;
+        let gear = self.plan.map(|plan| plan.band);
+        gear.or_else(|| Some(chaotic()?.map(|k| k as f32)))
     }
 
     /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.

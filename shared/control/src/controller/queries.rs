@@ -32,7 +32,7 @@ impl Controller {
             to_loss: self.listener.time_to_loss(),
             margin: margin.filter(|_| !self.is_estimate_invalid()),
             expected_in_gear: plan.map_or(0.0, |plan| plan.share),
-            gear_band: plan.map(|plan| plan.band),
+            target_band: self.selection.target_band(),
             load: self.load(),
             attempts: self.machine.capture.attempts,
             identification: self.identifier.result,

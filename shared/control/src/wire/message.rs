@@ -334,8 +334,8 @@ pub struct Telemetry {
     pub in_gear_error: f32,
     /// Predicted share of time in gear at the setpoint, 0..1; 0 for a target other than gear.
     pub expected_in_gear: f32,
-    /// Gear band, lowest and highest k; `None` for a target other than gear.
-    pub gear_band: Option<[f32; 2]>,
+    /// Gear band or chaotic band, lowest and highest k; `None` for another target.
+    pub target_band: Option<[f32; 2]>,
     /// Stability margin of gear; `None` without an estimate.
     pub margin: Option<GearMargin>,
     /// Estimated load of the track; `None` out of gear or without a configured mass of the track.
@@ -368,7 +368,7 @@ impl From<&Report> for Telemetry {
             in_gear: report.in_gear,
             in_gear_error: report.in_gear_error,
             expected_in_gear: report.expected_in_gear,
-            gear_band: report.gear_band,
+            target_band: report.target_band,
             margin: report.margin,
             load: report.load,
             state: report.state.number(),

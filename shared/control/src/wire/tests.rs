@@ -172,7 +172,7 @@ fn responses() -> Vec<Response<'static>> {
             in_gear: 0.75,
             in_gear_error: 0.03125,
             expected_in_gear: 0.85,
-            gear_band: Some([0.375, 0.4375]),
+            target_band: Some([0.375, 0.4375]),
             margin: Some(MARGIN),
             load: Some(LOAD),
             state: 4,
@@ -295,7 +295,7 @@ fn report() -> Report {
         to_loss: 500.0,
         margin: Some(MARGIN),
         expected_in_gear: 0.85,
-        gear_band: Some([0.375, 0.4375]),
+        target_band: Some([0.375, 0.4375]),
         load: Some(LOAD),
         attempts: 2,
         identification: Identification::NotFound(Unidentified::Dead),
@@ -526,7 +526,7 @@ fn no_frame_of_telemetry_is_longer_than_the_line_plans_for() {
     let report = Report {
         margin: Some(GearMargin::default()),
         load: Some(Load::default()),
-        gear_band: Some([0.0; 2]),
+        target_band: Some([0.0; 2]),
         ..Report::default()
     };
     // Numbers of variable length at their largest size.
