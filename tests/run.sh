@@ -23,6 +23,17 @@
 set -u
 exec </dev/null
 cd "$(dirname "$0")/.." || exit 1
+case ${1:-} in
+'' | --soak | --mutants | --drawn | --fuzz | --reproducible | --features) ;;
+--help | -h)
+    sed -n '2,/^set -u/{/^#/s/^# \{0,1\}//p}' tests/run.sh
+    exit 0
+    ;;
+*)
+    echo "tests/run.sh: no option $1; tests/run.sh --help lists them"
+    exit 2
+    ;;
+esac
 ulimit -c 0
 [ -d "${CARGO_HOME:-${HOME:-/root}/.cargo}/bin" ] && PATH="${CARGO_HOME:-${HOME:-/root}/.cargo}/bin:$PATH"
 
