@@ -8,7 +8,7 @@ use kband_plant::ClosedLoop;
 use kband_tests::chip::kind::Kind;
 use kband_tests::emulator::{self, Clock, Machine, Output};
 use kband_tests::images;
-use object::{Object, ObjectSection, SectionFlags, elf};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, elf};
 
 /// Sizes in bytes of an image, from its ELF file. Flash: code, constants and initial values of
 /// variables. RAM: variables and the stack. Last, the stack.
@@ -35,6 +35,45 @@ fn footprint(image: &Path) -> [u32; 3] {
         }
     }
     [flash, memory, stack]
+}
+
+/// Parts of the image by words in the names of their functions and constants; the first match counts.
+const PARTS: [(&str, &[&str]); 6] = [
+    ("controller and messages", &["kband_control"]),
+    ("application, link, storage", &["kband_firmware", "feeder"]),
+    ("fieldbus", &["kband_bus"]),
+    (
+        "loader and signature",
+        &["kband_loader", "salty", "fe25519", "LOADER"],
+    ),
+    ("impact map, bands, plans", &["5kband", "kband.."]),
+    (
+        "libm and arithmetic of the compiler",
+        &["libm", "compiler_builtins"],
+    ),
+];
+
+/// KiB of flash of each part, and of what no part names (embassy, core, unnamed constants).
+fn parts(image: &Path) -> Vec<(&'static str, f64)> {
+    let bytes = std::fs::read(image).unwrap();
+    let file = object::File::parse(&*bytes).unwrap();
+    let mut sizes = [0; PARTS.len()];
+    for symbol in file.symbols() {
+        let name = symbol.name().unwrap_or_default();
+        let is_of = |(_, words): &(_, &[&str])| words.iter().any(|word| name.contains(word));
+        if (0x0800_0000..0x0900_0000).contains(&symbol.address())
+            && let Some(part) = PARTS.iter().position(is_of)
+        {
+            sizes[part] += symbol.size() as u32;
+        }
+    }
+    let [flash, ..] = footprint(image);
+    let names = PARTS.iter().map(|(name, _)| *name).chain(["other"]);
+    let rest = flash - sizes.iter().sum::<u32>();
+    let sizes = sizes.into_iter().chain([rest]);
+    names
+        .zip(sizes.map(|size| f64::from(size) / 1024.0))
+        .collect()
 }
 
 fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
@@ -131,5 +170,31 @@ fn images_fit_their_budget() {
         assert!(flash > 1.0 && stack > 1.0);
         let [max_flash, max_ram] = max_sizes.map(|size| size * 1024);
         assert!(sizes[0] <= max_flash && sizes[1] <= max_ram, "{name}");
+    }
+}
+
+/// Each part of the board's image is within the budget of its row in docs/numerics.md, and within
+/// 1 KiB of the size there.
+#[test]
+fn each_part_of_the_image_is_within_its_budget() {
+    let page = include_str!("../../docs/numerics.md");
+    for (name, size) in parts(&images::build(
+        "kband-firmware",
+        "feeder",
+        Machine::CortexM4F,
+    )) {
+        println!("{name}: {size:.1} KiB of flash");
+        let row = page
+            .lines()
+            .find_map(|line| line.strip_prefix(&format!("| {name} | ")));
+        let row = row.unwrap_or_else(|| panic!("no row of {name}"));
+        let numbers = row
+            .split(" | ")
+            .map(|cell| cell.trim_end_matches(" |").parse().unwrap());
+        let [stated, budget]: [f64; 2] = numbers.collect::<Vec<_>>().try_into().unwrap();
+        assert!(
+            size <= budget && (size - stated).abs() < 1.0,
+            "{name}: {size:.1}"
+        );
     }
 }
