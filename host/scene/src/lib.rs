@@ -25,7 +25,7 @@ mod scene;
 mod section;
 mod timeline;
 
-pub use engine::{Engine, Fidelity, Glance, Lot};
+pub use engine::{Engine, Fidelity, Glance, Lot, Plans};
 pub use expect::Expectation;
 pub use outcome::{Outcome, ProgressCheck, cycles, regime_text};
 pub use parts::{Distribution, PartGroup, part_group, restitutions};
