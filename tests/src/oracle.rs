@@ -7,6 +7,8 @@
 
 use kband::impact::Tone;
 
+use crate::states::bisect;
+
 /// First impact of a flight, by the oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
@@ -347,18 +349,11 @@ fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
     let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));
     let mut min: Option<[f64; 2]> = None;
     for n in 0..PIECES {
-        let [mut low, mut high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
+        let [low, high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
         if rise(low) >= 0.0 || rise(high) < 0.0 {
             continue;
         }
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if rise(middle) < 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
+        let [low, _] = bisect(low, high, |x| rise(x) < 0.0);
         let value = u + low * (v + low * (a + low * (b - w * low)));
         if min.is_none_or(|[_, min]| value < min) {
             min = Some([low, value]);
