@@ -9,19 +9,14 @@ use crate::states::Launch;
 /// A launch and the time of its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
     pub launch: Launch,
-    /// Impact time of the f64 map.
-    guess: f64,
-    first: Option<f64>,
+    first: f64,
 }
 
 impl Proof {
-    /// The proof for a launch; it tries the impact time `guess` first.
-    pub fn new(launch: Launch, guess: f64) -> Self {
-        Self {
-            launch,
-            guess,
-            first: None,
-        }
+    pub fn new(launch: Launch) -> Self {
+        let PartState { phase, velocity } = launch.state();
+        let first = launch.track.first_impact(phase, velocity).duration;
+        Self { launch, first }
     }
 
     /// Distance in rad from the launch to the phase at which the track's downward acceleration
@@ -29,13 +24,6 @@ impl Proof {
     pub fn distance_to_edge(&self) -> f64 {
         let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
-    }
-
-    fn first(&mut self) -> f64 {
-        let (track, guess) = (self.launch.track, self.guess);
-        let PartState { phase, velocity } = self.launch.state();
-        let first = || track.first_impact_by(phase, velocity, guess).duration;
-        *self.first.get_or_insert_with(first)
     }
 }
 
@@ -115,12 +103,12 @@ pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
 /// A wrong root without a flag, a number that is not finite, a phase outside the turn, or a
 /// negative velocity. Also a speed or phase that does not agree with the flight.
 pub(crate) fn judge<K: Tried>(
-    proof: &mut Proof,
+    proof: &Proof,
     impact: &Impact<PartState>,
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
-    let truth = proof.first();
-    let launch = &proof.launch;
+    let Proof { launch, first } = proof;
+    let truth = *first;
     let (restitution, phase, velocity) = (launch.restitution, launch.phase, launch.velocity);
     let (d, next) = (impact.flight, impact.next);
     if !(d.is_finite() && d >= 0.0) {
