@@ -4,18 +4,19 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
 
+use crate::oracle::Flight;
 use crate::states::Launch;
 
-/// A launch and the time of its first impact, proven once for all arithmetics with this launch.
+/// A launch and its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
     pub launch: Launch,
-    first: f64,
+    first: Flight,
 }
 
 impl Proof {
     pub fn new(launch: Launch) -> Self {
         let PartState { phase, velocity } = launch.state();
-        let first = launch.track.first_impact(phase, velocity).duration;
+        let first = launch.track.first_impact(phase, velocity);
         Self { launch, first }
     }
 
@@ -108,7 +109,7 @@ pub(crate) fn judge<K: Tried>(
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
     let Proof { launch, first } = proof;
-    let truth = *first;
+    let truth = first.duration;
     let (restitution, phase, velocity) = (launch.restitution, launch.phase, launch.velocity);
     let (d, next) = (impact.flight, impact.next);
     if !(d.is_finite() && d >= 0.0) {
@@ -179,8 +180,7 @@ pub(crate) fn judge<K: Tried>(
                 }
             }
             // The oracle may step over a touch within its rounding.
-            let clearance = || launch.track.first_impact(phase, velocity).clearance;
-            if d < truth && height.abs() <= 64.0 * noise && clearance() < 1.0 {
+            if d < truth && height.abs() <= 64.0 * noise && first.clearance < 1.0 {
                 return Ok(Verdict::Undecided);
             }
             let off = format!("off by {deviation:e}");
