@@ -46,12 +46,6 @@ impl Bench {
         }
     }
 
-    /// The impact in f64.
-    fn impact(&self, state: PartState) -> Option<Impact<PartState>> {
-        let sine = self.map.as_ref().map(|map| map.impact(state));
-        sine.or_else(|| self.wave.as_ref().map(|wave| wave.impact(state)))
-    }
-
     /// Judges every arithmetic that can represent a launch from this track.
     ///
     /// The microcontroller kernels are judged on their rounded launch. The error names the
@@ -61,19 +55,20 @@ impl Bench {
     /// In any arithmetic: a wrong root without a flag, a number that is not finite, a phase outside
     /// the turn, or a negative velocity. Also a speed or phase that does not agree with the flight.
     pub fn judge(&self, launch: &Launch) -> Result<Judged, String> {
-        let Some(impact) = self.impact(launch.state()) else {
-            return Err(format!("f64 refuses {launch:?}"));
-        };
-        let mut proof = Proof::new(*launch, impact.flight);
-        let verdict = if self.map.is_some() {
-            one::<Map>(&mut proof, impact)?
+        let (mut proof, state) = (Proof::new(*launch), launch.state());
+        let (verdict, impact) = if let Some(map) = &self.map {
+            let impact = map.impact(state);
+            (one::<Map>(&proof, impact)?, impact)
+        } else if let Some(wave) = &self.wave {
+            let impact = wave.impact(state);
+            (one::<WaveMap>(&proof, impact)?, impact)
         } else {
-            one::<WaveMap>(&mut proof, impact)?
+            return Err(format!("f64 refuses {launch:?}"));
         };
         // Arithmetics with the same launch are neighbours in this order.
         let others = [
-            self.another(self.single.as_ref(), launch, &mut proof)?,
-            self.another(self.integer.as_ref(), launch, &mut proof)?,
+            another(self.single.as_ref(), launch, &mut proof)?,
+            another(self.integer.as_ref(), launch, &mut proof)?,
         ];
         let verdicts = others.into_iter().flatten().chain([verdict]);
         let flagged = verdicts.filter(|verdict| *verdict == Verdict::Flagged);
@@ -83,23 +78,21 @@ impl Bench {
             flagged: flagged.count() as u64,
         })
     }
+}
 
-    /// Judges an arithmetic, if it can represent the launch.
-    fn another<K: Tried>(
-        &self,
-        kernel: Option<&K>,
-        launch: &Launch,
-        proof: &mut Proof,
-    ) -> Result<Option<Verdict>, String> {
-        let Some((held, impact)) = kernel.and_then(|kernel| tried(kernel, launch)) else {
-            return Ok(None);
-        };
-        if proof.launch != held {
-            let guess = self.impact(held.state());
-            *proof = Proof::new(held, guess.map_or(0.0, |impact| impact.flight));
-        }
-        one::<K>(proof, impact).map(Some)
+/// Judges an arithmetic, if it can represent the launch.
+fn another<K: Tried>(
+    kernel: Option<&K>,
+    launch: &Launch,
+    proof: &mut Proof,
+) -> Result<Option<Verdict>, String> {
+    let Some((held, impact)) = kernel.and_then(|kernel| tried(kernel, launch)) else {
+        return Ok(None);
+    };
+    if proof.launch != held {
+        *proof = Proof::new(held);
     }
+    one::<K>(proof, impact).map(Some)
 }
 
 /// A launch as an arithmetic represents it, and its impact; `None` if it cannot.
@@ -117,7 +110,7 @@ fn tried<K: Tried>(kernel: &K, launch: &Launch) -> Option<(Launch, Impact<PartSt
 }
 
 /// Judges the impact of an arithmetic against the proof of its launch.
-fn one<K: Tried>(proof: &mut Proof, impact: Impact<PartState>) -> Result<Verdict, String> {
+fn one<K: Tried>(proof: &Proof, impact: Impact<PartState>) -> Result<Verdict, String> {
     // So near to lift-off the phase resolution decides whether the track throws the part.
     if proof.launch.velocity < 1e-16 && proof.distance_to_edge() < 6.0 * K::STEPS[0] {
         return Ok(Verdict::Flagged);
@@ -172,11 +165,11 @@ mod tests {
                     continue;
                 }
                 total += 1;
-                let mut proof = Proof::new(held, sound.flight);
+                let proof = Proof::new(held);
                 for (falsify, count) in falsifications.iter().zip(&mut noticed) {
                     let mut wrong = sound;
                     falsify(&mut wrong);
-                    *count += u32::from(one::<K>(&mut proof, wrong).is_err());
+                    *count += u32::from(one::<K>(&proof, wrong).is_err());
                 }
             }
         }

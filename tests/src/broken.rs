@@ -3,14 +3,11 @@
 //! The product contains no fault injection. This module rebuilds the loop of
 //! [`kband_plant::ClosedLoop`] from its public parts, with one fault between two of them.
 
-use std::sync::Mutex;
-
 use kband_control::{
-    Controller, Cycle, GearPlanned, KickResult, PLAN_SLICES, Report, SAMPLE_RATE, Signal,
-    StartCause, State, Target,
+    Controller, Cycle, PLAN_SLICES, Report, SAMPLE_RATE, Signal, StartCause, State, Target,
 };
 use kband_plant::{Bench, Moment, Scene};
-use kband_scene::{Outcome, SceneFile, Watch};
+use kband_scene::{Outcome, Plans, SceneFile, Watch};
 
 /// The injected fault.
 #[derive(Clone, Copy, Debug)]
@@ -70,7 +67,7 @@ impl Broken {
 
     /// Runs to the end of the next drive cycle.
     fn cycle(&mut self) -> Moment {
-        supply_plans(&mut self.controller);
+        Plans::share(&mut self.controller);
         self.bench.forget_strikes();
         self.samples();
         let measured = self.measured.as_mut().unwrap_or(&mut self.bench);
@@ -140,32 +137,10 @@ impl Broken {
     }
 }
 
-/// Plans of earlier runs. A plan takes as long as a run of many seconds.
-static PLANS: Mutex<(Vec<KickResult>, Vec<GearPlanned>)> = Mutex::new((Vec::new(), Vec::new()));
-
-/// Supplies earlier plans: they depend on their settings alone, so no bit of the run changes.
-fn supply_plans(controller: &mut Controller) {
-    if controller.kicks_search().is_none() && controller.gear_search().is_none() {
-        return;
-    }
-    let plans = PLANS.lock().unwrap();
-    if let Some(requested) = controller.kicks_search()
-        && let Some(made) = plans.0.iter().find(|plan| plan.settings == *requested)
-    {
-        controller.supply_kicks(made.clone());
-    }
-    if let Some(requested) = controller.gear_search()
-        && let Some(made) = plans.1.iter().find(|plan| plan.settings == *requested)
-    {
-        controller.supply_gear(made.clone());
-    }
-}
-
 impl Drop for Broken {
+    /// Keeps the plans for later runs: they depend on their settings alone.
     fn drop(&mut self) {
-        let mut plans = PLANS.lock().unwrap();
-        plans.0.extend(self.controller.planned());
-        plans.1.extend(self.controller.gear_planned().cloned());
+        Plans::cache(&self.controller);
     }
 }
 

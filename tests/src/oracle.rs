@@ -7,6 +7,8 @@
 
 use kband::impact::Tone;
 
+use crate::states::bisect;
+
 /// First impact of a flight, by the oracle.
 #[derive(Clone, Copy, Debug)]
 pub struct Flight {
@@ -112,81 +114,6 @@ impl Track {
         let angles = 2.0 + phase + d;
         let turned = d * (velocity + self.k * d + (d * pushes).min(speeds * angles));
         f64::EPSILON * turned
-    }
-
-    /// The first impact after a launch that is not at rest. It is at `guess` if the quick test
-    /// proves it, else found by stepping.
-    pub fn first_impact_by(&self, phase: f64, velocity: f64, guess: f64) -> Flight {
-        let launched = self.launched(phase, velocity);
-        let [height, slope, curvature, _] = launched.gap(guess);
-        let noise = self.rounding(phase, velocity, guess);
-        let simple = slope < 0.0 && slope * slope > 100.0 * curvature.abs() * noise;
-        if simple
-            && height.abs() <= 16.0 * noise
-            && self.is_first(&launched, phase, [guess, slope, curvature])
-        {
-            return Flight {
-                duration: guess,
-                arrival: -slope,
-                clearance: f64::INFINITY,
-            };
-        }
-        self.first_impact(phase, velocity)
-    }
-
-    /// Whether the impact at `d` is proven to be the first; `d` is a zero of the gap within
-    /// rounding.
-    ///
-    /// It uses four facts:
-    ///
-    /// A part that leaves the range of the track faster than the track's top speed meets it once.
-    /// Above that range there is no track.
-    /// The lower bound of the gap holds from any point.
-    /// If the slope is negative up to the impact, the gap before it is positive.
-    fn is_first(
-        &self,
-        launched: &TrackLaunch,
-        phase: f64,
-        [d, slope, curvature]: [f64; 3],
-    ) -> bool {
-        let velocity = launched.velocity;
-        let [reach, fastest, _, jerk, bound] = self.sums();
-        let [height, speed, ..] = launched.track();
-        let launch = velocity + speed;
-        let leaving = launch * launch - 2.0 * self.k * (reach - height);
-        let spare = 1e-13 * (1.0 + launch * launch);
-        let (mut rises, mut sinks) = (f64::INFINITY, 0.0);
-        if launch > 0.0 && leaving > spare {
-            let speed = leaving.sqrt();
-            sinks = (launch + speed) / self.k * (1.0 - 1e-12) - spare / (self.k * speed);
-            rises = (launch - speed) / self.k * (1.0 + 1e-12) + spare / (self.k * speed);
-            if leaving >= fastest * fastest + spare {
-                return d >= sinks;
-            }
-        }
-        let mut at = 0.999 * clear_for(launched.quotient(bound), d.min(STRIDE));
-        for _ in 0..100 {
-            if at >= rises && at < sinks {
-                at = sinks;
-            }
-            let rest = d - at;
-            // At x, u' is at most slope - curvature (d - x) plus the largest jerk times (d -
-            // x)^2/2.
-            let rise = (-curvature).max(0.0) * rest + 0.5 * jerk * rest * rest;
-            if rest <= 0.0 || slope + rise < 0.01 * slope {
-                return true;
-            }
-            let local_gap = launched.gap(at);
-            if local_gap[0] <= 4.0 * self.rounding(phase, velocity, at) {
-                return false;
-            }
-            let step = 0.999 * clear_for(onward(local_gap, bound), STRIDE);
-            if step <= 1e-6 * rest {
-                return false;
-            }
-            at += step;
-        }
-        false
     }
 
     /// The first impact after a launch that is not at rest, by stepping.
@@ -347,18 +274,11 @@ fn lowest([u, v, a, b, w]: [f64; 5], end: f64) -> Option<[f64; 2]> {
     let rise = |x: f64| v + x * (2.0 * a + x * (3.0 * b - 4.0 * w * x));
     let mut min: Option<[f64; 2]> = None;
     for n in 0..PIECES {
-        let [mut low, mut high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
+        let [low, high] = [n, n + 1].map(|n| end * f64::from(n) / f64::from(PIECES));
         if rise(low) >= 0.0 || rise(high) < 0.0 {
             continue;
         }
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if rise(middle) < 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
+        let [low, _] = bisect(low, high, |x| rise(x) < 0.0);
         let value = u + low * (v + low * (a + low * (b - w * low)));
         if min.is_none_or(|[_, min]| value < min) {
             min = Some([low, value]);

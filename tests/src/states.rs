@@ -119,16 +119,10 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 8] = [
-        Self::High,
-        Self::Low,
-        Self::Chatter,
-        Self::Edge,
-        Self::Grazing,
-        Self::Wrap,
-        Self::Wide,
-        Self::Flat,
-    ];
+    pub const ALL: [Self; 8] = {
+        use Kind::*;
+        [High, Low, Chatter, Edge, Grazing, Wrap, Wide, Flat]
+    };
 
     /// A random launch of this kind from a track with one tone.
     pub fn draw(self, random: &mut Random) -> Launch {

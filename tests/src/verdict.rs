@@ -4,24 +4,20 @@ use std::f64::consts::TAU;
 
 use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, WaveMap};
 
+use crate::oracle::Flight;
 use crate::states::Launch;
 
-/// A launch and the time of its first impact, proven once for all arithmetics with this launch.
+/// A launch and its first impact, proven once for all arithmetics with this launch.
 pub struct Proof {
     pub launch: Launch,
-    /// Impact time of the f64 map.
-    guess: f64,
-    first: Option<f64>,
+    first: Flight,
 }
 
 impl Proof {
-    /// The proof for a launch; it tries the impact time `guess` first.
-    pub fn new(launch: Launch, guess: f64) -> Self {
-        Self {
-            launch,
-            guess,
-            first: None,
-        }
+    pub fn new(launch: Launch) -> Self {
+        let PartState { phase, velocity } = launch.state();
+        let first = launch.track.first_impact(phase, velocity);
+        Self { launch, first }
     }
 
     /// Distance in rad from the launch to the phase at which the track's downward acceleration
@@ -29,13 +25,6 @@ impl Proof {
     pub fn distance_to_edge(&self) -> f64 {
         let [excess, surge] = self.launch.excess();
         (excess / surge).abs()
-    }
-
-    fn first(&mut self) -> f64 {
-        let (track, guess) = (self.launch.track, self.guess);
-        let PartState { phase, velocity } = self.launch.state();
-        let first = || track.first_impact_by(phase, velocity, guess).duration;
-        *self.first.get_or_insert_with(first)
     }
 }
 
@@ -115,12 +104,12 @@ pub(crate) fn is_left_open(launch: &Launch, step: f64) -> bool {
 /// A wrong root without a flag, a number that is not finite, a phase outside the turn, or a
 /// negative velocity. Also a speed or phase that does not agree with the flight.
 pub(crate) fn judge<K: Tried>(
-    proof: &mut Proof,
+    proof: &Proof,
     impact: &Impact<PartState>,
 ) -> Result<Verdict, String> {
     let [step, velocity_step] = K::STEPS;
-    let truth = proof.first();
-    let launch = &proof.launch;
+    let Proof { launch, first } = proof;
+    let truth = first.duration;
     let (restitution, phase, velocity) = (launch.restitution, launch.phase, launch.velocity);
     let (d, next) = (impact.flight, impact.next);
     if !(d.is_finite() && d >= 0.0) {
@@ -191,8 +180,7 @@ pub(crate) fn judge<K: Tried>(
                 }
             }
             // The oracle may step over a touch within its rounding.
-            let clearance = || launch.track.first_impact(phase, velocity).clearance;
-            if d < truth && height.abs() <= 64.0 * noise && clearance() < 1.0 {
+            if d < truth && height.abs() <= 64.0 * noise && first.clearance < 1.0 {
                 return Ok(Verdict::Undecided);
             }
             let off = format!("off by {deviation:e}");

@@ -8,6 +8,7 @@ use kband::regime::gear::GearWatch;
 use kband_control::wire::Telemetry;
 use kband_control::{Event, State, Target};
 use kband_plant::{Change, EnvelopeLoop, Scene};
+use kband_scene::add_strike;
 
 /// A scene of one part with random restitution, correctly configured.
 fn scene(restitution: f32, scatter: f32, second_tone: f32) -> Scene {
@@ -32,15 +33,11 @@ fn share(closed: &mut EnvelopeLoop, cycles: u32) -> f64 {
         closed.advance();
         for strike in closed.strikes() {
             let landed = strike.time as f64 / Phase::TURN * TAU;
-            let flight = f64::from(strike.flight) * TAU;
             if start.is_none() {
                 start = Some(landed);
                 watch.begin(landed);
             }
-            if strike.rested {
-                watch.add_rest(landed - flight);
-            }
-            watch.add_landing(landed, flight);
+            add_strike(&mut watch, strike);
             now = landed;
         }
     }

@@ -29,15 +29,8 @@ fn described(package: &str) -> PathBuf {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new("timeout");
     command.args(["--kill-after=5", TIMEOUT]).arg(cargo);
-    command.args([
-        "rustdoc",
-        "--quiet",
-        "--locked",
-        "--lib",
-        "--package",
-        package,
-    ]);
-    command.arg("--target-dir").arg(&folder);
+    command.args("rustdoc --quiet --locked --lib --package".split(' '));
+    command.arg(package).arg("--target-dir").arg(&folder);
     command.args(["--", "-Z", "unstable-options", "--output-format", "json"]);
     // Flags of the desk's builds are invalid here.
     for flags in "RUSTFLAGS RUSTDOCFLAGS CARGO_ENCODED_RUSTFLAGS CARGO_BUILD_TARGET".split(' ') {

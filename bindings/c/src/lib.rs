@@ -1,12 +1,5 @@
 //! C interface of kband. `include/kband.h` is made of it by cbindgen.
 //!
-//! | module | holds |
-//! |---|---|
-//! | [`failure`] | codes of failures, their texts, and the boundary that no panic crosses |
-//! | [`map`] | the impact map over arrays |
-//! | [`regimes`] | bands and the plan for gear |
-//! | [`feeder`] | scene, plant, signal path and controller as opaque handles |
-//!
 //! A handle is used by one thread at a time. After its creation the signal path and the controller
 //! allocate nothing.
 #![allow(unsafe_code)]

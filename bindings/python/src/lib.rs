@@ -1,16 +1,5 @@
 //! Python bindings of kband: the module `kband._kband`, below the package in `python/kband`.
 //!
-//! | module | holds |
-//! |---|---|
-//! | `refused` | refused values and scenes as `ValueError` |
-//! | `work` | long work without the interpreter's lock, on threads, with Ctrl-C |
-//! | `map` | the impact map over arrays, and orbits |
-//! | `regimes` | bands, doublings, gear, basins, capture, exponents, conveying speed |
-//! | `scenes` | scenes, run to their end or cycle by cycle |
-//! | `board` | a board: settings, targets, telemetry |
-//! | `design` | feeders with the drive of a scene |
-//! | `feeder` | plant and controller, sample by sample |
-//!
 //! Functions here take and give arrays of one dimension; the package broadcasts and names results.
 #![allow(clippy::too_many_arguments, reason = "the package names them")]
 

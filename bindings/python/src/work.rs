@@ -1,9 +1,9 @@
 //! Long work without the interpreter's lock, on threads, ended by Ctrl-C.
 
 use std::num::NonZero;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::sync::{Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -37,25 +37,17 @@ pub fn map<T: Send + Sync>(
 ) -> PyResult<Vec<T>> {
     let threads = threads.or_else(|| thread::available_parallelism().ok());
     let threads = threads.map_or(1, NonZero::get);
-    let results: Vec<OnceLock<T>> = (0..count).map(|_| OnceLock::new()).collect();
+    let results: Vec<OnceLock<Result<T, Refused>>> = (0..count).map(|_| OnceLock::new()).collect();
     let (next, stop) = (AtomicUsize::new(0), Stop(AtomicBool::new(false)));
-    let refused: Mutex<Option<(usize, Refused)>> = Mutex::new(None);
     let worker = || {
         while !stop.is_requested() {
             let n = next.fetch_add(1, Ordering::Relaxed);
             let Some(place) = results.get(n) else { break };
-            match work(n, &stop) {
-                Ok(result) => {
-                    let _ = place.set(result);
-                }
-                Err(cause) => {
-                    let mut first = refused.lock().unwrap_or_else(PoisonError::into_inner);
-                    if first.as_ref().is_none_or(|(number, _)| n < *number) {
-                        *first = Some((n, cause));
-                    }
-                    stop.0.store(true, Ordering::Relaxed);
-                }
+            let result = work(n, &stop);
+            if result.is_err() {
+                stop.0.store(true, Ordering::Relaxed);
             }
+            let _ = place.set(result);
         }
     };
     let interrupted = py.detach(|| {
@@ -82,11 +74,10 @@ pub fn map<T: Send + Sync>(
         })
     });
     interrupted?;
-    if let Some((_, cause)) = refused.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        return Err(cause.exception(shape));
-    }
-    let results = results.into_iter().filter_map(OnceLock::into_inner);
-    Ok(results.collect())
+    // The numbers are taken in order, so every one before the first refusal has its result.
+    let results = results.into_iter().map_while(OnceLock::into_inner);
+    let results: Result<Vec<T>, Refused> = results.collect();
+    results.map_err(|cause| cause.exception(shape))
 }
 
 /// Checks for Ctrl-C between steps of work on the calling thread, without the interpreter's lock.

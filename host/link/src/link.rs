@@ -227,7 +227,8 @@ impl Link {
         let frame = write_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
         let is_idempotent = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
         let mut handle = Some(handle);
-        self.exchange(frame, is_idempotent, |answer| match answer {
+        let timeout = self.answer_timeout;
+        self.exchange(frame, timeout, is_idempotent, |answer| match answer {
             Outgoing::Response {
                 sequence: same,
                 response,
@@ -245,7 +246,7 @@ impl Link {
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_update_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
         let mut handle = Some(handle);
-        self.exchange(frame, true, |answer| match answer {
+        self.exchange(frame, self.answer_timeout, true, |answer| match answer {
             Outgoing::Update {
                 sequence: same,
                 answer,
@@ -265,10 +266,11 @@ impl Link {
     fn exchange<T>(
         &mut self,
         frame: &[u8],
+        timeout: Duration,
         is_idempotent: bool,
         mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
     ) -> Result<T, Refusal> {
-        let end = Instant::now() + self.answer_timeout;
+        let end = Instant::now() + timeout;
         while Instant::now() < end {
             self.send(frame)?;
             let retry = Instant::now() + RETRY_INTERVAL;
@@ -324,25 +326,17 @@ impl Link {
     pub fn identify(&mut self) -> Result<(), Refusal> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A starting board sends its identity with sequence 0.
-        let question = write_identity_request(&mut buffer, 1);
-        let question = question.map(<[u8]>::to_vec).unwrap_or_default();
-        let end = Instant::now() + ANSWER_TIMEOUT;
-        while Instant::now() < end {
-            self.send(&question)?;
-            let read = |answer: Outgoing<'_>| match answer {
-                Outgoing::Identity { identity, .. } => {
-                    let protocol = (identity.version, identity.schema);
-                    Some((protocol, identity.image.to_string()))
-                }
-                Outgoing::Response { .. } | Outgoing::Update { .. } => None,
-            };
-            if let Some(identity) = self.receive(Instant::now() + RETRY_INTERVAL, read)? {
-                (self.protocol, self.image) = identity;
-                self.unsolicited.clear();
-                return Ok(());
+        let question = write_identity_request(&mut buffer, 1).unwrap_or_default();
+        let read = |answer: Outgoing<'_>| match answer {
+            Outgoing::Identity { identity, .. } => {
+                let protocol = (identity.version, identity.schema);
+                Some((protocol, identity.image.to_string()))
             }
-        }
-        Err(self.no_answer())
+            Outgoing::Response { .. } | Outgoing::Update { .. } => None,
+        };
+        (self.protocol, self.image) = self.exchange(question, ANSWER_TIMEOUT, true, read)?;
+        self.unsolicited.clear();
+        Ok(())
     }
 
     fn send(&mut self, frame: &[u8]) -> Result<(), Refusal> {

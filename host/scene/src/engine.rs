@@ -252,7 +252,7 @@ pub struct Lot {
 const MAX_CACHED_PLANS: usize = 256;
 
 /// Cache of search results for the controllers of this process; it changes no bit of a run.
-pub(crate) struct Plans {
+pub struct Plans {
     kicks: Vec<KickResult>,
     gear: Vec<GearPlanned>,
     strikes: VecDeque<StrikeCount>,
@@ -271,7 +271,7 @@ impl Plans {
 
     /// Supplies a controller with cached results of the searches that it has begun.
     #[inline]
-    pub(crate) fn share(controller: &mut Controller) {
+    pub fn share(controller: &mut Controller) {
         if controller.kicks_search().is_some() || controller.gear_search().is_some() {
             Self::spare(controller);
         }
@@ -319,7 +319,8 @@ impl Plans {
         }
     }
 
-    fn cache(controller: &Controller) {
+    /// Caches the results of a controller's searches.
+    pub fn cache(controller: &Controller) {
         let (planned, geared) = (controller.planned(), controller.gear_planned());
         if planned.is_none() && geared.is_none() {
             return;

@@ -1,16 +1,7 @@
 //! Scenes, read from TOML, simulated and evaluated; final regimes of orbits on the exact map.
 //!
-//! | module | holds |
-//! |---|---|
-//! | [`refusal`] | the one message of a refused value or run |
-//! | [`fields`] | numbers and flags of a scene besides the controller's settings |
-//! | `section`, `timeline`, `parts`, `expect`, `scene` | sections of a scene file, and the whole file |
-//! | `engine` | the closed loop of a scene, cycle by cycle |
-//! | `record`, `outcome` | record of a run, its result and unmet expectations |
-//! | [`ending`] | final regime of an orbit on the exact map |
-//! | [`design`] | feeders with the drive of a scene, on a Pareto front |
-//!
-//! A module in the middle rows uses only those above it, and [`ending`].
+//! `section`, `timeline`, `parts`, `expect` and `scene` read a scene file, `engine` runs it, `record`
+//! and `outcome` report the run. Each of them uses only those before it, and [`ending`].
 
 pub mod design;
 pub mod ending;
@@ -25,7 +16,7 @@ mod scene;
 mod section;
 mod timeline;
 
-pub use engine::{Engine, Fidelity, Glance, Lot};
+pub use engine::{Engine, Fidelity, Glance, Lot, Plans};
 pub use expect::Expectation;
 pub use outcome::{Outcome, ProgressCheck, cycles, regime_text};
 pub use parts::{Distribution, PartGroup, part_group, restitutions};

@@ -102,14 +102,7 @@ impl Wave {
     /// The wave with these second and third harmonics; an error names the tone out of range
     /// (amplitude 0..=0.5, angle -2 pi..=2 pi).
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
-        let names = [
-            ("second tone, amplitude", "second tone, angle"),
-            ("third tone, amplitude", "third tone, angle"),
-        ];
-        for (tone, (amplitude, angle)) in [second, third].into_iter().zip(names) {
-            accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
-            accept_in(angle, tone.angle, -TAU..=TAU, "-6.2832..6.2832 rad")?;
-        }
+        accept_tones(second, third)?;
         Ok(Self::from_tones(second, third))
     }
 
@@ -296,6 +289,19 @@ impl Wave {
         zeros.sort_unstable_by(f64::total_cmp);
         zeros
     }
+}
+
+/// Refuses a second or third harmonic out of range; the error names it.
+pub(super) fn accept_tones(second: Tone, third: Tone) -> Result<(), OutOfRange> {
+    let names = [
+        ("second tone, amplitude", "second tone, angle"),
+        ("third tone, amplitude", "third tone, angle"),
+    ];
+    for (tone, (amplitude, angle)) in [second, third].into_iter().zip(names) {
+        accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
+        accept_in(angle, tone.angle, -TAU..=TAU, "-6.2832..6.2832 rad")?;
+    }
+    Ok(())
 }
 
 /// Sum of the first N tones: the motion of the track.

@@ -358,29 +358,19 @@ impl<const N: usize> Classifier<N> {
 mod tests {
     use super::*;
     use crate::arithmetic::Noise;
-    use crate::impact::{Kernel, Map, Orbit, OrbitEvent, PartState};
+    use crate::impact::{Kernel, Map, Orbit, OrbitEvent};
     use crate::regime::exponent;
 
-    fn orbit(map: &Map, start: Option<PartState>) -> Orbit<'_> {
-        start.map_or_else(|| Orbit::from_rest(map), |start| Orbit::new(map, start))
-    }
-
     /// Classifies an orbit over `events` events after a transient.
-    fn verdict(k: f64, restitution: f64, start: Option<PartState>, events: usize) -> Verdict {
-        let map = Map::build(k, restitution).unwrap();
+    fn verdict(orbit: Orbit<'_>, events: usize) -> Verdict {
         let mut classifier = Classifier::<256>::build(TimingAccuracy::COMPUTED).unwrap();
-        for event in orbit(&map, start).take(3000 + events).skip(3000) {
+        for event in orbit.take(3000 + events).skip(3000) {
             match event {
                 OrbitEvent::Impact(impact) => classifier.flight(impact.flight),
                 rest => classifier.wait(rest.duration()),
             }
         }
         classifier.verdict()
-    }
-
-    fn near_lock(k: f64, restitution: f64, order: u32) -> Option<PartState> {
-        let map = Map::build(k, restitution).unwrap();
-        Some(exponent::start_near_lock(&map, order))
     }
 
     #[test]
@@ -414,7 +404,9 @@ mod tests {
             (0.34, 0.2, 1, Regime::Chaotic),
             (0.582, 0.5, 1, Regime::Chaotic),
         ] {
-            let actual = verdict(k, restitution, near_lock(k, restitution, order), 600);
+            let map = Map::build(k, restitution).unwrap();
+            let start = exponent::start_near_lock(&map, order);
+            let actual = verdict(Orbit::new(&map, start), 600);
             assert_eq!(actual.regime, regime, "k {k} R {restitution}: {actual:?}");
             assert!(actual.confidence > 0.9, "k {k} R {restitution}: {actual:?}");
         }
@@ -422,13 +414,17 @@ mod tests {
 
     #[test]
     fn parts_from_rest_hop_and_rest() {
+        let from_rest = |k, restitution| {
+            let map = Map::build(k, restitution).unwrap();
+            verdict(Orbit::from_rest(&map), 2000)
+        };
         for (k, restitution) in [(0.43, 0.2), (0.9, 0.5), (0.55, 0.3), (0.97, 0.8)] {
-            let actual = verdict(k, restitution, None, 2000);
+            let actual = from_rest(k, restitution);
             let hops = matches!(actual.regime, Regime::HopAndRest { .. });
             assert!(hops && actual.confidence > 0.9, "{k}: {actual:?}");
         }
         // Just below k = 1 the hop is short: one rest in each cycle.
-        let actual = verdict(0.97, 0.2, None, 2000);
+        let actual = from_rest(0.97, 0.2);
         assert_eq!(actual.regime, Regime::HopAndRest { cycles: 1 });
     }
 
@@ -451,13 +447,12 @@ mod tests {
     }
 
     /// Regime of 120 cycles of an orbit with noise, in the board's memory.
-    fn regime_in_noise(k: f64, restitution: f64, start: Option<PartState>, seed: u64) -> Regime {
-        let map = Map::build(k, restitution).unwrap();
+    fn regime_in_noise(orbit: Orbit<'_>, seed: u64) -> Regime {
         let settings = TimingAccuracy::BOARD;
         let mut classifier = Classifier::<64>::build(settings).unwrap();
         let mut random = Noise::new(seed);
         let (mut time, mut last) = (0.0, -1.0);
-        for event in orbit(&map, start) {
+        for event in orbit {
             time += event.duration();
             // Impacts within the resolution merge into one.
             if matches!(event, OrbitEvent::Impact(_)) && time - last > settings.resolution {
@@ -487,17 +482,19 @@ mod tests {
             (0.34, 0.2, Regime::Chaotic, 38),
             (0.575, 0.5, Regime::Chaotic, 30),
         ] {
+            let map = Map::build(k, restitution).unwrap();
             let is_hit = |seed: &u64| {
                 // Each start lies in a different part of the chaos.
-                let mut start = near_lock(k, restitution, order).unwrap();
+                let mut start = exponent::start_near_lock(&map, order);
                 start.phase += 1e-7 * *seed as f64;
-                regime_in_noise(k, restitution, Some(start), *seed) == regime
+                regime_in_noise(Orbit::new(&map, start), *seed) == regime
             };
             let hits = (1..=40).filter(is_hit).count();
             assert!(hits >= min_hits, "k {k} R {restitution}: {hits} of 40");
         }
         for (k, restitution) in [(0.43, 0.2), (0.55, 0.3), (0.75, 0.5)] {
-            let regimes = (1..=40).map(|seed| regime_in_noise(k, restitution, None, seed));
+            let map = Map::build(k, restitution).unwrap();
+            let regimes = (1..=40).map(|seed| regime_in_noise(Orbit::from_rest(&map), seed));
             let hits = regimes.filter(|regime| matches!(regime, Regime::HopAndRest { .. }));
             let hits = hits.count();
             assert!(hits >= 36, "k {k} R {restitution}: {hits} of 40");

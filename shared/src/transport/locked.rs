@@ -134,7 +134,7 @@ mod tests {
                 slid += 0.5 * step * (velocity + next);
                 velocity = next;
             };
-            let launch = spring.launch_watched(&track, k, strike, impact.next.velocity, slide);
+            let launch = spring.launch(&track, k, strike, impact.next.velocity, slide);
             let (launch, duration) = launch.unwrap();
             travelled += moved + slid;
             time += impact.flight + duration;

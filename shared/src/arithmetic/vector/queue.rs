@@ -22,23 +22,22 @@ impl Queue {
     /// Adds the lanes of a register whose bits are set.
     #[inline(always)]
     pub fn push_chosen<V: Vector>(&mut self, lanes: [u8; MAX_LANES], bits: u32) {
-        let chosen = V::choose(
-            lanes,
-            SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()],
-        );
-        if let Some(places) = self.lanes.get_mut(self.count..self.count + MAX_LANES) {
-            places.copy_from_slice(&chosen);
-            self.count += bits.count_ones() as usize;
-        }
+        let places = SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()];
+        self.push(V::choose(lanes, places), bits);
     }
 
     /// Adds lanes from `at` on, one bit each.
     #[inline(always)]
     pub fn push_bits(&mut self, at: usize, bits: u32) {
-        let lanes = SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()]
-            + at as u64 * (u64::MAX / 255);
+        let places = SET_BIT_POSITIONS[bits as usize % SET_BIT_POSITIONS.len()];
+        let lanes = places + at as u64 * (u64::MAX / 255);
+        self.push(lanes.to_le_bytes(), bits);
+    }
+
+    #[inline(always)]
+    fn push(&mut self, lanes: [u8; MAX_LANES], bits: u32) {
         if let Some(places) = self.lanes.get_mut(self.count..self.count + MAX_LANES) {
-            places.copy_from_slice(&lanes.to_le_bytes());
+            places.copy_from_slice(&lanes);
             self.count += bits.count_ones() as usize;
         }
     }

@@ -119,6 +119,17 @@ pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+/// The place of a Newton step, or the middle of its bracket if the step leaves it.
+#[inline(always)]
+pub(super) fn newton_or_middle(newton: f32, low: f32, high: f32) -> f32 {
+    let is_inside = newton > low && newton < high;
+    if is_inside {
+        newton
+    } else {
+        0.5 * (low + high)
+    }
+}
+
 /// Square root of `x`, 0 for negative `x`.
 #[inline(always)]
 pub(super) fn root(x: f32) -> f32 {

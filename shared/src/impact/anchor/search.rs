@@ -6,7 +6,7 @@ use core::f64::consts::PI;
 
 use super::flight::{
     Ballistic, GAP_ROUNDING, Gravity, Launch, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track, abs,
-    larger, node_of, root, smaller,
+    larger, newton_or_middle, node_of, root, smaller,
 };
 use super::settle::expand;
 use super::short::{ShortFlight, hop, short_flight};
@@ -202,11 +202,7 @@ fn find_minimum(
             }
         }
         let newton = d - rate / (c - k);
-        let next = if newton > low && newton < high {
-            newton
-        } else {
-            0.5 * (low + high)
-        };
+        let next = newton_or_middle(newton, low, high);
         let moved = abs(next - d);
         d = next;
         if moved < 1e-6 {

@@ -16,13 +16,10 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    pub const ALL: [Self; 5] = [
-        Self::Tall,
-        Self::Short,
-        Self::Once,
-        Self::Low,
-        Self::NearHump,
-    ];
+    pub const ALL: [Self; 5] = {
+        use Kind::*;
+        [Tall, Short, Once, Low, NearHump]
+    };
 }
 
 /// The lanes that fly next, by [`Kind`].

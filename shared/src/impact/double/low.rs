@@ -459,7 +459,7 @@ pub(crate) fn land_by_iteration(
     for _ in 0..8 {
         d = d.max(interval.low).min(interval.high);
         let local = Local::at_nearest_node(track, launch, d);
-        let (f, g, curvature) = (local.value, local.slope, local.curvature(track));
+        let (f, g, curvature) = (local.value, local.slope, local.node.sine - track.k);
         let step = if g < 0.0 && (f * curvature).abs() < MAX_CONVERGENCE_RATIO * g * g {
             -householder(f, g, curvature, local.node.cosine, -local.node.sine)
         } else {

@@ -22,34 +22,26 @@ impl Path for Flight<'_> {
     const MAX_SHORT_HOP: f64 = MAX_SHORT_HOP;
 
     fn at(&self, d: f64) -> Gap {
-        gap(self.track, self.launch, d)
-    }
-
-    fn hop(&self) -> Option<f64> {
-        let pull = self.track.k - self.launch.sine;
-        (pull > 0.0).then(|| 2.0 * self.launch.velocity / pull)
-    }
-}
-
-fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
-    let (s, c, psi) = (launch.sine, launch.cosine, launch.velocity);
-    if d < MAX_SHORT_HOP {
-        let pull = track.k - s;
-        let w = deflated(pull, launch, d);
-        let ahead = launch.phase + d;
-        let phase = if ahead < TAU {
-            ahead
-        } else {
-            ((launch.phase - TAU) + d).max(0.0)
-        };
-        Gap {
-            value: d * w.value,
-            slope: w.slope,
-            curvature: w.curvature,
-            phase,
-            rounding: f64::EPSILON * d * (psi + d * (pull.abs() + track.k + 1.0) + d * d * c.abs()),
+        let Flight { track, launch } = *self;
+        let (s, c, psi) = (launch.sine, launch.cosine, launch.velocity);
+        if d < MAX_SHORT_HOP {
+            let pull = track.k - s;
+            let w = deflated(pull, launch, d);
+            let ahead = launch.phase + d;
+            let phase = if ahead < TAU {
+                ahead
+            } else {
+                ((launch.phase - TAU) + d).max(0.0)
+            };
+            let forces = pull.abs() + track.k + 1.0;
+            return Gap {
+                value: d * w.value,
+                slope: w.slope,
+                curvature: w.curvature,
+                phase,
+                rounding: f64::EPSILON * d * (psi + d * forces + d * d * c.abs()),
+            };
         }
-    } else {
         let local = Local::at_nearest_node(track, launch, d);
         let node = &local.node;
         let x = d - node.distance;
@@ -65,6 +57,11 @@ fn gap(track: &Track<f64>, launch: &Launch<f64>, d: f64) -> Gap {
             phase: node.phase(x),
             rounding: f64::EPSILON * (2.0 + d * (v.abs() + track.k * d)),
         }
+    }
+
+    fn hop(&self) -> Option<f64> {
+        let pull = self.track.k - self.launch.sine;
+        (pull > 0.0).then(|| 2.0 * self.launch.velocity / pull)
     }
 }
 
@@ -99,7 +96,12 @@ pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>
     let mut grazes = false;
     loop {
         let begin = first + turns * TAU;
-        let at_begin = gap_at_lift_off(track, launch, begin);
+        let mut at_begin = path.at(begin);
+        if begin >= MAX_SHORT_HOP {
+            // The track's acceleration passes k going up here.
+            at_begin.value = launch.height(track, begin) - track.k.min(1.0);
+            at_begin.slope = (launch.rise() - track.k * begin) - track.lift_off_cosine;
+        }
         let end = begin + width;
         let passes = above_from <= begin && end <= above_to;
         let times = [low, begin, end];
@@ -118,14 +120,4 @@ pub(crate) fn landing(track: &Track<f64>, launch: &Launch<f64>) -> (Landing<f64>
             }
         }
     }
-}
-
-/// The gap where the track's acceleration passes k going up.
-fn gap_at_lift_off(track: &Track<f64>, launch: &Launch<f64>, begin: f64) -> Gap {
-    let mut at = gap(track, launch, begin);
-    if begin >= MAX_SHORT_HOP {
-        at.value = launch.height(track, begin) - track.k.min(1.0);
-        at.slope = (launch.rise() - track.k * begin) - track.lift_off_cosine;
-    }
-    at
 }

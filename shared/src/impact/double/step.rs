@@ -71,12 +71,6 @@ impl<V: Vector> Local<V> {
             slope: (v - track.k * node.distance) - node.cosine,
         }
     }
-
-    /// `u''` at the node.
-    #[inline(always)]
-    pub(super) fn curvature(&self, track: &Track<V>) -> V {
-        self.node.sine - track.k
-    }
 }
 
 /// Step of Householder's method of order 4, backwards to the root, with one division. `f` is the
@@ -110,12 +104,6 @@ impl<V: Vector> LandingEstimate<V> {
             step: node.distance - d,
         }
     }
-
-    /// The [`ROUNDING_OFFSET`] sum of the nearest node.
-    #[inline(always)]
-    pub fn next_node_sum(&self) -> V {
-        self.rounded - self.step * V::splat(node::COUNT as f64 / TAU)
-    }
 }
 
 /// The gap u near an impact and u', to rounding, with the track's sine and cosine. The ball is
@@ -138,7 +126,8 @@ pub(crate) struct GapNearImpact<V> {
 impl<V: Vector> GapNearImpact<V> {
     #[inline(always)]
     pub fn new(track: &Track<V>, launch: &Launch<V>, estimate: &LandingEstimate<V>) -> Self {
-        let rounded = estimate.next_node_sum();
+        let per_node = V::splat(node::COUNT as f64 / TAU);
+        let rounded = estimate.rounded - estimate.step * per_node;
         let (node_sine, node_cosine) = V::node(rounded);
         let (half, step) = (track.half(), estimate.step);
         let x = (estimate.rounded - rounded) * V::splat(node::SPACING) - step;

@@ -27,42 +27,21 @@ impl<V: Vector> Launch<V> {
     }
 }
 
-/// Where the ball falls through height 0, and how fast.
-#[derive(Clone, Copy)]
-struct Crossing<V> {
-    /// Phase in node spacings, counted through all turns.
-    nodes: V,
-    speed: V,
-}
-
-/// The crossing of height 0 of a tall flight, to 2e-8 of the flight.
-#[inline(always)]
-fn crossing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Crossing<V> {
-    let per_node = V::splat(node::COUNT as f64 / TAU);
-    let v = launch.rise();
-    let speed = launch.speed_squared_at_zero(track).rough_sqrt();
-    Crossing {
-        nodes: (v + speed) * (track.per_k * per_node) + launch.phase * per_node,
-        speed,
-    }
-}
-
-/// Landing within 1.4e-3 rad, by one step of Householder's method of order 4.
-#[inline(always)]
-fn approach<V: Vector>(track: &Track<V>, crossing: &Crossing<V>) -> LandingEstimate<V> {
-    let rounded = crossing.nodes + V::splat(ROUNDING_OFFSET);
-    let (sine, cosine) = V::node(rounded);
-    let elapsed =
-        ((rounded - V::splat(ROUNDING_OFFSET)) - crossing.nodes) * V::splat(node::SPACING);
-    // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall.
-    let below = elapsed * crossing.speed + sine;
-    let speed = (crossing.speed + track.k * elapsed) + cosine;
-    let step = householder(below, speed, track.k - sine, -cosine, sine);
-    LandingEstimate { rounded, step }
-}
-
+/// The landing of a tall flight.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Landing<V> {
-    let estimate = approach(track, &crossing(track, launch));
-    GapNearImpact::new(track, launch, &estimate).finish(track)
+    // Phase where the ball falls through height 0, in node spacings, to 2e-8 of the flight; it is
+    // counted through all turns.
+    let per_node = V::splat(node::COUNT as f64 / TAU);
+    let falling = launch.speed_squared_at_zero(track).rough_sqrt();
+    let nodes = (launch.rise() + falling) * (track.per_k * per_node) + launch.phase * per_node;
+    // The landing within 1.4e-3 rad, by one step of Householder's method of order 4.
+    let rounded = nodes + V::splat(ROUNDING_OFFSET);
+    let (sine, cosine) = V::node(rounded);
+    let elapsed = ((rounded - V::splat(ROUNDING_OFFSET)) - nodes) * V::splat(node::SPACING);
+    // Relative to the crossing nothing cancels. Gravity adds less than 1e-4 to the fall.
+    let below = elapsed * falling + sine;
+    let speed = (falling + track.k * elapsed) + cosine;
+    let step = householder(below, speed, track.k - sine, -cosine, sine);
+    GapNearImpact::new(track, launch, &LandingEstimate { rounded, step }).finish(track)
 }

@@ -82,6 +82,10 @@ impl Kick {
 #[cfg(test)]
 mod tests {
     use super::*;
+    const VALID: KickSettings = KickSettings {
+        factor: 1.5,
+        ..Kick::NONE.settings
+    };
 
     #[test]
     fn kick_falls_linearly_from_its_factor_to_the_target() {
@@ -91,13 +95,9 @@ mod tests {
             (0, 7, 1.0),
             (10_000, 10_000, 1.5),
         ] {
-            let kick = Kick::build(KickSettings {
-                factor: 1.5,
-                hold,
-                descent,
-                release,
-            })
-            .unwrap();
+            let mut settings = VALID;
+            (settings.hold, settings.descent, settings.release) = (hold, descent, release);
+            let kick = Kick::build(settings).unwrap();
             let mut last = 1.5;
             for cycle in 0..kick.length() {
                 let command = kick.command(cycle);
@@ -113,14 +113,8 @@ mod tests {
 
     #[test]
     fn refusals_name_the_parameter() {
-        let valid = KickSettings {
-            factor: 1.5,
-            hold: 1,
-            descent: 1,
-            release: 1.0,
-        };
         let refused = |change: fn(&mut KickSettings)| {
-            let mut settings = valid;
+            let mut settings = VALID;
             change(&mut settings);
             Kick::build(settings).unwrap_err().parameter
         };

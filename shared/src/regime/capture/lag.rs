@@ -127,23 +127,21 @@ impl KickEnvelope {
 
 #[cfg(test)]
 mod tests {
-    use super::super::KickSettings;
     use super::*;
 
-    /// Envelope of a rectangular kick of twice the target.
-    fn envelope(hold: u16, [time_constant, start, limit]: [f64; 3]) -> KickEnvelope {
-        let drive = DriveLag::build(DriveLagSettings {
+    fn drive([time_constant, start, limit]: [f64; 3]) -> Result<DriveLag, OutOfRange> {
+        DriveLag::build(DriveLagSettings {
             time_constant,
             start,
             limit,
-        });
-        let kick = Kick::build(KickSettings {
-            factor: 2.0,
-            hold,
-            descent: 0,
-            release: 1.0,
-        });
-        KickEnvelope::new(drive.unwrap(), kick.unwrap())
+        })
+    }
+
+    /// Envelope of a rectangular kick of twice the target.
+    fn envelope(hold: u16, settings: [f64; 3]) -> KickEnvelope {
+        let mut kick = Kick::NONE.settings();
+        (kick.factor, kick.hold) = (2.0, hold);
+        KickEnvelope::new(drive(settings).unwrap(), Kick::build(kick).unwrap())
     }
 
     #[test]
@@ -182,12 +180,8 @@ mod tests {
             (5.0, 0.0, f64::NAN, "limit"),
             (5.0, 0.0, 10.1, "limit"),
         ] {
-            let refused = DriveLag::build(DriveLagSettings {
-                time_constant,
-                start,
-                limit,
-            });
-            assert_eq!(refused.unwrap_err().parameter, parameter);
+            let refused = drive([time_constant, start, limit]).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
         }
     }
 }

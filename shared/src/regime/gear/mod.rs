@@ -386,7 +386,7 @@ mod tests {
                 let draw = draw::Draw::new(restitution as f32, deviation as f32, seed);
                 let gear = GearDetector::build_in_steps(1).unwrap();
                 let mut part = part::SimulatedPart::new(draw, gear, span);
-                while !part.simulate_flight(&track) {}
+                while !part.simulate_flight(&track, |_| {}) {}
                 single += f64::from(part.share()) / 40.0;
             }
             // Runs scatter by 0.01 to 0.015 if gear is lost every 30 periods.

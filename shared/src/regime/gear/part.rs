@@ -200,15 +200,10 @@ impl SimulatedPart {
         self.in_gear as f32 / (self.span.end - self.span.begin) as f32
     }
 
-    /// Simulates one flight, with a rest before it, and returns whether the end is reached.
+    /// Simulates one flight, with a rest before it, and returns whether the end is reached. Passes
+    /// the impact that ended the flight to `record`.
     #[inline]
-    pub fn simulate_flight(&mut self, map: &TrackMap) -> bool {
-        self.simulate_flight_with(map, |_| {})
-    }
-
-    /// As [`SimulatedPart::simulate_flight`]; passes the impact that ended the flight to `record`.
-    #[inline]
-    pub fn simulate_flight_with(
+    pub fn simulate_flight(
         &mut self,
         map: &TrackMap,
         record: impl FnOnce(SimulatedImpact),

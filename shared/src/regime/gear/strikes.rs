@@ -256,7 +256,7 @@ impl StrikeProfiler {
         };
         self.impacts += 1;
         let mut landed_impact = None;
-        let over = simulated.simulate_flight_with(&self.map, |impact| landed_impact = Some(impact));
+        let over = simulated.simulate_flight(&self.map, |impact| landed_impact = Some(impact));
         if let Some(impact) = landed_impact {
             let speed = impact.arrival_speed(&self.map);
             let landed = impact.from_rest && {

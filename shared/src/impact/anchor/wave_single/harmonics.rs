@@ -4,9 +4,9 @@ use crate::arithmetic::fixed::Fixed;
 use crate::arithmetic::node::SINE_COSINE_SINGLE;
 use crate::arithmetic::trigonometry::cosine_fine;
 use crate::arithmetic::{Phase, sine_cosine_single};
-use crate::feeder::{OutOfRange, accept_in};
+use crate::feeder::OutOfRange;
 use crate::impact::anchor::flight::Motion;
-use crate::impact::wave::Tone;
+use crate::impact::wave::{Tone, accept_tones};
 
 /// One harmonic, `e sin(n t + th)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,22 +22,19 @@ pub(super) struct Harmonic {
 
 impl Harmonic {
     /// A tone, with its angle rounded to a step of a phase.
-    fn build(tone: Tone, amplitude: &'static str, angle: &'static str) -> Result<Self, OutOfRange> {
-        accept_in(amplitude, tone.amplitude, 0.0..=0.5, "0..0.5 of the first")?;
-        let turn = core::f64::consts::TAU;
-        accept_in(angle, tone.angle, -turn..=turn, "-6.2832..6.2832 rad")?;
+    fn new(tone: Tone) -> Self {
         if tone.amplitude == 0.0 {
-            return Ok(Self::default());
+            return Self::default();
         }
         let phase = Phase::from_radians(tone.angle);
         let size = tone.amplitude as f32;
         let (sine, cosine) = sine_cosine_single(phase);
-        Ok(Self {
+        Self {
             amplitude: Fixed::<32, u32>::nearest(tone.amplitude),
             angle: phase,
             size,
             mixed: [size * cosine, size * sine],
-        })
+        }
     }
 
     /// `e sin` and `e cos` of the tone's angle, at a node of n times the phase.
@@ -74,9 +71,10 @@ pub(super) struct Parts(pub [[f32; 2]; 3]);
 impl Harmonics {
     /// The harmonics of a wave. Errors: `OutOfRange` with the tone out of range.
     pub fn build(second: Tone, third: Tone) -> Result<Self, OutOfRange> {
+        accept_tones(second, third)?;
         Ok(Self {
-            second: Harmonic::build(second, "second tone, amplitude", "second tone, angle")?,
-            third: Harmonic::build(third, "third tone, amplitude", "third tone, angle")?,
+            second: Harmonic::new(second),
+            third: Harmonic::new(third),
             is_of_three: third.amplitude != 0.0,
         })
     }

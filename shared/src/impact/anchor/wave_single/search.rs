@@ -3,13 +3,13 @@
 use core::f32::consts::TAU;
 
 use super::launch::{DeflatedGap, Launch};
-use super::track::{Edge, Hump, Limit, Track};
+use super::track::{Edge, Hump, Limits, Track};
 use crate::impact::anchor::approach::{approach, householder};
 use crate::impact::anchor::candidate::{
     Candidate, MAX_NEGATIVE_DISCRIMINANT, MIN_FALL_SPEED_SQUARED,
 };
 use crate::impact::anchor::flight::{
-    Ballistic, GAP_ROUNDING, Local, RADIANS_PER_STEP, STEPS_PER_RADIAN, Track as _, abs, larger,
+    Ballistic, GAP_ROUNDING, Local, RADIANS_PER_STEP, Track as _, abs, larger, newton_or_middle,
     node_from_near, node_of, root, smaller,
 };
 use crate::impact::anchor::settle::{down_crossing, expand};
@@ -49,15 +49,11 @@ const MIN_TIME_TO_HUMP: f32 = 0.2;
 const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
 
 /// A candidate from the flight near launch or from the fall of the parabola, with its validity
-/// limits. The lower limit excludes launch itself and impacts that the short form settles with more
-/// digits. The upper limit is [`Track::limit`] or the reach of [`Limits::contain`].
+/// limits.
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
-    let mut limits = Limits {
-        limit: track.limit(phase, rise)?,
-        first: (Track::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
-    };
+    let mut limits = track.limits(phase, rise)?;
     let a1 = 0.5 * launch.pull;
     let a2 = launch.jerk * (1.0 / 6.0);
     let square = a1 * a1;
@@ -110,26 +106,18 @@ pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Li
         .then_some((Candidate::Near(approach), limits))
 }
 
-/// Times in steps after launch between which a down-crossing is the first impact.
-#[derive(Clone, Copy)]
-pub(super) struct Limits {
-    first: i64,
-    limit: Limit,
-}
-
 impl Limits {
     /// Whether a down-crossing `steps` after launch is the first impact.
     #[inline(always)]
     pub fn contain(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
-        self.first <= steps
-            && (steps <= self.limit.last || self.contain_beyond(track, launch, steps))
+        self.first <= steps && (steps <= self.last || self.contain_beyond(track, launch, steps))
     }
 
-    /// The same beyond the hump of [`Track::limit`]: the flight is above the track's reach or
+    /// The same beyond the hump of [`Track::limits`]: the flight is above the track's reach or
     /// clears the humps.
     #[inline(never)]
     fn contain_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
-        let limit = track.limit_from_above(launch.phase, launch.height, launch.rise, self.limit);
+        let limit = track.limit_from_above(launch.phase, launch.height, launch.rise, self.clear);
         limit.is_some_and(|last| steps <= last) || clears(track, launch, steps)
     }
 }
@@ -422,11 +410,7 @@ impl<'a> Edges<'a> {
                 low = x;
             }
             let newton = x - slope / (half + half);
-            let next = if newton > low && newton < high {
-                newton
-            } else {
-                0.5 * (low + high)
-            };
+            let next = newton_or_middle(newton, low, high);
             let moved = abs(next - x);
             x = next;
             // The slope gives the gap there, to the cube of the remaining distance.

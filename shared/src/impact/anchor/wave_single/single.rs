@@ -1,6 +1,6 @@
 //! The impact map in f32 on a track of several tones.
 
-use super::harmonics::{Harmonics, Parts};
+use super::harmonics::Parts;
 use super::launch::Launch;
 use super::search::{bisect, candidate, may_leave, search};
 use super::track::Track;
@@ -16,7 +16,7 @@ use crate::impact::kernel::{
     Impact, Kernel, Landing, MAX_VELOCITY, PartState, WaveKernel, accept_phase, accept_velocity,
 };
 use crate::impact::set_up::SetUp;
-use crate::impact::wave::Tone;
+use crate::impact::wave::{Tone, accept_tones};
 
 /// The impact map in f32, on a track of one to three tones (`f32`).
 ///
@@ -199,7 +199,7 @@ impl Kernel for Single {
 impl WaveKernel for Single {
     fn on_tones([second, third]: [Tone; 2], k: f64, restitution: f64) -> Result<Self, OutOfRange> {
         if second.amplitude == 0.0 && third.amplitude == 0.0 {
-            Harmonics::build(second, third)?;
+            accept_tones(second, third)?;
             return Self::build(k, restitution);
         }
         let track = Track::build(second, third, k)?;

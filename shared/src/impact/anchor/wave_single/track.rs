@@ -10,6 +10,7 @@ use crate::arithmetic::fixed::Fixed;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::anchor::flight::{
     self, Gravity, Motion, RADIANS_PER_STEP, SPACING, STEPS_PER_RADIAN, abs, larger,
+    newton_or_middle,
 };
 use crate::impact::wave::{MAX_HUMPS, Tone};
 
@@ -36,9 +37,11 @@ pub(super) struct Hump {
     pub end: Edge,
 }
 
-/// Time limits in steps after launch, up to which no search is needed.
+/// Times in steps after launch between which a down-crossing is the first impact, without a search.
 #[derive(Clone, Copy)]
-pub(super) struct Limit {
+pub(super) struct Limits {
+    /// It excludes launch itself and impacts that the short form settles with more digits.
+    pub first: i64,
     /// A ball above the track's reach at or before this time has not met the track.
     pub clear: i64,
     /// A down-crossing up to this time is the first impact.
@@ -106,7 +109,7 @@ impl Track {
 
     /// Time limits of a flight from `phase` with the ball's velocity `rise`, if there is a hump.
     #[inline(always)]
-    pub fn limit(&self, phase: u32, rise: f32) -> Option<Limit> {
+    pub fn limits(&self, phase: u32, rise: f32) -> Option<Limits> {
         let wait = |hump: &Hump| hump.phase.wrapping_sub(phase).wrapping_sub(1);
         let humps = self.humps();
         let (first, others) = humps.split_first()?;
@@ -126,25 +129,22 @@ impl Track {
                 clear = i64::from(wait(hump));
             }
         }
-        let last = clear + i64::from(hump.length);
-        Some(Limit { clear, last })
+        Some(Limits {
+            first: (<Self as flight::Track>::MAX_SHORT_FLIGHT * STEPS_PER_RADIAN) as i64,
+            clear,
+            last: clear + i64::from(hump.length),
+        })
     }
 
     /// Time limit of a ball that leaves the track's reach before it meets the track, in steps after
     /// launch. It is the end of the hump below the ball as it sinks into the reach, else of the
     /// next one.
     #[inline(never)]
-    pub fn limit_from_above(
-        &self,
-        phase: u32,
-        height: f32,
-        rise: f32,
-        limit: Limit,
-    ) -> Option<i64> {
+    pub fn limit_from_above(&self, phase: u32, height: f32, rise: f32, clear: i64) -> Option<i64> {
         let (from, to) = self.time_above_reach(height, rise);
         // Earlier than the time of sinking, by more than its rounding in f32.
         let sinks = to - 1e-3 - 1e-6 * to;
-        if !(from < (limit.clear >> 8) as i32 as f32 * (256.0 * RADIANS_PER_STEP) && from < sinks) {
+        if !(from < (clear >> 8) as i32 as f32 * (256.0 * RADIANS_PER_STEP) && from < sinks) {
             return None;
         }
         let sinks = (sinks * STEPS_PER_RADIAN) as i64;
@@ -260,11 +260,7 @@ impl Track {
                 continue;
             }
             let newton = x - excess / parts.cosines(8.0, 27.0) * STEPS_PER_RADIAN;
-            let next = if newton > near && newton < far {
-                newton
-            } else {
-                0.5 * (near + far)
-            };
+            let next = newton_or_middle(newton, near, far);
             let moved = abs(next - x);
             x = next;
             if moved < 1.0 && fine {
