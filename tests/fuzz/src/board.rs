@@ -1,7 +1,9 @@
 //! The board's side of the link and its state: frames, drive cycles, power failures.
 
-use std::cell::Cell;
-
+use crate::Reader;
+use crate::desk;
+use crate::frames::{framed, framed_update, payload};
+use crate::store::Flash;
 use embassy_futures::block_on;
 use kband_control::wire::{
     Incoming, MAX_FRAME_BYTES, Outgoing, Request, Response, SetUp, Stored, read_answer,
@@ -15,11 +17,7 @@ use kband_firmware::storage::last_words::LastWords;
 use kband_firmware::storage::store::{Condition, LoadedSettings};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
-
-use crate::Reader;
-use crate::desk;
-use crate::frames::{framed, framed_update, payload};
-use crate::store::Flash;
+use std::cell::Cell;
 
 /// Words of events.
 pub const WORDS: &str = "amplitude_limit|gain|output_maximum|stm32f405rg";

@@ -1,8 +1,6 @@
 //! Memory of the settings, with arbitrary content and power failures at any time.
 
-use std::cell::RefCell;
-use std::rc::Rc;
-
+use crate::Reader;
 use embassy_futures::block_on;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
@@ -11,8 +9,8 @@ use kband_control::wire::FaultRecord;
 use kband_control::{Settings, Target};
 use kband_firmware::storage::store::{Condition, Records};
 use kband_firmware::storage::waiting::Waiting;
-
-use crate::Reader;
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Bytes of the smallest flash page of a board.
 pub const PAGE: usize = 2048;
