@@ -2,20 +2,18 @@
 //!
 //! `KBAND_EVERY_CUT=1` cuts the power at every flash operation, instead of a random sample.
 
-use std::sync::LazyLock;
-
+use super::{
+    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
+    rig_with_key, runs_other, send, signature, sum,
+};
+use kband_control::wire::MAX_UPDATE_BYTES;
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
 use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
-
-use super::{
-    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
-    rig_with_key, runs_other, send, signature, sum,
-};
-use kband_control::wire::MAX_UPDATE_BYTES;
+use std::sync::LazyLock;
 
 const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
