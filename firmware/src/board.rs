@@ -1,8 +1,7 @@
 //! Interfaces of the application to a board.
 
-use kband_control::{AdcCode, Inputs, Report, Target};
-
 use crate::inputs::enable::Contact;
+use kband_control::{AdcCode, Inputs, Report, Target};
 
 /// The power stage of the drive.
 pub trait Drive {

@@ -2,17 +2,15 @@
 //!
 //! Mailboxes carry one cycle up and one command down; the newest value replaces an older one.
 
+use crate::bus::line::BusLine;
+use crate::inputs::enable::EnableCycle;
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
-
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
 use kband_control::{Command, Cycle, Signal, UPPER};
-
-use crate::bus::line::BusLine;
-use crate::inputs::enable::EnableCycle;
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {

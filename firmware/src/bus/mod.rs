@@ -13,7 +13,7 @@ use kband_control::Settings;
 pub use line::BusLine;
 
 use crate::station::Station;
-use machine::Registers;
+pub(crate) use machine::Registers;
 
 /// Parity of the characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,26 +103,6 @@ pub async fn bus(
             line.listen();
         }
     }
-}
-
-/// Answers a request over the link, for any unit, in the bus's session; empty without an answer.
-pub fn answer_over_link(
-    station: &Station,
-    image: &'static str,
-    read_only: bool,
-    adu: &[u8],
-) -> Answer {
-    let mut registers = Registers {
-        station,
-        image,
-        read_only,
-    };
-    let mut answer = Answer::new();
-    let mut server = station.bus.server.borrow_mut();
-    if server.answer(adu, &mut registers, &mut answer) {
-        station.bus.request_received.set(true);
-    }
-    answer
 }
 
 #[cfg(test)]

@@ -1,20 +1,16 @@
 //! The bus of a board: its task, its registers, and its authority over the drive.
 
-use core::cell::{Cell, RefCell};
-
-use core::pin::pin;
-use std::rc::Rc;
-use std::vec::Vec;
-
-use embassy_futures::{block_on, poll_once};
-use kband::arithmetic::Noise;
-use kband_control::wire::{Pin, Refusal, Request, Response};
-use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
-
 use super::*;
 use crate::link::tests::{Board, board_with, sensed, simulate};
 use crate::storage::store::{Condition, LoadedSettings};
 use crate::testing::with;
+use core::cell::{Cell, RefCell};
+use core::pin::pin;
+use embassy_futures::{block_on, poll_once};
+use kband::arithmetic::Noise;
+use kband_control::wire::{Pin, Refusal, Request, Response};
+use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
+use std::vec::Vec;
 
 const UNIT: u8 = 17;
 const SAVE: u16 = 9;
@@ -216,13 +212,13 @@ fn drawn_writes_start_nothing_without_the_enable_input() {
 }
 
 /// A port that records the calls of the task.
-#[derive(Clone, Default)]
+#[derive(Default)]
 struct Port {
-    configured: Rc<RefCell<Vec<Option<LineConfig>>>>,
-    sending: Rc<Cell<u32>>,
+    configured: RefCell<Vec<Option<LineConfig>>>,
+    sending: Cell<u32>,
 }
 
-impl BusPort for Port {
+impl BusPort for &Port {
     fn configure(&mut self, config: Option<LineConfig>) {
         self.configured.borrow_mut().push(config);
     }
@@ -238,7 +234,7 @@ fn the_task_answers_its_unit_and_follows_the_settings() {
     let line = BusLine::listening();
     line.restart(1000);
     let port = Port::default();
-    let mut task = pin!(bus(&line, port.clone(), &board.station, "kband test"));
+    let mut task = pin!(bus(&line, &port, &board.station, "kband test"));
     let mut poll = || _ = poll_once(task.as_mut());
     let mut now = 0_u32;
     let mut send = |unit: u8| {

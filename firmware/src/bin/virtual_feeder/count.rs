@@ -3,7 +3,6 @@
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
-
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::{heprint, heprintln};
@@ -12,7 +11,7 @@ use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
-use kband_firmware::watch::{Roll, Watched};
+use kband_firmware::watch::Roll;
 use kband_plant::Bench;
 
 /// Full range of SysTick: 16.7 million ticks, 99 million instructions.
@@ -21,7 +20,7 @@ const FULL: u32 = 0x00ff_ffff;
 const CYCLES: u32 = 20;
 
 static EXCHANGE: Exchange = Exchange::empty();
-static ROLL: Roll = Roll::of(&[Watched::Samples]);
+static ROLL: Roll = Roll::new();
 
 static READING: AtomicU16 = AtomicU16::new(0);
 

@@ -1,8 +1,10 @@
 //! The emulated board: the bench replaces converter and power stage, semihosting replaces pins.
 
+use crate::count::count;
+use crate::flash::FlashFile;
+use crate::serial::{self, Serial};
 use core::cell::RefCell;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
+use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, syscall1};
@@ -38,21 +40,15 @@ use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
 
-use crate::count::count;
-use crate::flash::FlashFile;
-use crate::serial::{self, Serial};
-
 /// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
 /// Clock of UART4, Hz. The emulated line has no rate.
 const BUS_CLOCK: u32 = 42_000_000;
 /// Factor by which silence on the emulated line is longer: a busy desk delays bytes by some ms.
 const BUS_SLOWNESS: u32 = 16;
-/// Reload of the sample timer: 25 us at QEMU's 1 GHz, which does not affect the samples.
-const SAMPLE_TICKS: u16 = 25_000 - 1;
-/// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
+/// Largest number of samples in a millisecond: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
-/// Number of interrupts until the emulated watchdog ends the run: half a second of emulated time.
+/// Number of interrupts until the emulated watchdog ends the run: one second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
 const GET_CMDLINE: usize = 0x15;
 
@@ -61,7 +57,7 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
+static ROLL: Roll = Roll::new();
 static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
 static UNFED_SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -150,15 +146,6 @@ impl Monitor for Trace {
 type Memory = Records<FlashFile, Waiting>;
 
 /// Takes one sample. In the emulator it has no deadline: the next sample waits.
-#[interrupt]
-fn TIM3() {
-    pac::TIM3.sr().modify(|status| status.set_uif(false));
-    sample();
-}
-
-/// Whether SysTick triggers the samples. Without `-icount` QEMU's TIM3 sometimes stops for seconds.
-static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
-
 fn sample() {
     if UNFED_SAMPLES.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         cortex_m::interrupt::disable();
@@ -183,10 +170,8 @@ fn sample() {
 fn SysTick() {
     TIME.systick_interrupt();
     EXCHANGE.bus.poll(count_millisecond() / BUS_SLOWNESS);
-    if BY_MILLISECOND.load(Ordering::Relaxed) {
-        for _ in 0..SAMPLES_A_MILLISECOND {
-            sample();
-        }
+    for _ in 0..SAMPLES_A_MILLISECOND {
+        sample();
     }
 }
 
@@ -282,7 +267,7 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
 /// Builds the sample interrupt in its static memory.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
-    // SAFETY: the sample interrupt is still masked.
+    // SAFETY: SysTick, which takes the samples, does not run yet.
     unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
 }
 
@@ -294,12 +279,7 @@ fn begin(spawner: Spawner) {
     let (word, file) = words.split_once(' ').unwrap_or((words, ""));
     heprintln!("kband {}", IDENTITY);
     log::start(ResetCause::Power, &LastWords::EMPTY);
-    let trial = match word {
-        "count" => Trial::ALL.first().copied(),
-        "link" => Some(Trial::LINK),
-        "run" => Some(Trial::RUN),
-        name => Trial::named(name),
-    };
+    let trial = Trial::named(if word == "count" { "default" } else { word });
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
         heprintln!("no trial {}", word);
         finish(false);
@@ -332,16 +312,9 @@ fn begin(spawner: Spawner) {
         count_with_bench(&mut core, signal, station);
     }
     place_sampler(signal);
-    let linked = matches!(word, "link" | "run");
-    BY_MILLISECOND.store(linked, Ordering::Relaxed);
     TIME.start(&mut core.SYST);
-    if !linked {
-        pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
-        pac::TIM3.dier().modify(|enable| enable.set_uie(true));
-        pac::TIM3.cr1().modify(|control| control.set_cen(true));
-        // SAFETY: no critical section relies on this interrupt's mask.
-        unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
-    } else {
+    let linked = matches!(word, "link" | "run");
+    if linked {
         serial::start();
         // SAFETY: no critical section relies on this interrupt's mask.
         unsafe { NVIC::unmask(pac::Interrupt::UART4) };

@@ -1,12 +1,11 @@
 //! The lamps READY and FAULT.
 
+use crate::board::Monitor;
+use crate::hardware::log;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::{PB11, PC2};
 use kband_control::Report;
-
-use crate::board::Monitor;
-use crate::hardware::log;
 
 /// Outputs: ready on PC2 (the target is met), fault on PB11.
 pub struct Lamps {

@@ -1,19 +1,16 @@
 //! Tests of an update over the link, with a slot in the desk's memory.
 
+use super::*;
+use crate::testing::with;
+use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
+use UpdateRefusal::*;
+use UpdateRequest::{Confirm, End, Key};
 use core::cell::RefCell;
-use std::{thread_local, vec};
-
 use kband_control::wire::{
     MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, write_update_request,
 };
 use salty::{Keypair, Sha512};
-
-use UpdateRefusal::*;
-use UpdateRequest::{Confirm, End, Key};
-
-use super::*;
-use crate::testing::with;
-use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
+use std::{thread_local, vec};
 
 /// Size of the slot and of its sectors, bytes.
 const SIZE: u32 = 1536;
