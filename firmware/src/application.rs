@@ -5,15 +5,15 @@
 //! amplifier: Meade 1983). After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command it switches
 //! off. The control receives the demodulated cycle and commands the amplitude of the next.
 
-use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::board::{Drive, Panel, Sense};
 use crate::exchange::{COMMAND, Exchange, MAX_COMMAND_AGE_CYCLES, SIGNAL};
 use crate::inputs::enable::{Contact, Debounce, EnableCycle};
 use crate::station::Station;
-use crate::watch::{Roll, Watched};
+use crate::watch::Watched;
 use core::cell::Cell;
 use embassy_futures::yield_now;
 use kband::arithmetic::Phase;
-use kband_control::{PLAN_SLICES, Signal};
+use kband_control::{PLAN_SLICES, Report, Signal};
 
 /// The sample interrupt.
 ///
@@ -24,7 +24,6 @@ pub struct Sampler<S, D> {
     sense: S,
     drive: D,
     exchange: &'static Exchange,
-    roll: &'static Roll,
     enable: Debounce,
     enable_was_high: bool,
     on: bool,
@@ -37,20 +36,13 @@ pub struct Sampler<S, D> {
 
 impl<S: Sense, D: Drive> Sampler<S, D> {
     /// Builds the interrupt and switches the drive off.
-    pub fn new(
-        signal: Signal,
-        sense: S,
-        mut drive: D,
-        exchange: &'static Exchange,
-        roll: &'static Roll,
-    ) -> Self {
+    pub fn new(signal: Signal, sense: S, mut drive: D, exchange: &'static Exchange) -> Self {
         drive.off();
         Self {
             signal,
             sense,
             drive,
             exchange,
-            roll,
             enable: Debounce::default(),
             enable_was_high: false,
             on: false,
@@ -118,7 +110,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                     self.switch_off_late();
                 }
             }
-            self.roll.check_in(Watched::Samples);
+            self.exchange.roll.check_in(Watched::Samples);
         }
     }
 
@@ -153,20 +145,20 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     }
 }
 
-/// Control task of the drive cycles: control, report, then planning in slices.
+/// Control task of the drive cycles: control, report, then planning in slices. `observe` receives
+/// each report, and whether the target is met.
 ///
 /// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
 /// its amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
-    exchange: &'static Exchange,
-    roll: &'static Roll,
     mut panel: impl Panel,
-    mut monitor: impl Monitor,
+    mut observe: impl FnMut(&Report, bool),
 ) -> ! {
+    let exchange = station.exchange;
     loop {
         let (cycle, enable) = exchange.next().await;
-        roll.check_in(Watched::Cycle);
+        exchange.roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
             // The link answers a refused target. Here the previous target stays.
             let _ = station.set_target(target);
@@ -188,7 +180,7 @@ pub async fn control(
         exchange.command(report.command);
         let cycles = panel.now().wrapping_sub(began);
         station.longest.set(station.longest.get().max(cycles));
-        monitor.report(&report, station.ready());
+        observe(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
             // A slice takes up to 14 ms, so a request on the bus has priority.
@@ -198,7 +190,7 @@ pub async fn control(
             if exchange.has_waiting_cycle() || !station.plan_own_step() {
                 break;
             }
-            roll.check_in(Watched::Cycle);
+            exchange.roll.check_in(Watched::Cycle);
             yield_now().await;
         }
     }
@@ -208,7 +200,7 @@ pub async fn control(
 mod tests {
     use super::*;
     use crate::storage::last_words::LastWords;
-    use crate::storage::store::{Condition, LoadedSettings};
+    use crate::storage::store::LoadedSettings;
     use crate::testing::with;
     use core::cell::RefCell;
     use core::pin::pin;
@@ -268,12 +260,6 @@ mod tests {
         }
     }
 
-    impl Monitor for Shared {
-        fn report(&mut self, report: &Report, _ready: bool) {
-            self.borrow_mut().reports.push(*report);
-        }
-    }
-
     fn scene() -> Scene {
         let changes = [
             (0.615, Change::Target(Target::K(0.5))),
@@ -298,13 +284,12 @@ mod tests {
 
     /// A sampler of the default scene, whose enable input is read once a cycle or shows `contact`.
     fn sampled(contact: Option<Contact>) -> (&'static Exchange, Shared, Sampler<Shared, Shared>) {
-        static ROLL: Roll = Roll::new();
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let scene = Scene::default();
         let desk = desk(&scene);
         desk.borrow_mut().contact = contact;
         let signal = Signal::build(&scene.settings).unwrap();
-        let sampler = Sampler::new(signal, desk, desk, exchange, &ROLL);
+        let sampler = Sampler::new(signal, desk, desk, exchange);
         (exchange, desk, sampler)
     }
 
@@ -320,21 +305,17 @@ mod tests {
 
     /// Runs the application over a scene; each control comes `late` samples after its cycle.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
-        static ROLL: Roll = Roll::new();
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let desk = desk(scene);
-        let loaded = LoadedSettings {
-            settings: scene.settings,
-            target: scene.target,
-            ..LoadedSettings::none(Condition::Whole)
-        };
+        let loaded = LoadedSettings::whole(scene.settings, scene.target);
         let start = StartCause::Ordinary;
         let controller = Station::controller(&loaded, start).unwrap();
         let station = Station::new(&loaded, start, &controller, exchange, LastWords::EMPTY);
         let signal = Signal::build(&loaded.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk, desk, exchange, &ROLL);
+        let mut sampler = Sampler::new(signal, desk, desk, exchange);
         assert!(desk.borrow().off, "the drive starts off");
-        let mut task = pin!(control(&station, exchange, &ROLL, desk, desk));
+        let observe = |report: &Report, _| desk.borrow_mut().reports.push(*report);
+        let mut task = pin!(control(&station, desk, observe));
         let _ = poll_once(task.as_mut());
         let mut off = Vec::new();
         let mut waiting = 0;

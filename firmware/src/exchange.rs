@@ -4,6 +4,7 @@
 
 use crate::bus::line::BusLine;
 use crate::inputs::enable::EnableCycle;
+use crate::watch::Roll;
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::Mutex;
@@ -26,6 +27,8 @@ pub struct Exchange {
     missed: AtomicU32,
     /// The fieldbus's line.
     pub bus: BusLine,
+    /// Tasks that have checked in.
+    pub roll: Roll,
 }
 
 impl Exchange {
@@ -49,6 +52,7 @@ impl Exchange {
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
             bus: BusLine::listening(),
+            roll: Roll::new(),
         }
     }
 

@@ -154,7 +154,7 @@ pub struct Station {
     samples: Cell<u64>,
     /// A fault that the store does not hold yet.
     pub(crate) unsaved_fault: Cell<Option<FaultRecord>>,
-    exchange: &'static Exchange,
+    pub(crate) exchange: &'static Exchange,
     /// Message of the firmware before its last reset.
     pub(crate) last_words: LastWords,
 }

@@ -66,12 +66,8 @@ pub trait BusPort {
 
 /// The task of the bus. It has no control deadline and no watchdog. If it hangs, the drive behaves
 /// as for a lost link (limit 7).
-pub async fn bus(
-    line: &BusLine,
-    mut port: impl BusPort,
-    station: &Station,
-    image: &'static str,
-) -> ! {
+pub async fn bus(mut port: impl BusPort, station: &Station, image: &'static str) -> ! {
+    let line = &station.exchange.bus;
     let mut in_use = None;
     let mut frame = [0; MAX_FRAME_BYTES];
     let mut answer = Answer::new();

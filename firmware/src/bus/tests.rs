@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::link::tests::{Board, board_with, sensed, simulate};
-use crate::storage::store::{Condition, LoadedSettings};
+use crate::storage::store::LoadedSettings;
 use crate::testing::with;
 use core::cell::{Cell, RefCell};
 use core::pin::pin;
@@ -30,11 +30,7 @@ fn with_authority(bus: f32) -> Board {
 }
 
 fn started(bus: f32, start: StartCause) -> Board {
-    let loaded = LoadedSettings {
-        settings: settings(bus),
-        target: Target::K(0.8),
-        ..LoadedSettings::none(Condition::Whole)
-    };
+    let loaded = LoadedSettings::whole(settings(bus), Target::K(0.8));
     with(Board::started(loaded, start), |it| it.enable = true)
 }
 
@@ -231,10 +227,10 @@ impl BusPort for &Port {
 #[test]
 fn the_task_answers_its_unit_and_follows_the_settings() {
     let board = with_authority(1.0);
-    let line = BusLine::listening();
+    let line = &board.station.exchange.bus;
     line.restart(1000);
     let port = Port::default();
-    let mut task = pin!(bus(&line, &port, &board.station, "kband test"));
+    let mut task = pin!(bus(&port, &board.station, "kband test"));
     let mut poll = || _ = poll_once(task.as_mut());
     let mut now = 0_u32;
     let mut send = |unit: u8| {

@@ -58,6 +58,15 @@ pub struct LoadedSettings {
 }
 
 impl LoadedSettings {
+    /// Whole settings without a PIN.
+    pub fn whole(settings: Settings, target: Target) -> Self {
+        Self {
+            settings,
+            target,
+            ..Self::none(Condition::Whole)
+        }
+    }
+
     /// Defaults with a target that does not move the drive.
     pub fn none(condition: Condition) -> Self {
         Self {

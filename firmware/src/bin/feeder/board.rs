@@ -12,9 +12,9 @@ use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_time::{Instant, Timer};
 use kband_control::wire::SetUp;
-use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
+use kband_control::{Controller, Cycle, Report, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Monitor, Panel};
+use kband_firmware::board::Panel;
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::exchange::Exchange;
@@ -36,7 +36,6 @@ use kband_firmware::storage::last_words::LastWords;
 use kband_firmware::storage::resets::{GOOD_OPERATION_S, Resets};
 use kband_firmware::storage::store::{Condition, LoadedSettings};
 use kband_firmware::storage::waiting::Waiting;
-use kband_firmware::watch::Roll;
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
 
@@ -58,7 +57,6 @@ const LOW_PRIORITY: u8 = 0x80;
 
 type LinkService = Service<<Board as Chip>::Flash, &'static mut Waiting>;
 
-static ROLL: Roll = Roll::new();
 static STATION: StaticCell<Station> = StaticCell::new();
 static SERVICE: StaticCell<LinkService> = StaticCell::new();
 /// Send and receive buffer of the link's port.
@@ -121,8 +119,9 @@ fn UART4() {
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(station: &'static Station, terminals: Terminals, lamps: Lamps) {
-    control(station, &EXCHANGE, &ROLL, terminals, lamps).await;
+async fn drive_cycle(station: &'static Station, terminals: Terminals, mut lamps: Lamps) {
+    let observe = |report: &Report, ready| lamps.report(report, ready);
+    control(station, terminals, observe).await;
 }
 
 #[embassy_executor::task]
@@ -132,13 +131,13 @@ async fn desk_link(service: &'static mut LinkService, serial: Serial, station: &
 
 #[embassy_executor::task]
 async fn fieldbus(port: Uart, station: &'static Station) {
-    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
+    bus(port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
 async fn supervise() {
     loop {
-        if ROLL.complete() {
+        if EXCHANGE.roll.complete() {
             feed_watchdog();
             if Instant::now().as_secs() >= GOOD_OPERATION_S {
                 RESETS.clear();
@@ -207,7 +206,7 @@ fn place_station(
 fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) -> Option<()> {
     let signal = Signal::build(settings).ok()?;
     // SAFETY: the sample interrupt is still masked.
-    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
+    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE)) };
     Some(())
 }
 

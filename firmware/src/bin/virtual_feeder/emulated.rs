@@ -19,7 +19,7 @@ use kband::feeder::OutOfRange;
 use kband_control::wire::{Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Signal, Target};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Drive, Monitor, Panel, Sense};
+use kband_firmware::board::{Drive, Panel, Sense};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::exchange::Exchange;
@@ -32,10 +32,10 @@ use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings, Records};
+use kband_firmware::storage::store::{LoadedSettings, Records};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::trial::{TraceRow, Trial};
-use kband_firmware::watch::{Roll, Watched};
+use kband_firmware::watch::Watched;
 use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
@@ -48,7 +48,7 @@ const BUS_CLOCK: u32 = 42_000_000;
 const BUS_SLOWNESS: u32 = 16;
 /// Largest number of samples in a millisecond: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
-/// Number of interrupts until the emulated watchdog ends the run: one second of emulated time.
+/// Number of samples until the emulated watchdog ends the run: one second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
 const GET_CMDLINE: usize = 0x15;
 
@@ -57,7 +57,6 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-static ROLL: Roll = Roll::new();
 static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
 static UNFED_SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -126,18 +125,15 @@ impl Panel for Bed {
     }
 }
 
-/// Number of trace rows to print before the run ends; `None` prints nothing and runs on.
-struct Trace(Option<u32>);
-
-impl Monitor for Trace {
-    fn report(&mut self, report: &Report, _ready: bool) {
-        log::report(report);
-        if let Some(remaining) = &mut self.0 {
-            heprintln!("{}", TraceRow(report));
-            *remaining -= 1;
-            if *remaining == 0 {
-                finish(true);
-            }
+/// Prints a row of the trace and ends the run after the last of `remaining` rows; `None` prints
+/// nothing and runs on.
+fn trace(report: &Report, remaining: &mut Option<u32>) {
+    log::report(report);
+    if let Some(remaining) = remaining {
+        heprintln!("{}", TraceRow(report));
+        *remaining -= 1;
+        if *remaining == 0 {
+            finish(true);
         }
     }
 }
@@ -153,7 +149,7 @@ fn sample() {
         finish(false);
     }
     // A pause of the samples is not a failure, so the interrupt checks in.
-    ROLL.check_in(Watched::Samples);
+    EXCHANGE.roll.check_in(Watched::Samples);
     if EXCHANGE.is_unfinished() {
         return;
     }
@@ -184,12 +180,13 @@ fn UART4() {
 #[embassy_executor::task]
 async fn fieldbus(station: &'static Station) {
     let port = Uart::with_clock(&EXCHANGE.bus, BUS_CLOCK);
-    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
+    bus(port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(station: &'static Station, trace: Trace) {
-    control(station, &EXCHANGE, &ROLL, Bed, trace).await;
+async fn drive_cycle(station: &'static Station, mut rows: Option<u32>) {
+    let observe = |report: &Report, _| trace(report, &mut rows);
+    control(station, Bed, observe).await;
 }
 
 #[embassy_executor::task]
@@ -201,7 +198,7 @@ async fn desk_link(station: &'static Station, memory: Memory, pin: Option<Pin>) 
 #[embassy_executor::task]
 async fn supervise() {
     loop {
-        if ROLL.complete() {
+        if EXCHANGE.roll.complete() {
             UNFED_SAMPLES.store(0, Ordering::Relaxed);
         }
         Timer::after_millis(10).await;
@@ -268,7 +265,7 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
 #[inline(never)]
 fn place_sampler(signal: Signal) {
     // SAFETY: SysTick, which takes the samples, does not run yet.
-    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
+    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE)) };
 }
 
 /// Starts everything. In `main`, the future would keep the space of each local for the whole run.
@@ -294,11 +291,7 @@ fn begin(spawner: Spawner) {
         finish(false);
     };
     let loaded = if file.is_empty() {
-        LoadedSettings {
-            settings: scene.settings,
-            target: scene.target,
-            ..LoadedSettings::none(Condition::Whole)
-        }
+        LoadedSettings::whole(scene.settings, scene.target)
     } else {
         block_on(memory.load())
     };
@@ -321,7 +314,7 @@ fn begin(spawner: Spawner) {
         spawner.spawn(desk_link(station, memory, loaded.pin).expect("spawned once"));
         spawner.spawn(fieldbus(station).expect("spawned once"));
     }
-    let trace = Trace((!linked).then_some(trial.cycles));
-    spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
+    let rows = (!linked).then_some(trial.cycles);
+    spawner.spawn(drive_cycle(station, rows).expect("spawned once"));
     spawner.spawn(supervise().expect("spawned once"));
 }

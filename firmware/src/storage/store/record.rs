@@ -126,10 +126,8 @@ fn decode_pairs(mut words: Words<'_>) -> Result<LoadedSettings, Condition> {
         added &= !(1 << number);
     }
     Ok(LoadedSettings {
-        settings,
-        target,
         pin,
-        condition: Condition::Whole,
         added,
+        ..LoadedSettings::whole(settings, target)
     })
 }

@@ -161,12 +161,7 @@ fn changed(factor: f32) -> Settings {
 }
 
 fn valid(settings: Settings, target: Target, pin: Option<Pin>) -> LoadedSettings {
-    LoadedSettings {
-        settings,
-        target,
-        pin,
-        ..LoadedSettings::none(Condition::Whole)
-    }
+    with(LoadedSettings::whole(settings, target), |it| it.pin = pin)
 }
 
 fn saved<const PAGE: usize>(settings: &Settings, target: Target) -> Memory<PAGE> {

@@ -1,7 +1,7 @@
 //! Records of version 3: a fixed list of values in the order of its keys, without their names.
 
+use super::LoadedSettings;
 use super::encoding::{COUNT, Words};
-use super::{Condition, LoadedSettings};
 use kband_control::Settings;
 
 /// Size of a slot, bytes.
@@ -27,11 +27,10 @@ pub fn decode(mut words: Words<'_>) -> Option<LoadedSettings> {
         let number = Settings::KEYS.iter().position(|known| known.name == key)?;
         added &= !(1 << number);
     }
+    let target = words.target()?;
     Some(LoadedSettings {
-        settings,
-        target: words.target()?,
         pin: words.pin()?,
-        condition: Condition::Whole,
         added,
+        ..LoadedSettings::whole(settings, target)
     })
 }

@@ -104,12 +104,10 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     let driven = rig.amplitude();
     assert!((driven - 0.2).abs() < 0.01, "{driven}");
     let operations = rig.chip.operations();
+    let (offset, bytes) = (0, &image[..256]);
     for request in [
         begin(BOARD, image.len()),
-        UpdateRequest::Bytes {
-            offset: 0,
-            bytes: &image[..256],
-        },
+        UpdateRequest::Bytes { offset, bytes },
         UpdateRequest::End(&end),
         UpdateRequest::Key(&[1; 32]),
         UpdateRequest::Confirm,
