@@ -14,7 +14,7 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings};
+use kband_firmware::storage::store::LoadedSettings;
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
 use std::cell::Cell;
@@ -171,11 +171,7 @@ impl Board {
             return false;
         }
         if saves {
-            self.saved = Some(LoadedSettings {
-                settings,
-                target,
-                ..LoadedSettings::none(Condition::Never)
-            });
+            self.saved = Some(LoadedSettings::whole(settings, target));
         }
         true
     }
