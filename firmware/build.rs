@@ -1,47 +1,17 @@
-//! Build script: the board of the image, its memory map and linker scripts, and its largest size.
+//! Build script: the board of the image, its memory map and linker scripts.
 
+use object::{Object, ObjectSegment};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
-
-use object::{Object, ObjectSegment};
-
-/// The stack is at the bottom of the RAM: an overflow faults instead of overwriting data.
-const LAYOUT: &str = "\
-SECTIONS { .stack (NOLOAD) : ALIGN(8) { . += kband_stack; } > RAM } INSERT BEFORE .data;
-_stack_end = ADDR(.stack);
-_stack_start = ADDR(.stack) + SIZEOF(.stack);
-";
 
 /// Stack of each image, bytes: its largest use plus a third. The stack of the emulated image also
 /// holds the plant and its counters.
 const STACKS: [(&str, u32); 2] = [("feeder", 55 << 10), ("virtual_feeder", 76 << 10)];
 
-/// Limits for the board's image: flash without the loader, and RAM, stack included.
-/// The linker refuses a larger image. The emulated image has more: it includes the plant.
-const BUDGET: &str = "\
-ASSERT(__sheap - ORIGIN(RAM) <= 88K, \"kband: stack and static data exceed 88 KiB of RAM\");
-ASSERT(__sidata + (__edata - __sdata) - ORIGIN(FLASH) <= 328K, \"kband: the image exceeds 328 KiB of flash\");
-";
-
-/// Bounds of the program that the board checks at its start, and a word behind it for its CRC-32.
-/// `kband flash` writes that word.
-const CHECKED: &str = "\
-SECTIONS { .check : ALIGN(4) { _image_end = .; LONG(0xffffffff) } > FLASH } INSERT AFTER .gnu.sgstubs;
-_image_start = ORIGIN(FLASH);
-";
-
-/// The program's end, behind the vector table, for the check by the loader of a chip with one slot.
-const BOUNDED: &str = "\
-SECTIONS { .end : { LONG(_image_end) LONG(0) } > FLASH } INSERT AFTER .vector_table;
-";
-
 /// Size of the part of the flash before the slot of a chip with one slot, bytes. `kband flash`
 /// erases the key in it.
 const BEFORE_SLOT: usize = 24 << 10;
-
-/// Marks the emulated board's image. Without a debugger it hangs at its first semihosting call.
-const EMULATED: &str = "SECTIONS { .emulated 0 (INFO) : { BYTE(1) } }\n";
 
 /// Cargo features of the boards, with the names of their memory maps.
 const BOARDS: [&str; 2] = ["stm32f405rg", "stm32g474re"];
@@ -49,7 +19,6 @@ const BOARDS: [&str; 2] = ["stm32f405rg", "stm32g474re"];
 const FLASH: u64 = 0x0800_0000;
 
 fn main() {
-    println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rustc-env=KBAND_BUILD={}", commit());
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
@@ -57,25 +26,12 @@ fn main() {
     let out = PathBuf::from(env::var("OUT_DIR").expect("cargo sets OUT_DIR"));
     let board = board();
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for (file, name) in [
-        (here.join("../memory.x"), "memory.x"),
-        (here.join(format!("{board}.x")), "board.x"),
-    ] {
-        println!("cargo:rerun-if-changed={}", file.display());
-        fs::copy(&file, out.join(name)).expect("the board's memory is described");
+    let memory = here.join(format!("{board}.x"));
+    fs::copy(memory, out.join("board.x")).expect("the board's memory is described");
+    fs::write(out.join("chip.x"), chip(board)).expect("OUT_DIR is writable");
+    for folder in [&out, &here.join("scripts"), &here.join("..")] {
+        println!("cargo:rustc-link-search={}", folder.display());
     }
-    let bounded = if board == "stm32g474re" { BOUNDED } else { "" };
-    for (name, script) in [
-        ("layout.x", LAYOUT),
-        ("budget.x", BUDGET),
-        ("checked.x", CHECKED),
-        ("bounded.x", bounded),
-        ("emulated.x", EMULATED),
-        ("chip.x", &chip(board)),
-    ] {
-        fs::write(out.join(name), script).expect("OUT_DIR is writable");
-    }
-    println!("cargo:rustc-link-search={}", out.display());
     for argument in ["--nmagic", "-Tlink.x", "-Tlayout.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
@@ -84,7 +40,11 @@ fn main() {
     }
     build_loader(board, &out);
     println!("cargo:rustc-link-arg-bin=feeder=--defsym=kband_slot=1");
-    for script in ["budget.x", "chip.x", "checked.x", "bounded.x"] {
+    let bounded = (board == "stm32g474re").then_some("bounded.x");
+    for script in ["budget.x", "chip.x", "checked.x"]
+        .into_iter()
+        .chain(bounded)
+    {
         println!("cargo:rustc-link-arg-bin=feeder=-T{script}");
     }
     println!("cargo:rustc-link-arg-bin=virtual_feeder=-Temulated.x");

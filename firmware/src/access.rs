@@ -10,7 +10,7 @@ const PIN_WAIT_S: u32 = 60;
 /// The lock of the link.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkLock {
-    pin: Option<Pin>,
+    pub pin: Option<Pin>,
     open: bool,
     wrong_pins: u8,
     /// Time since the start of the last wrong PIN, s.
@@ -25,10 +25,6 @@ impl LinkLock {
         }
     }
 
-    pub fn pin(&self) -> Option<Pin> {
-        self.pin
-    }
-
     /// Access of the desk; `strapped`: the strap is wired to ground.
     pub fn access(&self, strapped: bool) -> Access {
         if strapped {
@@ -38,10 +34,6 @@ impl LinkLock {
         } else {
             Access::Full
         }
-    }
-
-    pub fn close(&mut self, pin: Option<Pin>) {
-        *self = Self::new(pin);
     }
 
     /// Opens the lock until the next start.

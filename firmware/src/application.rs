@@ -5,17 +5,15 @@
 //! amplifier: Meade 1983). After [`MAX_COMMAND_AGE_CYCLES`] cycles without a command it switches
 //! off. The control receives the demodulated cycle and commands the amplitude of the next.
 
-use core::cell::Cell;
-
-use embassy_futures::yield_now;
-use kband::arithmetic::Phase;
-use kband_control::{PLAN_SLICES, Signal};
-
-use crate::board::{Drive, Monitor, Panel, Sense};
+use crate::board::{Drive, Panel, Sense};
 use crate::exchange::{COMMAND, Exchange, MAX_COMMAND_AGE_CYCLES, SIGNAL};
 use crate::inputs::enable::{Contact, Debounce, EnableCycle};
 use crate::station::Station;
-use crate::watch::{Roll, Watched};
+use crate::watch::Watched;
+use core::cell::Cell;
+use embassy_futures::yield_now;
+use kband::arithmetic::Phase;
+use kband_control::{PLAN_SLICES, Report, Signal};
 
 /// The sample interrupt.
 ///
@@ -26,7 +24,6 @@ pub struct Sampler<S, D> {
     sense: S,
     drive: D,
     exchange: &'static Exchange,
-    roll: &'static Roll,
     enable: Debounce,
     enable_was_high: bool,
     on: bool,
@@ -39,21 +36,14 @@ pub struct Sampler<S, D> {
 
 impl<S: Sense, D: Drive> Sampler<S, D> {
     /// Builds the interrupt and switches the drive off.
-    pub fn new(
-        signal: Signal,
-        sense: S,
-        mut drive: D,
-        exchange: &'static Exchange,
-        roll: &'static Roll,
-    ) -> Self {
+    pub fn new(signal: Signal, sense: S, mut drive: D, exchange: &'static Exchange) -> Self {
         drive.off();
         Self {
             signal,
             sense,
             drive,
             exchange,
-            roll,
-            enable: Debounce::new(),
+            enable: Debounce::default(),
             enable_was_high: false,
             on: false,
             cycles_since_command: 0,
@@ -120,7 +110,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
                     self.switch_off_late();
                 }
             }
-            self.roll.check_in(Watched::Samples);
+            self.exchange.roll.check_in(Watched::Samples);
         }
     }
 
@@ -155,20 +145,20 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
     }
 }
 
-/// Control task of the drive cycles: control, report, then planning in slices.
+/// Control task of the drive cycles: control, report, then planning in slices. `observe` receives
+/// each report, and whether the target is met.
 ///
 /// Deadline: one drive cycle (20 ms at 50 Hz). A missed deadline is counted, and the drive keeps
 /// its amplitude. Other tasks run between slices of planning; a new cycle ends the planning.
 pub async fn control(
     station: &Station,
-    exchange: &'static Exchange,
-    roll: &'static Roll,
     mut panel: impl Panel,
-    mut monitor: impl Monitor,
+    mut observe: impl FnMut(&Report, bool),
 ) -> ! {
+    let exchange = station.exchange;
     loop {
         let (cycle, enable) = exchange.next().await;
-        roll.check_in(Watched::Cycle);
+        exchange.roll.check_in(Watched::Cycle);
         if let Some(target) = panel.new_target() {
             // The link answers a refused target. Here the previous target stays.
             let _ = station.set_target(target);
@@ -190,7 +180,7 @@ pub async fn control(
         exchange.command(report.command);
         let cycles = panel.now().wrapping_sub(began);
         station.longest.set(station.longest.get().max(cycles));
-        monitor.report(&report, station.ready());
+        observe(&report, station.ready());
         exchange.controlled();
         for _ in 0..PLAN_SLICES {
             // A slice takes up to 14 ms, so a request on the bus has priority.
@@ -200,7 +190,7 @@ pub async fn control(
             if exchange.has_waiting_cycle() || !station.plan_own_step() {
                 break;
             }
-            roll.check_in(Watched::Cycle);
+            exchange.roll.check_in(Watched::Cycle);
             yield_now().await;
         }
     }
@@ -210,8 +200,9 @@ pub async fn control(
 mod tests {
     use super::*;
     use crate::storage::last_words::LastWords;
-    use crate::storage::store::{Condition, LoadedSettings};
+    use crate::storage::store::LoadedSettings;
     use crate::testing::with;
+    use core::cell::RefCell;
     use core::pin::pin;
     use core::task::Poll;
     use embassy_futures::poll_once;
@@ -220,7 +211,6 @@ mod tests {
     };
     use kband_plant::{Bench, Change, ClosedLoop, Disturbance, Scene};
     use std::boxed::Box;
-    use std::rc::Rc;
     use std::vec::Vec;
 
     struct Desk {
@@ -232,48 +222,41 @@ mod tests {
         reports: Vec<Report>,
     }
 
-    #[derive(Clone)]
-    struct Shared(Rc<core::cell::RefCell<Desk>>);
+    type Shared = &'static RefCell<Desk>;
 
     impl Sense for Shared {
         fn sample(&mut self) -> AdcCode {
-            self.0.borrow_mut().bench.sample()
+            self.borrow_mut().bench.sample()
         }
 
         fn current(&mut self) -> AdcCode {
-            self.0.borrow().bench.current()
+            self.borrow().bench.current()
         }
 
         fn enable(&mut self) -> Option<Contact> {
-            self.0.borrow().contact
+            self.borrow().contact
         }
     }
 
     impl Drive for Shared {
         fn set(&mut self, output: f32) {
-            let mut desk = self.0.borrow_mut();
+            let mut desk = self.borrow_mut();
             (desk.output, desk.off) = (output, false);
         }
 
         fn off(&mut self) {
-            let mut desk = self.0.borrow_mut();
+            let mut desk = self.borrow_mut();
             (desk.output, desk.off) = (0.0, true);
         }
     }
 
     impl Panel for Shared {
         fn inputs(&mut self) -> Inputs {
-            self.0.borrow().bench.inputs()
+            self.borrow().bench.inputs()
         }
 
         fn new_target(&mut self) -> Option<Target> {
-            self.0.borrow_mut().bench.new_target()
-        }
-    }
-
-    impl Monitor for Shared {
-        fn report(&mut self, report: &Report, _ready: bool) {
-            self.0.borrow_mut().reports.push(*report);
+            self.borrow_mut().bench.new_target()
         }
     }
 
@@ -290,7 +273,7 @@ mod tests {
     }
 
     fn desk(scene: &Scene) -> Shared {
-        Shared(Rc::new(core::cell::RefCell::new(Desk {
+        Box::leak(Box::new(RefCell::new(Desk {
             bench: Bench::build(scene).unwrap(),
             contact: None,
             output: 0.0,
@@ -301,13 +284,12 @@ mod tests {
 
     /// A sampler of the default scene, whose enable input is read once a cycle or shows `contact`.
     fn sampled(contact: Option<Contact>) -> (&'static Exchange, Shared, Sampler<Shared, Shared>) {
-        static ROLL: Roll = Roll::of(&[Watched::Samples]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let scene = Scene::default();
         let desk = desk(&scene);
-        desk.0.borrow_mut().contact = contact;
+        desk.borrow_mut().contact = contact;
         let signal = Signal::build(&scene.settings).unwrap();
-        let sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
+        let sampler = Sampler::new(signal, desk, desk, exchange);
         (exchange, desk, sampler)
     }
 
@@ -323,41 +305,36 @@ mod tests {
 
     /// Runs the application over a scene; each control comes `late` samples after its cycle.
     fn run(scene: &Scene, cycles: usize, late: usize) -> (Vec<Report>, Vec<bool>, u32) {
-        static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
         let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let desk = desk(scene);
-        let loaded = LoadedSettings {
-            settings: scene.settings,
-            target: scene.target,
-            ..LoadedSettings::none(Condition::Whole)
-        };
+        let loaded = LoadedSettings::whole(scene.settings, scene.target);
         let start = StartCause::Ordinary;
         let controller = Station::controller(&loaded, start).unwrap();
         let station = Station::new(&loaded, start, &controller, exchange, LastWords::EMPTY);
         let signal = Signal::build(&loaded.settings).unwrap();
-        let mut sampler = Sampler::new(signal, desk.clone(), desk.clone(), exchange, &ROLL);
-        assert!(desk.0.borrow().off, "the drive starts off");
-        let (panel, monitor) = (desk.clone(), desk.clone());
-        let mut task = pin!(control(&station, exchange, &ROLL, panel, monitor));
+        let mut sampler = Sampler::new(signal, desk, desk, exchange);
+        assert!(desk.borrow().off, "the drive starts off");
+        let observe = |report: &Report, _| desk.borrow_mut().reports.push(*report);
+        let mut task = pin!(control(&station, desk, observe));
         let _ = poll_once(task.as_mut());
         let mut off = Vec::new();
         let mut waiting = 0;
-        while desk.0.borrow().reports.len() < cycles {
+        while desk.borrow().reports.len() < cycles {
             let before = sampler.phase();
             sampler.interrupt();
             let step = (sampler.phase() - before).bits();
-            let output = desk.0.borrow().output;
-            desk.0.borrow_mut().bench.hold(output, step);
+            let output = desk.borrow().output;
+            desk.borrow_mut().bench.hold(output, step);
             waiting += usize::from(exchange.is_unfinished());
             if waiting > late {
                 waiting = 0;
                 while exchange.is_unfinished() {
                     let _ = poll_once(task.as_mut());
                 }
-                off.push(desk.0.borrow().off);
+                off.push(desk.borrow().off);
             }
         }
-        let reports = desk.0.borrow().reports.clone();
+        let reports = desk.borrow().reports.clone();
         (reports, off, exchange.missed())
     }
 
@@ -385,8 +362,8 @@ mod tests {
                 exchange.command(command(amplitude));
             }
             (0..400).for_each(|_| sampler.interrupt());
-            started |= !desk.0.borrow().off;
-            started && desk.0.borrow().off
+            started |= !desk.borrow().off;
+            started && desk.borrow().off
         });
         (off, exchange.late())
     }
@@ -399,7 +376,7 @@ mod tests {
                 exchange.command(command(amplitude));
             }
             (0..400).for_each(|_| sampler.interrupt());
-            (!desk.0.borrow().off, exchange.late())
+            (!desk.borrow().off, exchange.late())
         };
         assert_eq!(cycle(Some(0.2)), (true, false));
         for _ in 0..5 {
@@ -418,10 +395,10 @@ mod tests {
         let mut last = None;
         let mut stays_off = true;
         for &(contact, time) in contacts {
-            desk.0.borrow_mut().contact = Some(contact);
+            desk.borrow_mut().contact = Some(contact);
             for _ in 0..20 * time {
                 sampler.interrupt();
-                stays_off &= desk.0.borrow().off;
+                stays_off &= desk.borrow().off;
                 if exchange.has_waiting_cycle()
                     && let Poll::Ready((_, enable)) = poll_once(exchange.next())
                 {
@@ -461,9 +438,9 @@ mod tests {
     fn a_withdrawn_enable_input_switches_off_in_the_interrupt() {
         let (exchange, desk, mut sampler) = sampled(Some(Contact::Open));
         let mut after = |contact: Contact, samples: u32| {
-            desk.0.borrow_mut().contact = Some(contact);
+            desk.borrow_mut().contact = Some(contact);
             (0..samples).for_each(|_| sampler.interrupt());
-            desk.0.borrow().off
+            desk.borrow().off
         };
         after(Contact::Open, 2100);
         after(Contact::Closed, 500);

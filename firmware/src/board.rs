@@ -1,8 +1,7 @@
 //! Interfaces of the application to a board.
 
-use kband_control::{AdcCode, Inputs, Report, Target};
-
 use crate::inputs::enable::Contact;
+use kband_control::{AdcCode, Inputs, Target};
 
 /// The power stage of the drive.
 pub trait Drive {
@@ -50,10 +49,4 @@ pub trait Panel {
     fn recipe(&mut self) -> Option<u8> {
         None
     }
-}
-
-/// Observer of the controller's reports.
-pub trait Monitor {
-    /// Receives the report of one drive cycle, and whether the target is met.
-    fn report(&mut self, report: &Report, ready: bool);
 }

@@ -2,17 +2,16 @@
 //!
 //! Mailboxes carry one cycle up and one command down; the newest value replaces an older one.
 
+use crate::bus::line::BusLine;
+use crate::inputs::enable::EnableCycle;
+use crate::watch::Roll;
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
-
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::arithmetic::Phase;
 use kband_control::{Command, Cycle, Signal, UPPER};
-
-use crate::bus::line::BusLine;
-use crate::inputs::enable::EnableCycle;
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 pub struct Exchange {
@@ -28,6 +27,8 @@ pub struct Exchange {
     missed: AtomicU32,
     /// The fieldbus's line.
     pub bus: BusLine,
+    /// Tasks that have checked in.
+    pub roll: Roll,
 }
 
 impl Exchange {
@@ -51,6 +52,7 @@ impl Exchange {
             late: AtomicBool::new(false),
             missed: AtomicU32::new(0),
             bus: BusLine::listening(),
+            roll: Roll::new(),
         }
     }
 

@@ -4,13 +4,18 @@
 //! ones are counted and dropped. Other tasks run after each request and each block of input.
 //! Telemetry that does not fit the line is dropped; an answer waits for at most 100 ms.
 
+use crate::access::LinkLock;
+use crate::bus::Registers;
+use crate::station::{Result, Station, out_of_range};
+use crate::storage::store::{Condition, LoadedSettings, Records, StoreFailed};
+use crate::storage::waiting::Waiting;
+use crate::update::{Slot, Update};
 use core::borrow::BorrowMut;
 use core::future::Future;
-
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
-use kband_bus::SaveProgress;
+use kband_bus::{Answer, SaveProgress};
 use kband_control::wire::{
     Access, Counters, Identity, Incoming, MAX_FRAME_BYTES, Pin, Receiver, Refusal, Request,
     Response, SCHEMA, SavedSettings, SelfTest, SetUp, Setting, TELEMETRY_FRAME, Telemetry, VERSION,
@@ -18,14 +23,6 @@ use kband_control::wire::{
     write_update_answer,
 };
 use kband_control::{AdcCode, Inputs, PLAN_SLICES, Settings, Signal, StartCause, Target};
-
-use crate::access::LinkLock;
-use crate::bus::answer_over_link;
-use crate::station::{Station, out_of_range};
-use crate::storage::saves::Saves;
-use crate::storage::store::{Condition, Records, StoreFailed};
-use crate::storage::waiting::Waiting;
-use crate::update::{Slot, Update};
 
 /// Number of requests answered in a drive cycle. The most expensive request takes 81 196
 /// instructions (counted). Thirty-two take 2.6 of the 3.36 million core cycles at 50 Hz.
@@ -75,7 +72,6 @@ pub struct Service<F, W> {
     /// Counters since the start.
     pub counters: Counters,
     allowance: u8,
-    saves: Saves,
     lock: LinkLock,
     update: Update,
     telemetry_interval: u16,
@@ -103,7 +99,6 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
             receiver: Receiver::new(),
             counters: Counters::default(),
             allowance: MAX_REQUESTS_PER_CYCLE,
-            saves: Saves::default(),
             lock: LinkLock::new(pin),
             update: Update::new(image.slot),
             telemetry_interval: 0,
@@ -121,7 +116,6 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
             receiver,
             counters,
             allowance,
-            saves,
             lock,
             update,
             telemetry_interval: every,
@@ -182,28 +176,49 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
                     Request::Save | Request::Lock(_) => {
                         let mut locked = *lock;
                         if let Request::Lock(pin) = request {
-                            locked.close(pin);
+                            locked = LinkLock::new(pin);
                         }
-                        let saved = save(station, store, saves, locked.pin()).await;
+                        let saved = store.save_settings(station, locked.pin).await;
                         if saved.is_ok() {
                             *lock = locked;
                         }
                         done(saved)
                     }
-                    Request::SaveRecipes => done(save_recipes(station, store, saves).await),
+                    Request::SaveRecipes => done(store.save_recipes_in_use(station).await),
                     Request::Unlock(pin) => done(lock.unlock(pin, station.seconds())),
                     Request::Status => Response::Status(station.status(access)),
-                    _ => answer(&request, station, store, image, counters).await,
+                    Request::Alive => Response::Done,
+                    Request::Setting(number) => setting(station, Some(usize::from(number))),
+                    Request::Get(key) => setting(station, setting_position(key)),
+                    Request::Set { key, value } => done(set(station, key, value)),
+                    Request::Defaults => done(station.restore_defaults()),
+                    Request::Target(target) => done(station.set_target(target)),
+                    Request::Enable(enabled) => {
+                        station.withheld.set(!enabled);
+                        Response::Done
+                    }
+                    Request::Recipe(number) => Response::Recipe(station.stored_recipe(number)),
+                    Request::SetRecipe { number, recipe } => {
+                        done(station.set_recipe(number, recipe.as_ref()))
+                    }
+                    Request::UseRecipe(number) => done(station.use_recipe(number)),
+                    Request::Event(number) => Response::Event(station.event(number)),
+                    Request::SelfTest | Request::Fault(_) if !station.at_rest() => {
+                        Response::Refused(Refusal::Running)
+                    }
+                    Request::SelfTest => {
+                        Response::SelfTest(self_test(station, &store.load().await, image))
+                    }
+                    Request::Counters => Response::Counters(*counters),
+                    Request::LastWords => Response::LastWords(station.last_words.read()),
+                    Request::Identification => Response::Identification(station.identification()),
+                    Request::Held => Response::Held(station.target()),
+                    Request::Fault(back) => Response::Fault(store.fault(back.into()).await),
                 };
                 write_response(buffer, sequence, &response)
             }
         };
         frame.ok()
-    }
-
-    /// Identity frame sent without a request at the start, so that the desk detects a reset.
-    pub fn hello(&mut self) -> Option<&[u8]> {
-        write_identity(&mut self.buffer, 0, &identity(&self.image)).ok()
     }
 
     /// Stores new and waiting faults while the drive is at rest.
@@ -221,8 +236,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
         let access = self.lock.access((self.image.strapped)());
         station.bus.writable.set(access == Access::Full);
         if station.bus.save.get() == SaveProgress::Pending {
-            let pin = self.lock.pin();
-            let saved = save(station, &mut self.store, &mut self.saves, pin).await;
+            let saved = self.store.save_settings(station, self.lock.pin).await;
             station.end_save(saved.is_ok());
         }
     }
@@ -252,7 +266,8 @@ fn identity(image: &Image) -> Identity<'static> {
     }
 }
 
-/// Answers a request of Modbus; a separate call keeps the stack small.
+/// Answers a request of Modbus for any unit, in the bus's session; empty without an answer. A
+/// separate call keeps the stack small.
 #[inline(never)]
 fn answer_bus<'b>(
     buffer: &'b mut [u8; MAX_FRAME_BYTES],
@@ -262,76 +277,34 @@ fn answer_bus<'b>(
     image: &Image,
     station: &Station,
 ) -> Option<&'b [u8]> {
-    let answer = answer_over_link(station, image.identity, read_only, adu);
+    let mut registers = Registers {
+        station,
+        image: image.identity,
+        read_only,
+    };
+    let mut answer = Answer::new();
+    let mut server = station.bus.server.borrow_mut();
+    if server.answer(adu, &mut registers, &mut answer) {
+        station.bus.request_received.set(true);
+    }
     write_response(buffer, sequence, &Response::Bus(&answer)).ok()
 }
 
-async fn answer<'a>(
-    request: &Request<'_>,
-    station: &'a Station,
-    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
-    image: &Image,
-    counters: &Counters,
-) -> Response<'a> {
-    match *request {
-        Request::Setting(number) => setting(station, Some(usize::from(number))),
-        Request::Get(key) => setting(station, setting_position(key)),
-        Request::Set { key, value } => {
-            if setting_position(key).is_none() {
-                return Response::Refused(Refusal::Unknown);
-            }
-            let mut settings = station.settings();
-            let set = settings.set(key, value).map_err(out_of_range);
-            done(set.and_then(|()| station.set_settings(&settings)))
-        }
-        Request::Defaults => done(station.restore_defaults()),
-        Request::Target(target) => done(station.set_target(target)),
-        Request::Enable(enabled) => {
-            station.withheld.set(!enabled);
-            Response::Done
-        }
-        // `Service::take` answers all of these except the first.
-        Request::Alive
-        | Request::Telemetry(_)
-        | Request::Save
-        | Request::SaveRecipes
-        | Request::Lock(_)
-        | Request::Unlock(_)
-        | Request::Status
-        | Request::Simulate { .. }
-        | Request::Samples { .. }
-        | Request::Bus(_) => Response::Done,
-        Request::Recipe(number) => Response::Recipe(station.stored_recipe(number)),
-        Request::SetRecipe { number, recipe } => done(station.set_recipe(number, recipe.as_ref())),
-        Request::UseRecipe(number) => done(station.use_recipe(number)),
-        Request::Event(number) => Response::Event(station.event(number)),
-        Request::SelfTest | Request::Fault(_) if !station.at_rest() => {
-            Response::Refused(Refusal::Running)
-        }
-        Request::SelfTest => {
-            let loaded = store.load().await;
-            let in_use = station.uses(&loaded);
-            Response::SelfTest(SelfTest {
-                sensor: station.mean.get().abs() <= MAX_MEAN_AT_REST,
-                settings: match loaded.condition {
-                    Condition::Whole if in_use => SavedSettings::InUse,
-                    Condition::Whole => SavedSettings::Different,
-                    Condition::Never => SavedSettings::Never,
-                    Condition::Lost | Condition::Newer => SavedSettings::Damaged,
-                },
-                stack_free: (image.stack_free)(),
-                missed: station.missed(),
-                set_up: SetUp {
-                    control: station.longest.get(),
-                    ..(image.set_up)()
-                },
-            })
-        }
-        Request::Counters => Response::Counters(*counters),
-        Request::LastWords => Response::LastWords(station.last_words.read()),
-        Request::Identification => Response::Identification(station.identification()),
-        Request::Held => Response::Held(station.target()),
-        Request::Fault(back) => Response::Fault(store.fault(back.into()).await),
+fn self_test(station: &Station, loaded: &LoadedSettings, image: &Image) -> SelfTest {
+    SelfTest {
+        sensor: station.mean.get().abs() <= MAX_MEAN_AT_REST,
+        settings: match loaded.condition {
+            Condition::Whole if station.uses(loaded) => SavedSettings::InUse,
+            Condition::Whole => SavedSettings::Different,
+            Condition::Never => SavedSettings::Never,
+            Condition::Lost | Condition::Newer => SavedSettings::Damaged,
+        },
+        stack_free: (image.stack_free)(),
+        missed: station.missed(),
+        set_up: SetUp {
+            control: station.longest.get(),
+            ..(image.set_up)()
+        },
     }
 }
 
@@ -379,44 +352,33 @@ fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Re
     Response::Done
 }
 
-/// Whether the memory may be written now: at rest, with a good supply, at a rate it endures.
-fn take_save(
-    station: &Station,
-    store: &Records<impl NorFlash, impl BorrowMut<Waiting>>,
-    saves: &mut Saves,
-) -> Result<(), Refusal<'static>> {
-    if !station.at_rest() {
-        Err(Refusal::Running)
-    } else if !store.supply_is_good() {
-        Err(Refusal::SupplyLow)
-    } else if !saves.take_save(station.seconds()) {
-        Err(Refusal::TooOften)
-    } else {
+impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
+    /// Whether the memory may be written now: at rest, with a good supply, at a rate it endures.
+    fn take_save(&mut self, station: &Station) -> Result {
+        if !station.at_rest() {
+            Err(Refusal::Running)
+        } else if !self.supply_is_good() {
+            Err(Refusal::SupplyLow)
+        } else if !self.saves.take_save(station.seconds()) {
+            Err(Refusal::TooOften)
+        } else {
+            Ok(())
+        }
+    }
+
+    async fn save_settings(&mut self, station: &Station, pin: Option<Pin>) -> Result {
+        self.take_save(station)?;
+        let saved = self.save(&station.settings(), station.target(), pin).await;
+        saved.map_err(refusal_of)?;
+        station.saved();
         Ok(())
     }
-}
 
-async fn save(
-    station: &Station,
-    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
-    saves: &mut Saves,
-    pin: Option<Pin>,
-) -> Result<(), Refusal<'static>> {
-    take_save(station, store, saves)?;
-    let saved = store.save(&station.settings(), station.target(), pin).await;
-    saved.map_err(refusal_of)?;
-    station.saved();
-    Ok(())
-}
-
-async fn save_recipes(
-    station: &Station,
-    store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
-    saves: &mut Saves,
-) -> Result<(), Refusal<'static>> {
-    take_save(station, store, saves)?;
-    let recipes = station.recipes.borrow().clone();
-    store.save_recipes(&recipes).await.map_err(refusal_of)
+    async fn save_recipes_in_use(&mut self, station: &Station) -> Result {
+        self.take_save(station)?;
+        let recipes = station.recipes.borrow().clone();
+        self.save_recipes(&recipes).await.map_err(refusal_of)
+    }
 }
 
 fn refusal_of(cause: StoreFailed) -> Refusal<'static> {
@@ -494,6 +456,13 @@ fn setting_position(key: &str) -> Option<usize> {
     Settings::KEYS.iter().position(|entry| entry.name == key)
 }
 
+fn set(station: &Station, key: &str, value: f32) -> Result {
+    setting_position(key).ok_or(Refusal::Unknown)?;
+    let mut settings = station.settings();
+    settings.set(key, value).map_err(out_of_range)?;
+    station.set_settings(&settings)
+}
+
 fn setting(station: &Station, number: Option<usize>) -> Response<'static> {
     let entry = number.and_then(|number| Some((number, Settings::KEYS.get(number)?)));
     let Some((number, entry)) = entry else {
@@ -510,7 +479,7 @@ fn setting(station: &Station, number: Option<usize>) -> Response<'static> {
     })
 }
 
-fn done(result: Result<(), Refusal<'static>>) -> Response<'static> {
+fn done(result: Result) -> Response<'static> {
     result.map_or_else(Response::Refused, |()| Response::Done)
 }
 
@@ -536,7 +505,8 @@ pub async fn link(
 ) -> ! {
     service.update.begin_trial(station);
     station.recipes.replace(service.store.recipes().await);
-    if let Some(frame) = service.hello() {
+    // Without a request, so that the desk detects a reset.
+    if let Ok(frame) = write_identity(&mut service.buffer, 0, &identity(&service.image)) {
         line.send(frame);
     }
     let mut bytes = [0; 64];

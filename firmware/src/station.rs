@@ -1,7 +1,10 @@
 //! Shared state of the control task and the link: the controller, its settings and its last report.
 
+use crate::exchange::Exchange;
+use crate::storage::last_words::LastWords;
+use crate::storage::recipes::Recipes;
+use crate::storage::store::{Condition, LoadedSettings};
 use core::cell::{Cell, RefCell};
-
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal as Mailbox;
 use kband::feeder::OutOfRange;
@@ -11,11 +14,6 @@ use kband_control::{
     BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
     RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
-
-use crate::exchange::Exchange;
-use crate::storage::last_words::LastWords;
-use crate::storage::recipes::Recipes;
-use crate::storage::store::{Condition, LoadedSettings};
 
 /// Number of records in the event log, 20 bytes each.
 const LOG_RECORDS: usize = 64;
@@ -43,6 +41,9 @@ fn start_cause_for(saved: &LoadedSettings, start: StartCause) -> StartCause {
         (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
     }
 }
+
+/// Result of a request that a station may refuse.
+pub(crate) type Result<T = (), E = Refusal<'static>> = core::result::Result<T, E>;
 
 /// Time in s without a request after which a simulation by the desk ends.
 const SIMULATION_TIMEOUT_S: u32 = 10;
@@ -153,7 +154,7 @@ pub struct Station {
     samples: Cell<u64>,
     /// A fault that the store does not hold yet.
     pub(crate) unsaved_fault: Cell<Option<FaultRecord>>,
-    exchange: &'static Exchange,
+    pub(crate) exchange: &'static Exchange,
     /// Message of the firmware before its last reset.
     pub(crate) last_words: LastWords,
 }
@@ -247,7 +248,7 @@ impl Station {
     /// Starts a controller for a simulated plant and returns its signal path; the drive stays off.
     ///
     /// # Errors The drive runs or its enable input is on: a machine stays in service.
-    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal, Refusal<'static>> {
+    pub fn simulate(&self, target: Target, start: StartCause) -> Result<Signal> {
         if self.simulated.get().is_none() && (!self.at_rest() || self.inputs.get().enable) {
             return Err(Refusal::Running);
         }
@@ -286,21 +287,21 @@ impl Station {
         settings: &Settings,
         target: Target,
         interlock: &Interlock,
-    ) -> Result<(), Refusal<'static>> {
+    ) -> Result {
         let controller = Controller::resume(settings, target, interlock);
         *self.controller.borrow_mut() = controller.map_err(out_of_range)?;
         Ok(())
     }
 
     #[inline(never)]
-    fn renew_signal(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
+    fn renew_signal(&self, settings: &Settings) -> Result {
         let signal = Signal::build(settings).map_err(out_of_range)?;
         self.exchange.replace_signal(signal);
         Ok(())
     }
 
     #[inline(never)]
-    fn check_signal(settings: &Settings) -> Result<(), Refusal<'static>> {
+    fn check_signal(settings: &Settings) -> Result {
         Signal::build(settings).map(drop).map_err(out_of_range)
     }
 
@@ -412,7 +413,7 @@ impl Station {
     ///
     /// # Errors
     /// Its number is out of range; the previous target stays.
-    pub fn set_target(&self, target: Target) -> Result<(), Refusal<'static>> {
+    pub fn set_target(&self, target: Target) -> Result {
         let set = self.controller.borrow_mut().set_target(target);
         set.map_err(out_of_range)?;
         self.recipe.set(0);
@@ -429,11 +430,7 @@ impl Station {
     ///
     /// # Errors
     /// The drive runs, or the recipe does not fit the machine; nothing changes.
-    pub fn set_recipe(
-        &self,
-        number: u8,
-        recipe: Option<&(RecipeName, Recipe)>,
-    ) -> Result<(), Refusal<'static>> {
+    pub fn set_recipe(&self, number: u8, recipe: Option<&(RecipeName, Recipe)>) -> Result {
         if !self.at_rest() || self.simulated.get().is_some() {
             return Err(Refusal::Running);
         }
@@ -449,7 +446,7 @@ impl Station {
     ///
     /// # Errors
     /// Refused; the previous target stays.
-    pub fn use_recipe(&self, number: u8) -> Result<(), Refusal<'static>> {
+    pub fn use_recipe(&self, number: u8) -> Result {
         if self.simulated.get().is_some() {
             return Err(Refusal::Running);
         }
@@ -516,21 +513,17 @@ impl Station {
     ///
     /// # Errors
     /// The drive runs, or the settings do not fit together; nothing changes.
-    pub fn set_settings(&self, settings: &Settings) -> Result<(), Refusal<'static>> {
+    pub fn set_settings(&self, settings: &Settings) -> Result {
         self.take_settings(settings, Interlock::clone)
     }
 
     /// Sets the defaults, as [`Station::set_settings`]. They fit no machine, so the drive stays off
     /// until settings are saved.
-    pub fn restore_defaults(&self) -> Result<(), Refusal<'static>> {
+    pub fn restore_defaults(&self) -> Result {
         self.take_settings(&Settings::default(), Interlock::without_settings)
     }
 
-    fn take_settings(
-        &self,
-        settings: &Settings,
-        keep: fn(&Interlock) -> Interlock,
-    ) -> Result<(), Refusal<'static>> {
+    fn take_settings(&self, settings: &Settings, keep: fn(&Interlock) -> Interlock) -> Result {
         if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }

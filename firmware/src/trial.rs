@@ -1,7 +1,6 @@
 //! Trial scenes of the emulated board, and the trace that must equal the desk's bit for bit.
 
 use core::fmt;
-
 use kband_control::{Report, Shape, StartCause, Target, UpperTone};
 use kband_plant::{Change, Disturbance, Scene};
 
@@ -17,19 +16,16 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Every trial.
-    pub const ALL: [Self; 4] = [
+    /// Every trial. The last two are the default scene without end, the first of them with its drive
+    /// off.
+    const ALL: [Self; 6] = [
         Self::new("default", 500, powered),
         Self::new("eventful", 500, eventful),
         Self::new("scattering", 250, scattering),
         Self::new("two-tones", 200, two_tones),
+        Self::new("link", u32::MAX, linked),
+        Self::new("run", u32::MAX, running),
     ];
-
-    /// The default scene with its drive off, without end.
-    pub const LINK: Self = Self::new("link", u32::MAX, linked);
-
-    /// The default scene, without end.
-    pub const RUN: Self = Self::new("run", u32::MAX, running);
 
     const fn new(name: &'static str, cycles: u32, scene: fn() -> Scene) -> Self {
         Self {

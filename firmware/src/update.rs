@@ -7,8 +7,11 @@
 //! chip with one slot restarts into its loader, which receives the image
 //! ([`kband_loader::one_slot`]).
 
+use crate::access::LinkLock;
+use crate::station::Station;
+use crate::storage::store::{Records, StoreFailed};
+use crate::storage::waiting::Waiting;
 use core::borrow::BorrowMut;
-
 use embassy_futures::yield_now;
 use embedded_storage_async::nor_flash::NorFlash;
 use kband_control::wire::{
@@ -17,11 +20,6 @@ use kband_control::wire::{
 };
 use kband_loader::one_slot::is_signed;
 use salty::{PublicKey, Sha512};
-
-use crate::access::LinkLock;
-use crate::station::Station;
-use crate::storage::store::{Records, StoreFailed};
-use crate::storage::waiting::Waiting;
 
 /// Number of bytes hashed before other tasks run.
 const BYTES_PER_SLICE: usize = MAX_UPDATE_BYTES;
@@ -144,33 +142,25 @@ impl Update {
         station: &Station,
         store: &mut Records<impl NorFlash, impl BorrowMut<Waiting>>,
     ) -> UpdateAnswer<'static> {
-        match *request {
-            UpdateRequest::State => {
-                return UpdateAnswer::State {
-                    board: self.slot.map_or("", |slot| slot.board),
-                    size: self.slot.map_or(0, |slot| slot.size),
-                    has_key: store.key().await.is_some(),
-                    on_trial: self.on_trial,
-                };
+        let answer = match *request {
+            UpdateRequest::State => Ok(UpdateAnswer::State {
+                board: self.slot.map_or("", |slot| slot.board),
+                size: self.slot.map_or(0, |slot| slot.size),
+                has_key: store.key().await.is_some(),
+                on_trial: self.on_trial,
+            }),
+            UpdateRequest::Unlock(pin) => match lock.unlock(pin, station.seconds()) {
+                Ok(()) => Ok(UpdateAnswer::Done),
+                Err(Refusal::Wait(seconds)) => Err(UpdateRefusal::Wait(seconds)),
+                Err(_) => Err(UpdateRefusal::WrongPin),
+            },
+            _ if lock.access(strapped) != Access::Full => Err(UpdateRefusal::ReadOnly),
+            _ => {
+                let has_pin = lock.pin.is_some();
+                self.change(request, has_pin, station, store).await
             }
-            UpdateRequest::Unlock(pin) => {
-                return match lock.unlock(pin, station.seconds()) {
-                    Ok(()) => UpdateAnswer::Done,
-                    Err(Refusal::Wait(seconds)) => {
-                        UpdateAnswer::Refused(UpdateRefusal::Wait(seconds))
-                    }
-                    Err(_) => UpdateAnswer::Refused(UpdateRefusal::WrongPin),
-                };
-            }
-            _ => {}
-        }
-        let changed = if lock.access(strapped) == Access::Full {
-            let has_pin = lock.pin().is_some();
-            self.change(request, has_pin, station, store).await
-        } else {
-            Err(UpdateRefusal::ReadOnly)
         };
-        changed.unwrap_or_else(UpdateAnswer::Refused)
+        answer.unwrap_or_else(UpdateAnswer::Refused)
     }
 
     async fn change(
@@ -190,13 +180,10 @@ impl Update {
         if !store.supply_is_good() {
             return Err(UpdateRefusal::SupplyLow);
         }
-        match *request {
+        let changed = match *request {
             UpdateRequest::Key(key) => return set_key(key, has_pin, store).await,
             UpdateRequest::Confirm => return self.confirm(station),
             _ if station.bus_controls() => return Err(UpdateRefusal::NotInControl),
-            _ => {}
-        }
-        let changed = match *request {
             UpdateRequest::Begin { board, length }
             | UpdateRequest::Signed { board, length, .. } => {
                 self.begin(board, length, &slot, station, store).await
@@ -352,14 +339,13 @@ async fn set_key(
     match store.key().await {
         Some(same) if same == *key => {}
         Some(_) if !has_pin => return Err(UpdateRefusal::HasKey),
-        _ => store.save_key(key).await.map_err(refusal_of)?,
+        _ => {
+            let saved = store.save_key(key).await;
+            saved.map_err(|cause| match cause {
+                StoreFailed::SupplyLow => UpdateRefusal::SupplyLow,
+                StoreFailed::Memory | StoreFailed::NoSettings => UpdateRefusal::Store,
+            })?;
+        }
     }
     Ok(UpdateAnswer::Done)
-}
-
-fn refusal_of(cause: StoreFailed) -> UpdateRefusal {
-    match cause {
-        StoreFailed::SupplyLow => UpdateRefusal::SupplyLow,
-        StoreFailed::Memory | StoreFailed::NoSettings => UpdateRefusal::Store,
-    }
 }

@@ -12,38 +12,29 @@ pub enum Watched {
     Cycle = 2,
 }
 
-/// Record of the tasks that have checked in since the last feed.
-#[derive(Debug)]
-pub struct Roll {
-    expected: u32,
-    present: AtomicU32,
-}
+/// Bits of all tasks.
+const ALL: u32 = Watched::Samples as u32 | Watched::Cycle as u32;
+
+/// Record of the tasks that have checked in since the last feed, one bit each.
+#[derive(Debug, Default)]
+pub struct Roll(AtomicU32);
 
 impl Roll {
-    /// Requires all of `expected` to check in.
-    pub const fn of(expected: &[Watched]) -> Self {
-        let mut bits = 0;
-        let mut index = 0;
-        while index < expected.len() {
-            bits |= expected[index] as u32;
-            index += 1;
-        }
-        Self {
-            expected: bits,
-            present: AtomicU32::new(0),
-        }
+    /// Builds an empty record.
+    pub const fn new() -> Self {
+        Self(AtomicU32::new(0))
     }
 
     /// Checks `who` in. Safe from an interrupt.
     pub fn check_in(&self, who: Watched) {
-        self.present.fetch_or(who as u32, Ordering::Relaxed);
+        self.0.fetch_or(who as u32, Ordering::Relaxed);
     }
 
     /// Whether all tasks have checked in; if so, the record is cleared.
     pub fn complete(&self) -> bool {
-        let complete = self.present.load(Ordering::Relaxed) & self.expected == self.expected;
+        let complete = self.0.load(Ordering::Relaxed) == ALL;
         if complete {
-            self.present.store(0, Ordering::Relaxed);
+            self.0.store(0, Ordering::Relaxed);
         }
         complete
     }
@@ -53,15 +44,12 @@ impl Roll {
 mod tests {
     use super::*;
 
-    const ALL: [Watched; 2] = [Watched::Samples, Watched::Cycle];
-
     #[test]
     fn one_missing_task_is_enough_to_starve_the_watchdog() {
-        for missing in ALL {
-            let roll = Roll::of(&ALL);
-            for who in ALL.into_iter().filter(|who| *who != missing) {
-                roll.check_in(who);
-            }
+        let (samples, cycle) = (Watched::Samples, Watched::Cycle);
+        for (missing, other) in [(samples, cycle), (cycle, samples)] {
+            let roll = Roll::new();
+            roll.check_in(other);
             assert!(!roll.complete(), "{missing:?}");
             roll.check_in(missing);
             assert!(roll.complete());

@@ -7,7 +7,6 @@
 //! reset, except the watchdog's after a swap.
 
 use core::ops::Range;
-
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
 use embassy_boot::{BootLoader, BootLoaderConfig};

@@ -5,15 +5,13 @@
 //! hash of the written image is the signed one. A program starts if it has a mark and its CRC-32 is
 //! right.
 
+use crate::layout::stm32g474::{BOARD, END, KEY, PAGE, RAM, SLOT};
 use core::ops::Range;
-
 use kband_control::wire::{
     MAX_UPDATE_BYTES, MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest,
     check_chunk,
 };
 use salty::{PublicKey, Sha512, Signature};
-
-use crate::layout::stm32g474::{BOARD, END, KEY, PAGE, RAM, SLOT};
 
 /// Size of a word that is programmed at once, bytes.
 const WORD: usize = 8;
@@ -33,6 +31,8 @@ pub trait Memory {
     /// CRC-32 of the words at these addresses.
     fn crc32(&self, range: Range<u32>) -> Option<u32>;
 }
+
+type Result<T = (), E = UpdateRefusal> = core::result::Result<T, E>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Progress {
@@ -133,13 +133,7 @@ impl<M: Memory> OneSlot<M> {
         changed.map_or_else(UpdateAnswer::Refused, |()| UpdateAnswer::Done)
     }
 
-    fn begin(
-        &mut self,
-        board: &str,
-        length: u32,
-        sum: &[u8],
-        signature: &[u8],
-    ) -> Result<(), UpdateRefusal> {
+    fn begin(&mut self, board: &str, length: u32, sum: &[u8], signature: &[u8]) -> Result {
         if board != BOARD {
             return Err(UpdateRefusal::OtherBoard);
         }
@@ -175,7 +169,7 @@ impl<M: Memory> OneSlot<M> {
         Ok(())
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), UpdateRefusal> {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result {
         let Progress::Open(due) = &mut self.progress else {
             return Err(UpdateRefusal::Order(0));
         };
@@ -204,7 +198,7 @@ impl<M: Memory> OneSlot<M> {
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), UpdateRefusal> {
+    fn end(&mut self) -> Result {
         let due = match self.progress {
             Progress::Done => return Ok(()),
             Progress::None => return Err(UpdateRefusal::Order(0)),

@@ -1,12 +1,10 @@
 //! Power cuts at every word of an update, of the loader's swap and of its reversal.
 
+use super::*;
+use embassy_boot::{BootLoader, BootLoaderConfig};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
-
-use embassy_boot::{BootLoader, BootLoaderConfig};
-
-use super::*;
 
 /// Size of a modelled sector, bytes.
 const SECTOR: usize = 64;

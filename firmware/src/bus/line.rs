@@ -6,7 +6,6 @@
 use core::future::{Future, poll_fn};
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use core::task::Poll;
-
 use embassy_sync::waitqueue::AtomicWaker;
 use kband_bus::rtu::MAX_FRAME_BYTES;
 

@@ -1,10 +1,9 @@
 //! The board behind the registers.
 
+use crate::station::Station;
 use kband_bus::{Authority, Exception, Machine, Snapshot};
 use kband_control::wire::{Access, Record, Refusal, Telemetry};
 use kband_control::{Settings, Target};
-
-use crate::station::Station;
 
 /// A station, as the bus server accesses it.
 pub struct Registers<'a> {

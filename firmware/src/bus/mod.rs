@@ -13,7 +13,7 @@ use kband_control::Settings;
 pub use line::BusLine;
 
 use crate::station::Station;
-use machine::Registers;
+pub(crate) use machine::Registers;
 
 /// Parity of the characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,12 +66,8 @@ pub trait BusPort {
 
 /// The task of the bus. It has no control deadline and no watchdog. If it hangs, the drive behaves
 /// as for a lost link (limit 7).
-pub async fn bus(
-    line: &BusLine,
-    mut port: impl BusPort,
-    station: &Station,
-    image: &'static str,
-) -> ! {
+pub async fn bus(mut port: impl BusPort, station: &Station, image: &'static str) -> ! {
+    let line = &station.exchange.bus;
     let mut in_use = None;
     let mut frame = [0; MAX_FRAME_BYTES];
     let mut answer = Answer::new();
@@ -103,26 +99,6 @@ pub async fn bus(
             line.listen();
         }
     }
-}
-
-/// Answers a request over the link, for any unit, in the bus's session; empty without an answer.
-pub fn answer_over_link(
-    station: &Station,
-    image: &'static str,
-    read_only: bool,
-    adu: &[u8],
-) -> Answer {
-    let mut registers = Registers {
-        station,
-        image,
-        read_only,
-    };
-    let mut answer = Answer::new();
-    let mut server = station.bus.server.borrow_mut();
-    if server.answer(adu, &mut registers, &mut answer) {
-        station.bus.request_received.set(true);
-    }
-    answer
 }
 
 #[cfg(test)]

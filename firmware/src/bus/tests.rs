@@ -1,20 +1,16 @@
 //! The bus of a board: its task, its registers, and its authority over the drive.
 
+use super::*;
+use crate::link::tests::{Board, board_with, sensed, simulate};
+use crate::storage::store::LoadedSettings;
+use crate::testing::with;
 use core::cell::{Cell, RefCell};
-
 use core::pin::pin;
-use std::rc::Rc;
-use std::vec::Vec;
-
 use embassy_futures::{block_on, poll_once};
 use kband::arithmetic::Noise;
 use kband_control::wire::{Pin, Refusal, Request, Response};
 use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
-
-use super::*;
-use crate::link::tests::{Board, board_with, sensed, simulate};
-use crate::storage::store::{Condition, LoadedSettings};
-use crate::testing::with;
+use std::vec::Vec;
 
 const UNIT: u8 = 17;
 const SAVE: u16 = 9;
@@ -34,11 +30,7 @@ fn with_authority(bus: f32) -> Board {
 }
 
 fn started(bus: f32, start: StartCause) -> Board {
-    let loaded = LoadedSettings {
-        settings: settings(bus),
-        target: Target::K(0.8),
-        ..LoadedSettings::none(Condition::Whole)
-    };
+    let loaded = LoadedSettings::whole(settings(bus), Target::K(0.8));
     with(Board::started(loaded, start), |it| it.enable = true)
 }
 
@@ -216,13 +208,13 @@ fn drawn_writes_start_nothing_without_the_enable_input() {
 }
 
 /// A port that records the calls of the task.
-#[derive(Clone, Default)]
+#[derive(Default)]
 struct Port {
-    configured: Rc<RefCell<Vec<Option<LineConfig>>>>,
-    sending: Rc<Cell<u32>>,
+    configured: RefCell<Vec<Option<LineConfig>>>,
+    sending: Cell<u32>,
 }
 
-impl BusPort for Port {
+impl BusPort for &Port {
     fn configure(&mut self, config: Option<LineConfig>) {
         self.configured.borrow_mut().push(config);
     }
@@ -235,10 +227,10 @@ impl BusPort for Port {
 #[test]
 fn the_task_answers_its_unit_and_follows_the_settings() {
     let board = with_authority(1.0);
-    let line = BusLine::listening();
+    let line = &board.station.exchange.bus;
     line.restart(1000);
     let port = Port::default();
-    let mut task = pin!(bus(&line, port.clone(), &board.station, "kband test"));
+    let mut task = pin!(bus(&port, &board.station, "kband test"));
     let mut poll = || _ = poll_once(task.as_mut());
     let mut now = 0_u32;
     let mut send = |unit: u8| {

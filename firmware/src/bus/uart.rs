@@ -4,14 +4,13 @@
 //! late: a slice of planning takes up to 14 ms, a character at 19200 baud 0.57 ms. So the interrupt
 //! at the end of the last stop bit lowers it.
 
+use super::{BusLine, BusPort, LineConfig, Parity};
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::pac::usart::vals::{M0, Ps, Stop};
 use embassy_stm32::peripherals::{PC10, PC11, PC12, UART4};
 use embassy_stm32::usart::{RxPin, TxPin};
 use embassy_stm32::{Peri, pac, rcc};
 use kband_bus::rtu::silence_us;
-
-use super::{BusLine, BusPort, LineConfig, Parity};
 
 /// Pin number of the driver's enable on port C.
 const ENABLE: usize = 12;

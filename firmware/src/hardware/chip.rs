@@ -4,6 +4,11 @@
 //! description of its memory, `NAME.x`, in this crate's folder. Both have the name of the cargo
 //! feature that selects the board. `main.rs` names the file.
 
+use crate::inputs::supply::Supply;
+use crate::start::ResetFlags;
+use crate::storage::store::{Records, StoreFailed};
+use crate::storage::waiting::Waiting;
+use crate::update::Slot;
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::pac::{self, Interrupt};
@@ -11,14 +16,7 @@ use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::{Peri, Peripherals};
 use embassy_time::Instant;
 use embedded_storage_async::nor_flash::NorFlash;
-
 use kband_control::wire::SetUp;
-
-use crate::inputs::supply::Supply;
-use crate::start::ResetFlags;
-use crate::storage::store::{Records, StoreFailed};
-use crate::storage::waiting::Waiting;
-use crate::update::Slot;
 
 /// EXTI line of the supply monitor.
 const SUPPLY_LINE: usize = 16;

@@ -3,16 +3,14 @@
 //! An image defines two functions that need no initialised state: `kband_drive_off` switches the
 //! drive off by register writes only, `kband_halt` ends the run.
 
+use crate::storage::last_words::LastWords;
+use crate::storage::waiting::Waiting;
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
 use cortex_m::peripheral::{SCB, SYST};
 use cortex_m_rt::exception;
-
-use crate::storage::last_words::LastWords;
-use crate::storage::waiting::Waiting;
 
 unsafe extern "Rust" {
     /// Switches the drive off; sound at any time, in any context.
@@ -53,10 +51,7 @@ pub fn take_last_words() -> LastWords {
     cortex_m::interrupt::free(|_| {
         // SAFETY: interrupts are off and no other reference lives. Any bytes are a valid
         // `LastWords`, which holds integers only and validates its content by a checksum.
-        let stored = unsafe { &mut *LAST_WORDS.0.get() };
-        let words = *stored;
-        stored.clear();
-        words
+        core::mem::replace(unsafe { &mut *LAST_WORDS.0.get() }, LastWords::EMPTY)
     })
 }
 

@@ -1,10 +1,9 @@
 //! Log of the board for a debug probe.
 
-use kband_control::{Event, Report, Settings};
-
 use crate::hardware::cortex::IDENTITY;
 use crate::start::ResetCause;
 use crate::storage::last_words::LastWords;
+use kband_control::{Event, Report, Settings};
 
 /// Logs the image, the cause of the start and the last words.
 pub fn start(cause: ResetCause, last_words: &LastWords) {

@@ -5,13 +5,14 @@
 use kband_control::SAMPLE_RATE;
 
 /// State of the enable input between two samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Contact {
     /// Low all the time.
     Open,
     /// High all the time.
     Closed,
     /// It changed.
+    #[default]
     Moved,
 }
 
@@ -39,8 +40,8 @@ const fn samples(milliseconds: u32) -> u16 {
     (SAMPLE_RATE / 1000 * milliseconds) as u16
 }
 
-/// The state of the enable input.
-#[derive(Clone, Debug)]
+/// The enable input, at first in an unknown state: the drive is off until the input has settled low.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Debounce {
     on: bool,
     /// Whether the input was settled low before it rose, and bounced no longer than a contact.
@@ -61,22 +62,6 @@ pub(crate) struct Debounce {
 }
 
 impl Debounce {
-    /// Builds an input of unknown state: the drive is off until the input has settled low.
-    pub const fn new() -> Self {
-        Self {
-            on: false,
-            armed: false,
-            chatters: false,
-            began: false,
-            contact: Contact::Moved,
-            steady: 0,
-            unsettled: 0,
-            now: 0,
-            gaps: [0; MAX_GAPS],
-            oldest: 0,
-        }
-    }
-
     /// Processes a sample; returns whether the drive may run.
     #[inline]
     pub fn sample(&mut self, contact: Contact) -> bool {
@@ -110,7 +95,7 @@ impl Debounce {
         if self.now.wrapping_sub(core::mem::replace(oldest, self.now)) < GAP_WINDOW {
             *self = Self {
                 began: self.began,
-                ..Self::new()
+                ..Self::default()
             };
         }
     }
@@ -169,7 +154,7 @@ mod tests {
 
     /// State of the debounce after these contacts, each with its time in ms.
     fn after(contacts: &[(Contact, u32)]) -> Debounce {
-        let mut input = Debounce::new();
+        let mut input = Debounce::default();
         feed(&mut input, contacts);
         input
     }

@@ -1,11 +1,13 @@
 //! Tests of the link's board side, with a controller behind it, at the desk.
 
+use super::*;
+use crate::exchange::Exchange;
+use crate::storage::last_words::LastWords;
+use crate::storage::recipes::Recipes;
+use crate::storage::store::tests::{G4_PAGE, Nor, SUPPLY_IS_GOOD, memory};
+use crate::testing::with;
 use core::cell::Cell;
 use core::pin::pin;
-use std::boxed::Box;
-use std::println;
-use std::vec::Vec;
-
 use embassy_futures::{block_on, poll_once};
 use kband_control::wire::{
     Outgoing, Status, Stored, read_answer, write_identity_request, write_request,
@@ -13,14 +15,9 @@ use kband_control::wire::{
 use kband_control::{
     Cycle, Event, Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target,
 };
-
-use super::*;
-use crate::exchange::Exchange;
-use crate::storage::last_words::LastWords;
-use crate::storage::recipes::Recipes;
-use crate::storage::store::LoadedSettings;
-use crate::storage::store::tests::{G4_PAGE, Nor, SUPPLY_IS_GOOD, memory};
-use crate::testing::with;
+use std::boxed::Box;
+use std::println;
+use std::vec::Vec;
 
 const LOADED: fn(Condition) -> LoadedSettings = |condition| LoadedSettings {
     target: Target::Locked { order: 1 },
@@ -280,15 +277,11 @@ fn sensor_above_gravity_at_rest_fails_the_self_test() {
 }
 
 /// A line whose input repeats `bytes` and that accepts frames, or one that does neither.
-struct FakeLine<'a> {
-    bytes: &'a [u8],
-    endless: bool,
-    counts: &'a Counts,
-}
-
-/// Numbers of milliseconds waited for a line, and of answers and telemetry frames sent.
 #[derive(Default)]
-struct Counts {
+struct FakeLine<'a> {
+    bytes: Cell<&'a [u8]>,
+    endless: bool,
+    /// Numbers of milliseconds waited for the line, and of answers and telemetry frames sent.
     waited: Cell<u32>,
     answered: Cell<u32>,
     rows: Cell<u32>,
@@ -300,31 +293,36 @@ fn telemetering() -> Service<Nor<G4_PAGE>, Waiting> {
     with(service, |it| it.telemetry_interval = 1)
 }
 
-impl Line for FakeLine<'_> {
+impl Line for &FakeLine<'_> {
     async fn read(&mut self, bytes: &mut [u8]) -> usize {
-        let count = bytes.len().min(self.bytes.len());
+        let input = self.bytes.get();
+        let count = bytes.len().min(input.len());
         if count == 0 {
             core::future::pending::<()>().await;
         }
-        bytes[..count].copy_from_slice(&self.bytes[..count]);
+        bytes[..count].copy_from_slice(&input[..count]);
         if !self.endless {
-            self.bytes = &self.bytes[count..];
+            self.bytes.set(&input[count..]);
         }
         count
     }
 
     fn send(&mut self, frame: &[u8]) -> bool {
         if self.endless {
-            let Counts { answered, rows, .. } = self.counts;
             // The identity frame is short.
-            let count = if frame.len() < 50 { answered } else { rows };
+            let is_answer = frame.len() < 50;
+            let count = if is_answer {
+                &self.answered
+            } else {
+                &self.rows
+            };
             count.update(|count| count + 1);
         }
         self.endless
     }
 
     async fn millisecond(&mut self) {
-        self.counts.waited.update(|count| count + 1);
+        self.waited.update(|count| count + 1);
         yield_now().await;
     }
 }
@@ -334,23 +332,21 @@ fn an_answer_waits_100_ms_and_telemetry_does_not_wait() {
     let board = Board::new();
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = (write_request(&mut buffer, 1, &Request::Alive).unwrap()).to_vec();
-    let counts = Counts::default();
     let line = FakeLine {
-        bytes: &frame,
-        endless: false,
-        counts: &counts,
+        bytes: Cell::new(&frame),
+        ..FakeLine::default()
     };
     let mut service = telemetering();
-    let mut task = pin!(link(&mut service, line, &board.station));
+    let mut task = pin!(link(&mut service, &line, &board.station));
     for _ in 0..300 {
         assert!(poll_once(task.as_mut()).is_pending());
     }
-    assert_eq!(counts.waited.get(), ANSWER_WAIT_MS);
+    assert_eq!(line.waited.get(), ANSWER_WAIT_MS);
     board.station.cycle(&Cycle::default(), Inputs::default());
     for _ in 0..10 {
         assert!(poll_once(task.as_mut()).is_pending());
     }
-    assert_eq!(counts.waited.get(), ANSWER_WAIT_MS);
+    assert_eq!(line.waited.get(), ANSWER_WAIT_MS);
 }
 
 #[test]
@@ -429,25 +425,24 @@ fn endless_input_blocks_neither_telemetry_nor_tasks() {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let question = write_identity_request(&mut buffer, 1).unwrap().to_vec();
     for flood in [&question.repeat(5)[..], b"no frame at all", b"\0"] {
-        let counts = Counts::default();
         let line = FakeLine {
-            bytes: flood,
+            bytes: Cell::new(flood),
             endless: true,
-            counts: &counts,
+            ..FakeLine::default()
         };
         let mut service = telemetering();
-        let mut task = pin!(link(&mut service, line, &board.station));
+        let mut task = pin!(link(&mut service, &line, &board.station));
         for n in 0..10 {
             board.station.cycle(&Cycle::default(), Inputs::default());
             // The task yields after each block of input; otherwise this poll would never return.
             for _ in 0..12 {
-                let before = counts.answered.get();
+                let before = line.answered.get();
                 assert!(poll_once(task.as_mut()).is_pending());
-                assert!(counts.answered.get() - before <= 1, "two in a row");
+                assert!(line.answered.get() - before <= 1, "two in a row");
             }
-            assert_eq!(counts.rows.get(), n + 1, "a flood of {flood:?}");
+            assert_eq!(line.rows.get(), n + 1, "a flood of {flood:?}");
         }
-        assert_eq!(counts.answered.get() > 10, flood.len() > 20);
+        assert_eq!(line.answered.get() > 10, flood.len() > 20);
     }
 }
 

@@ -42,6 +42,9 @@ pub enum StoreFailed {
     NoSettings,
 }
 
+/// Result of an access to the memory.
+pub(crate) type Result<T = (), E = StoreFailed> = core::result::Result<T, E>;
+
 /// Size of a record's number, bytes.
 const NUMBER: usize = 4;
 /// Size of a record's checksum (CRC-32), bytes.
@@ -229,7 +232,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         range: core::ops::Range<u32>,
         min_records: u32,
         old_slot: usize,
-    ) -> Result<Self, StoreFailed> {
+    ) -> Result<Self> {
         const { assert!(SLOT > OVERHEAD && SLOT.is_multiple_of(SEAL)) };
         let bank = F::ERASE_SIZE as u32;
         let fits = range.start.is_multiple_of(bank)
@@ -290,7 +293,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         place: Place,
         old: bool,
         buffer: &'a mut [u8; SLOT],
-    ) -> Result<&'a [u8], StoreFailed> {
+    ) -> Result<&'a [u8]> {
         let [mark, slot] = self.sizes(old);
         let size = if place.index == 0 { mark } else { slot };
         let bytes = buffer.get_mut(..size).ok_or(StoreFailed::Memory)?;
@@ -299,7 +302,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(bytes)
     }
 
-    async fn is_old<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<bool, StoreFailed> {
+    async fn is_old<F: NorFlash>(&self, flash: &mut F, bank: usize) -> Result<bool> {
         let mut tag = [0; TAG.len()];
         let offset = self.offset(Place { bank, index: 0 }, false) + MARK.len() as u32;
         let read = flash.read(offset, &mut tag).await;
@@ -308,7 +311,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(self.converts() && wrong.count_ones() > MAX_WRONG_TAG_BITS)
     }
 
-    async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
+    async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey> {
         let old = [self.is_old(flash, 0).await?, self.is_old(flash, 1).await?];
         let mut survey = Survey::blank(old, old.map(|old| self.slots(old)));
         let mut buffer = [0; SLOT];
@@ -327,21 +330,21 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 
     /// The stored survey of the banks, else a new one.
-    async fn surveyed<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey, StoreFailed> {
+    async fn surveyed<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey> {
         match self.survey {
             Some(survey) => Ok(survey),
             None => self.survey_banks(flash).await,
         }
     }
 
-    /// State of the newest record; its content is copied to `content`. Both banks are read again.
-    pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
+    /// Makes the next access read both banks again.
+    pub fn forget_survey(&mut self) {
         self.survey = None;
-        self.last(flash, content).await
     }
 
-    /// As [`Journal::newest`], from the stored survey of the banks.
-    pub async fn last<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
+    /// State of the newest record, from the stored survey of the banks. Its content is copied to
+    /// `content`.
+    pub async fn newest<F: NorFlash>(&mut self, flash: &mut F, content: &mut [u8]) -> Newest {
         let Ok(survey) = self.surveyed(flash).await else {
             return Newest::Damaged;
         };
@@ -401,11 +404,7 @@ impl<const SLOT: usize> Journal<SLOT> {
 
     /// Appends a record and verifies it. Erases the older bank once this one holds `min_records`
     /// records. A loss of power leaves the previous records, or those and the new one.
-    pub async fn append<F: NorFlash>(
-        &mut self,
-        flash: &mut F,
-        content: &[u8],
-    ) -> Result<(), StoreFailed> {
+    pub async fn append(&mut self, flash: &mut impl NorFlash, content: &[u8]) -> Result {
         let mut survey = match self.survey.take() {
             Some(survey) => survey,
             None => self.survey_banks(flash).await?,
@@ -452,12 +451,7 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 
     /// Erases a bank and marks it. A bank that is already erased gets its tag.
-    async fn prepare<F: NorFlash>(
-        &self,
-        flash: &mut F,
-        bank: usize,
-        survey: &mut Survey,
-    ) -> Result<(), StoreFailed> {
+    async fn prepare(&self, flash: &mut impl NorFlash, bank: usize, survey: &mut Survey) -> Result {
         let from = self.offset(Place { bank, index: 0 }, false);
         if !survey.is_erased(bank) {
             // The mark is cleared first, because it could survive an interrupted erasure.
@@ -470,12 +464,7 @@ impl<const SLOT: usize> Journal<SLOT> {
         self.mark(flash, bank, survey).await
     }
 
-    async fn mark<F: NorFlash>(
-        &self,
-        flash: &mut F,
-        bank: usize,
-        survey: &mut Survey,
-    ) -> Result<(), StoreFailed> {
+    async fn mark(&self, flash: &mut impl NorFlash, bank: usize, survey: &mut Survey) -> Result {
         let place = Place { bank, index: 0 };
         let from = self.offset(place, false);
         // A bank of the older size already has its mark.
@@ -500,11 +489,10 @@ fn copy(from: &[u8], to: &mut [u8]) {
 
 #[cfg(test)]
 mod tests {
-    use std::vec::Vec;
-
     use super::*;
     use crate::storage::store::tests::Nor;
     use embassy_futures::block_on;
+    use std::vec::Vec;
 
     const SLOT: usize = 256;
 
@@ -585,6 +573,7 @@ mod tests {
         let mut journal = open(&nor);
         block_on(journal.append(&mut nor, b"new")).unwrap();
         assert_ne!(Slot::read(&nor.bytes[..SLOT]), Slot::Mark);
+        let mut journal = open(&nor);
         let mut content = [0; SLOT - OVERHEAD];
         let newest = block_on(journal.newest(&mut nor, &mut content));
         assert!(newest == Newest::Whole && content.starts_with(b"new"));

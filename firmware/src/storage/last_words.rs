@@ -4,7 +4,6 @@
 //! arbitrary: a record counts only with its mark and a valid checksum.
 
 use core::fmt;
-
 use kband_control::wire::crc32;
 
 /// Longest stored text, bytes; a longer one is cut.
@@ -48,11 +47,6 @@ impl LastWords {
         }
         core::str::from_utf8(self.text.get(..length)?).ok()
     }
-
-    /// Clears the record.
-    pub fn clear(&mut self) {
-        self.mark = 0;
-    }
 }
 
 impl fmt::Write for LastWords {
@@ -82,8 +76,7 @@ mod tests {
         assert_eq!(words.read(), Some("index out of range at lib.rs:7"));
         assert_eq!(with(words, |it| it.text[3] ^= 1).read(), None);
         assert_eq!(with(words, |it| it.length = u32::MAX).read(), None);
-        words.clear();
-        assert_eq!(words.read(), None);
+        assert_eq!(with(words, |it| it.mark = 0).read(), None);
     }
 
     #[test]

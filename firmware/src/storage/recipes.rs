@@ -12,10 +12,9 @@
 //! The keys follow the rules of [`crate::storage::store`]: a missing key gets its default. A recipe
 //! with a key unknown to this firmware stays unchanged and is not used.
 
+use crate::storage::store::encoding::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
 use kband_control::wire::Stored;
 use kband_control::{Recipe, RecipeName, Settings};
-
-use crate::storage::store::encoding::{PAIR, Words, hash, pairs, put, put_pairs, target_words};
 
 const COUNT: usize = Recipe::COUNT as usize;
 /// Size of a recipe's name, bytes.

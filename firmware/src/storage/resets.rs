@@ -1,11 +1,9 @@
 //! Counter of successive resets: after three without 10 s of good operation in between, the board
 //! stays at rest.
 
-use core::sync::atomic::{AtomicU32, Ordering};
-
-use kband_control::StartCause;
-
 use crate::start::ResetCause;
+use core::sync::atomic::{AtomicU32, Ordering};
+use kband_control::StartCause;
 
 /// Number of successive resets by a watchdog or the firmware at which the board stays at rest.
 const MAX_SUCCESSIVE_RESETS: u32 = 3;

@@ -2,25 +2,17 @@
 
 /// Largest number of saves in a burst, and of saves restored per hour. At this rate the smallest
 /// memory, 40 000 saves, lasts 27 days, and that of the STM32F405 7 months.
-const MAX_SAVES_PER_HOUR: u8 = 60;
+const MAX_SAVES_PER_HOUR: u32 = 60;
 /// Time after which another save is allowed, s.
-const SAVE_INTERVAL_S: u32 = 3600 / MAX_SAVES_PER_HOUR as u32;
+const SAVE_INTERVAL_S: u32 = 3600 / MAX_SAVES_PER_HOUR;
 
-/// Number of remaining saves. A faulty program at the desk must not wear out the flash.
-#[derive(Clone, Copy, Debug)]
+/// Number of saves that are not restored yet. A faulty program at the desk must not wear out the
+/// flash.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Saves {
-    remaining: u8,
+    used: u32,
     /// Time since the start of the last restored save, s.
     since: u32,
-}
-
-impl Default for Saves {
-    fn default() -> Self {
-        Self {
-            remaining: MAX_SAVES_PER_HOUR,
-            since: 0,
-        }
-    }
 }
 
 impl Saves {
@@ -28,11 +20,9 @@ impl Saves {
     pub fn take_save(&mut self, now: u32) -> bool {
         let regained = now.saturating_sub(self.since) / SAVE_INTERVAL_S;
         self.since += regained * SAVE_INTERVAL_S;
-        self.remaining = u32::from(self.remaining)
-            .saturating_add(regained)
-            .min(MAX_SAVES_PER_HOUR.into()) as u8;
-        let allowed = self.remaining > 0;
-        self.remaining -= u8::from(allowed);
+        self.used = self.used.saturating_sub(regained);
+        let allowed = self.used < MAX_SAVES_PER_HOUR;
+        self.used += u32::from(allowed);
         allowed
     }
 }

@@ -5,14 +5,14 @@
 //! drive then stays off until settings are saved.
 
 use core::borrow::BorrowMut;
-
 use embedded_storage_async::nor_flash::NorFlash;
 use kband_control::wire::{FaultRecord, Pin};
 use kband_control::{Settings, Target};
 
 pub use crate::storage::journal::StoreFailed;
-use crate::storage::journal::{Journal, Newest, OVERHEAD};
+use crate::storage::journal::{Journal, Newest, OVERHEAD, Result};
 use crate::storage::recipes::Recipes;
+use crate::storage::saves::Saves;
 use crate::storage::waiting::{RECORD_SIZE, Waiting};
 use encoding::{Words, put};
 use record::{decode_settings, encode_settings};
@@ -58,6 +58,15 @@ pub struct LoadedSettings {
 }
 
 impl LoadedSettings {
+    /// Whole settings without a PIN.
+    pub fn whole(settings: Settings, target: Target) -> Self {
+        Self {
+            settings,
+            target,
+            ..Self::none(Condition::Whole)
+        }
+    }
+
     /// Defaults with a target that does not move the drive.
     pub fn none(condition: Condition) -> Self {
         Self {
@@ -80,6 +89,8 @@ pub struct Records<F, W> {
     faults: Journal<FAULT_SLOT>,
     waiting: W,
     supply_settled: fn() -> bool,
+    /// Rate limit of the desk's saves.
+    pub(crate) saves: Saves,
 }
 
 impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
@@ -93,7 +104,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         faults: core::ops::Range<u32>,
         waiting: W,
         supply_settled: fn() -> bool,
-    ) -> Result<Self, StoreFailed> {
+    ) -> Result<Self> {
         Ok(Self {
             settings: Journal::new(&flash, settings, 1, version_3::SLOT)?,
             older: None,
@@ -101,6 +112,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
             flash,
             waiting,
             supply_settled,
+            saves: Saves::default(),
         })
     }
 
@@ -113,18 +125,13 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
-    /// State of the newest record, from the stored survey of the pages. Its content is copied to
-    /// `content`, which stays 0 without a whole record.
+    /// State of the newest record; if nothing was stored here, of an older image's newest record. Its
+    /// content is copied to `content`, which stays 0 without a whole record.
     async fn newest(&mut self, content: &mut [u8; CONTENT]) -> Newest {
-        let newest = self.settings.last(&mut self.flash, content).await;
-        self.or_older(newest, content).await
-    }
-
-    /// `newest`; if nothing was stored here, the state of an older image's newest record.
-    async fn or_older(&mut self, newest: Newest, content: &mut [u8; CONTENT]) -> Newest {
+        let newest = self.settings.newest(&mut self.flash, content).await;
         match &mut self.older {
             Some(older) if !self.settings.has_begun() => {
-                match older.last(&mut self.flash, content).await {
+                match older.newest(&mut self.flash, content).await {
                     Newest::Nothing => newest,
                     older => older,
                 }
@@ -134,10 +141,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     }
 
     /// The settings of the newest record, whose content is copied to `content`.
-    async fn load_newest(
-        &mut self,
-        content: &mut [u8; CONTENT],
-    ) -> Result<LoadedSettings, StoreFailed> {
+    async fn load_newest(&mut self, content: &mut [u8; CONTENT]) -> Result<LoadedSettings> {
         match self.newest(content).await {
             Newest::Whole => decode_settings(content).map_err(|_| StoreFailed::NoSettings),
             _ => Err(StoreFailed::NoSettings),
@@ -145,7 +149,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     }
 
     /// Stores a record with this content, unless the newest record has it already.
-    async fn save_content(&mut self, content: &[u8; CONTENT]) -> Result<(), StoreFailed> {
+    async fn save_content(&mut self, content: &[u8; CONTENT]) -> Result {
         if self.is_stored(content).await {
             return Ok(());
         }
@@ -159,7 +163,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     /// Whether the newest record is valid and has this content.
     async fn is_stored(&mut self, content: &[u8; CONTENT]) -> bool {
         let mut stored = [0; CONTENT];
-        let newest = self.settings.last(&mut self.flash, &mut stored).await;
+        let newest = self.settings.newest(&mut self.flash, &mut stored).await;
         newest == Newest::Whole && stored == *content
     }
 
@@ -172,11 +176,11 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         }
     }
 
-    /// Loads the last saved settings and target.
+    /// Loads the last saved settings and target, after all pages were read again.
     pub async fn load(&mut self) -> LoadedSettings {
+        self.settings.forget_survey();
         let mut content = [0; CONTENT];
-        let newest = self.settings.newest(&mut self.flash, &mut content).await;
-        match self.or_older(newest, &mut content).await {
+        match self.newest(&mut content).await {
             Newest::Nothing => LoadedSettings::none(Condition::Never),
             Newest::Damaged => LoadedSettings::none(Condition::Lost),
             Newest::Whole => decode_settings(&content).unwrap_or_else(LoadedSettings::none),
@@ -184,12 +188,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     }
 
     /// Saves settings, target and PIN, with the last saved recipes.
-    pub async fn save(
-        &mut self,
-        settings: &Settings,
-        target: Target,
-        pin: Option<Pin>,
-    ) -> Result<(), StoreFailed> {
+    pub async fn save(&mut self, settings: &Settings, target: Target, pin: Option<Pin>) -> Result {
         let mut content = [0; CONTENT];
         let newest = self.newest(&mut content).await;
         let key = record::key(&content);
@@ -212,7 +211,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     }
 
     /// Saves the recipes, with the last saved settings, target and PIN.
-    pub async fn save_recipes(&mut self, recipes: &Recipes) -> Result<(), StoreFailed> {
+    pub async fn save_recipes(&mut self, recipes: &Recipes) -> Result {
         let mut content = [0; CONTENT];
         let found = self.load_newest(&mut content).await?;
         let key = record::key(&content);
@@ -229,7 +228,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
     }
 
     /// Saves the public key of updates, with everything else that was saved last.
-    pub async fn save_key(&mut self, key: &[u8; 32]) -> Result<(), StoreFailed> {
+    pub async fn save_key(&mut self, key: &[u8; 32]) -> Result {
         let mut content = [0; CONTENT];
         let found = self.load_newest(&mut content).await?;
         let key = Some(*key);

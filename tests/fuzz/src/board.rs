@@ -1,7 +1,9 @@
 //! The board's side of the link and its state: frames, drive cycles, power failures.
 
-use std::cell::Cell;
-
+use crate::Reader;
+use crate::desk;
+use crate::frames::{framed, framed_update, payload};
+use crate::store::Flash;
 use embassy_futures::block_on;
 use kband_control::wire::{
     Incoming, MAX_FRAME_BYTES, Outgoing, Request, Response, SetUp, Stored, read_answer,
@@ -12,14 +14,10 @@ use kband_firmware::exchange::Exchange;
 use kband_firmware::link::{Image, Service};
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings};
+use kband_firmware::storage::store::LoadedSettings;
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
-
-use crate::Reader;
-use crate::desk;
-use crate::frames::{framed, framed_update, payload};
-use crate::store::Flash;
+use std::cell::Cell;
 
 /// Words of events.
 pub const WORDS: &str = "amplitude_limit|gain|output_maximum|stm32f405rg";
@@ -173,11 +171,7 @@ impl Board {
             return false;
         }
         if saves {
-            self.saved = Some(LoadedSettings {
-                settings,
-                target,
-                ..LoadedSettings::none(Condition::Never)
-            });
+            self.saved = Some(LoadedSettings::whole(settings, target));
         }
         true
     }

@@ -1,11 +1,10 @@
 //! Requests on the fieldbus to a board at rest: raw frames, and requests with a valid checksum.
 
+use crate::Reader;
 use kband_bus::rtu::{self, crc};
 use kband_bus::{Answer, Authority, Exception, Machine, Server, Snapshot, tcp};
 use kband_control::wire::Record;
 use kband_control::{Settings, Target};
-
-use crate::Reader;
 
 /// Words of requests.
 pub const WORDS: &str = "\x03\0\0\0\x0a|\x10\0\0\0\x04\x08|\x2b\x0e\x01\0";

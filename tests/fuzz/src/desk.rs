@@ -1,7 +1,7 @@
 //! Inputs of the desk: files that a user wrote, recorded, built or received.
 
-use std::path::Path;
-
+use crate::Reader;
+use crate::frames::framed;
 use kband::feeder::OutOfRange;
 use kband::impact::{Integer, Kernel, Map};
 use kband_control::wire::{Identity, MAX_FRAME_BYTES, SCHEMA, VERSION, write_identity};
@@ -14,9 +14,7 @@ use kband_host::verbs::board::recipe::{Entry, export};
 use kband_host::verbs::board::settings::Imported;
 use kband_host::verbs::map::impacts::rows::{Row, check_rows, compute_rows};
 use kband_plant::{ClosedLoop, EnvelopeLoop};
-
-use crate::Reader;
-use crate::frames::framed;
+use std::path::Path;
 
 /// Words of a scene.
 pub const SCENE: &str = "[track]|[part]|[drive]|[target]|[expect]|[[disturbance]]|frequency = |\

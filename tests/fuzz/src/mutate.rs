@@ -1,11 +1,13 @@
 //! Mutation of inputs, determined by a seed.
 
+use kband::arithmetic::Noise;
+
 /// Generator of inputs near those of a corpus.
 #[derive(Clone, Debug)]
 pub struct Mutator<'a> {
     corpus: &'a [Vec<u8>],
     tokens: Vec<&'a [u8]>,
-    state: u64,
+    noise: Noise,
 }
 
 /// Numbers at the limits of integer widths and lengths.
@@ -29,21 +31,12 @@ impl<'a> Mutator<'a> {
         Self {
             corpus,
             tokens: tokens.filter(|word| !word.is_empty()).collect(),
-            state: seed,
+            noise: Noise::new(seed),
         }
     }
 
-    /// The next 64 random bits (SplitMix64).
-    fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
     fn below(&mut self, count: usize) -> usize {
-        (self.bits() % count.max(1) as u64) as usize
+        self.noise.bits() as usize % count.max(1)
     }
 
     fn one(&mut self) -> &'a [u8] {
@@ -77,7 +70,7 @@ impl<'a> Mutator<'a> {
                     input[at] = match input[at] {
                         // Another digit preserves a valid number.
                         b'0'..=b'9' => b'0' + self.below(10) as u8,
-                        _ => self.bits() as u8,
+                        _ => self.noise.bits() as u8,
                     };
                     continue;
                 }

@@ -1,18 +1,14 @@
 //! Memory of the settings, with arbitrary content and power failures at any time.
 
-use std::cell::RefCell;
-use std::rc::Rc;
-
+use crate::Reader;
 use embassy_futures::block_on;
-use embedded_storage_async::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use kband_control::wire::FaultRecord;
 use kband_control::{Settings, Target};
 use kband_firmware::storage::store::{Condition, Records};
 use kband_firmware::storage::waiting::Waiting;
-
-use crate::Reader;
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Bytes of the smallest flash page of a board.
 pub const PAGE: usize = 2048;
@@ -29,14 +25,7 @@ struct Cells {
 pub struct Flash(Rc<RefCell<Cells>>);
 
 /// A power failure, or programming of a word that was not erased.
-#[derive(Clone, Copy, Debug)]
-pub struct Failed;
-
-impl NorFlashError for Failed {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
+const FAILED: NorFlashErrorKind = NorFlashErrorKind::Other;
 
 impl Default for Flash {
     fn default() -> Self {
@@ -48,9 +37,9 @@ impl Default for Flash {
 }
 
 impl Flash {
-    fn touch(&self) -> Result<(), Failed> {
+    fn touch(&self) -> Result<(), NorFlashErrorKind> {
         let power = &mut self.0.borrow_mut().power;
-        *power = power.checked_sub(1).ok_or(Failed)?;
+        *power = power.checked_sub(1).ok_or(FAILED)?;
         Ok(())
     }
 
@@ -69,13 +58,13 @@ impl Flash {
 }
 
 impl ErrorType for Flash {
-    type Error = Failed;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for Flash {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let at = offset as usize;
         bytes.copy_from_slice(&self.0.borrow().bytes[at..at + bytes.len()]);
         Ok(())
@@ -90,7 +79,7 @@ impl NorFlash for Flash {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = PAGE;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
         for at in (from as usize..to as usize).step_by(4) {
             self.touch()?;
             self.0.borrow_mut().bytes[at..at + 4].fill(0xff);
@@ -98,12 +87,12 @@ impl NorFlash for Flash {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         for (at, word) in (offset as usize..).step_by(4).zip(bytes.chunks_exact(4)) {
             self.touch()?;
             for (old, new) in self.0.borrow_mut().bytes[at..].iter_mut().zip(word) {
                 if *old != 0xff && *new != 0 {
-                    return Err(Failed);
+                    return Err(FAILED);
                 }
                 *old &= new;
             }

@@ -4,11 +4,10 @@
 //! seed, `KBAND_TARGETS` the targets. `tests/run.sh --soak` makes a million frames for link and
 //! fieldbus.
 
+use kband_fuzz::{Mutator, TARGETS, Target};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
-
-use kband_fuzz::{Mutator, TARGETS, Target};
 
 fn number(variable: &str) -> Option<u64> {
     let text = std::env::var(variable).ok()?;

@@ -188,13 +188,9 @@ fn a_program_error_opens_the_bridge(kind: Kind) {
     // The handlers of the core's faults open the bridge first. They may wait for a sample in
     // progress, 1300 cycles. The stack is used by the next sample.
     let (handler, sample, watchdog) = (10e-6, 55e-6, 5e-3);
+    let stray_words = "unexpected interrupt 28";
     for (name, acts, upper_limit, last_words) in [
-        (
-            "interrupt",
-            stray.to_vec(),
-            handler,
-            "unexpected interrupt 28",
-        ),
+        ("interrupt", stray.to_vec(), handler, stray_words),
         ("panic", panic, handler, ": panic"),
         ("erased flash", astray, handler, "hard fault at 0x08"),
         ("stack", overflow, sample, "hard fault with the stack"),
@@ -245,12 +241,12 @@ fn hung_tasks_are_reset_at_any_watchdog_clock(kind: Kind) {
 fn outputs_float_in_reset_and_are_off_from_the_start_on(kind: Kind) {
     let mut rig = Rig::boot_on(kind);
     let floats = |chip: &Chip| {
-        let ports = &chip.board.ports;
-        let inputs = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2), (2, 3)];
+        let pins = [(0, 4), (0, 7), (0, 8), (1, 11), (2, 2), (2, 3)];
+        let mut modes = pins
+            .map(|(port, pin)| chip.board.ports[port].mode(pin))
+            .into_iter();
         chip.board.voltage.output().is_none()
-            && inputs
-                .iter()
-                .all(|(port, pin)| matches!(ports[*port].mode(*pin), Mode::Input | Mode::Analogue))
+            && modes.all(|mode| matches!(mode, Mode::Input | Mode::Analogue))
     };
     assert!(floats(&rig.chip));
     rig.run(0.5);
@@ -316,14 +312,11 @@ fn samples_avoid_edges_and_keep_their_rate(kind: Kind) {
 /// Sags at any instruction from power-on to the running drive, to any level, for any time.
 fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
     let mut draw = Draw::new(31);
-    let sag = |draw: &mut Draw| {
-        let volts = f64::from(draw.between(0.0, 2.85));
-        (volts, f64::from(draw.scale(1e-6, 2e-2)))
-    };
+    let sag = |draw: &mut Draw| [draw.between(0.0, 2.85), draw.scale(1e-6, 2e-2)].map(f64::from);
     let off = machine().commissioned(kind);
     for n in 0..16 {
         let mut rig = off.clone();
-        let (volts, time) = sag(&mut draw);
+        let [volts, time] = sag(&mut draw);
         // Power returns with the enable input on, and sags while the program starts.
         let at = 1.2 + f64::from(draw.unit()) * 0.1;
         rig.at(1.1, Act::Enable(true))
@@ -341,15 +334,13 @@ fn no_supply_sag_drives_the_bridge_out_of_specification(kind: Kind) {
     let running = running(kind);
     for n in 0..10 {
         let mut rig = running.clone();
-        let (volts, time) = sag(&mut draw);
+        let [volts, time] = sag(&mut draw);
         let at = 3.0 + f64::from(draw.unit()) * 0.02;
         rig.at(at, Act::Volts(volts));
         rig.at(at + time, Act::Volts(3.3)).run(3.5);
-        assert_eq!(rig.chip.board.world.outside, 0, "{n}: {volts} V at {at}");
-        let opens = rig.opening_after(at);
-        assert!(opens.is_some_and(|time| time < 1e-4), "{n}: {opens:?}");
-        let restart = rig.closes_after(at + 1e-4);
-        assert_eq!(restart, None, "{n}: {volts} V at {at} s for {time} s");
+        let place = format!("{n}: {volts} V at {at} s for {time} s");
+        assert_eq!(rig.chip.board.world.outside, 0, "{place}");
+        rig.assert_opens(at, 1e-4, &place);
         rig.request_done(&Request::Alive);
     }
 }
@@ -389,20 +380,17 @@ fn an_enable_input_that_chatters_stops_a_drive_for_good(kind: Kind) {
         for (time, act) in chatter(frequency, duty, from, until) {
             rig.at(time, act);
         }
-        rig.run(until + 0.02);
-        let opens = rig.opening_after(from).expect("it opens");
-        assert!(opens < 5e-3, "{frequency} Hz, {duty}: {opens}");
-        let restart = rig.closes_after(from + 5e-3);
-        assert_eq!(restart, None, "{frequency} Hz, {duty}");
+        let name = format!("{frequency} Hz, {duty}");
+        rig.run(until + 0.02).assert_opens(from, 5e-3, &name);
         let dark = rig.find_time(from, &Event::Ready(false));
         assert!(dark.is_some_and(|time| time < from + 0.03), "{dark:?}");
         assert_eq!(rig.faults_after(from), None);
         drive_on_follows_the_bridge(&rig);
-        assert_eq!(reported_chatter(&mut rig), 1, "{frequency} Hz, {duty}");
+        assert_eq!(reported_chatter(&mut rig), 1, "{name}");
         // The track is at rest first. A high input alone starts nothing; a press does.
         if n % 11 == 4 {
             rig.act(&Act::Enable(true)).run(from + 1.5);
-            assert!(!rig.chip.is_driven(), "{frequency} Hz, {duty}");
+            assert!(!rig.chip.is_driven(), "{name}");
             let press = from + 1.62;
             rig.at(from + 1.5, Act::Enable(false))
                 .at(press, Act::Enable(true))
@@ -423,12 +411,9 @@ fn a_withdrawn_enable_input_opens_the_bridge_within_2_ms(kind: Kind) {
         for (time, act) in chatter(400.0, 0.5, from + 5e-3, from + 15e-3) {
             rig.at(time, act);
         }
-        rig.at(from + 16e-3, Act::Enable(false));
-        rig.run(from + 0.15);
-        let opens = rig.opening_after(from).expect("it opens");
-        assert!(opens < 2e-3, "{opens}");
-        let restart = rig.closes_after(from + 2e-3);
-        assert_eq!((restart, reported_chatter(&mut rig)), (None, 0));
+        rig.at(from + 16e-3, Act::Enable(false)).run(from + 0.15);
+        rig.assert_opens(from, 2e-3, "withdrawn");
+        assert_eq!(reported_chatter(&mut rig), 0);
         drive_on_follows_the_bridge(&rig);
     }
 }
@@ -443,11 +428,8 @@ fn a_supply_that_falls_as_the_bridge_closes_keeps_it_open(kind: Kind) {
     };
     let closes = starts(&mut resting.clone()).expect("it starts");
     // From before the control's last measurement to within the sample that closes the bridge.
-    for (before, time) in [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6]
-        .map(|before| (before, 20e-3))
-        .into_iter()
-        .chain([(40e-6, 20e-6)])
-    {
+    let long = [40e-6, 10e-6, 2e-6, 1.5e-6, 1e-6, 0.5e-6].map(|before| (before, 20e-3));
+    for (before, time) in long.into_iter().chain([(40e-6, 20e-6)]) {
         let mut rig = resting.clone();
         rig.at(closes - before, Act::Volts(2.6))
             .at(closes - before + time, Act::Volts(3.3));
@@ -468,21 +450,17 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
     let refused = format!("{:?}", Response::Refused(Refusal::SupplyLow));
     assert_eq!(save(&mut low), refused);
     // The supply returns, falls again briefly, or the chip is reset meanwhile.
-    for (name, blip, reset) in [
-        ("returns", None, false),
-        ("falls again", Some(0.06), false),
-        ("reset", None, true),
-    ] {
+    for name in ["returns", "falls again", "reset"] {
         let mut rig = low.clone();
-        if reset {
+        if name == "reset" {
             rig.chip.reset(Cause::Pin);
             rig.run_for(0.25);
             assert_eq!(rig.chip.operations(), operations, "{name}");
         }
         rig.act(&Act::Volts(3.3));
         let mut good = rig.time();
-        if let Some(blip) = blip {
-            rig.run(good + blip);
+        if name == "falls again" {
+            rig.run(good + 0.06);
             rig.act(&Act::Volts(2.6)).run_for(1e-4);
             rig.act(&Act::Volts(3.3));
             good = rig.time();
@@ -634,18 +612,15 @@ fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
 
 fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
     let mut old_or_new = [0; 2];
-    // Within a bank, and at a change to the next bank with an erasure of this one.
-    for records in [1, records_per_bank(kind)] {
+    let word = kind.facts().flash_word as u64;
+    // Within a bank, and at a change to the next bank with an erasure of this one. The erasure, and
+    // eight bytes each for three writes: clearing the mark before it, setting mark and tag after it.
+    for (records, erasure) in [(1, 0), (records_per_bank(kind), 1 + 3 * 8 / word)] {
         let mut rig = with_records(kind, records);
         assert_eq!(rig.stored(), SavedSettings::InUse, "{records}");
         let old = pair(&mut rig);
         let operations = operations_of_a_save(&mut rig);
-        // The erasure, and eight bytes each for three writes: clearing the mark before it, setting
-        // mark and tag after it.
-        let word = kind.facts().flash_word as u64;
-        let another_bank = u64::from(records == records_per_bank(kind));
-        let expected = RECORD as u64 / word + another_bank * (1 + 3 * 8 / word);
-        assert_eq!(operations, expected);
+        assert_eq!(operations, RECORD as u64 / word + erasure);
         let [olds, news] = cut_saves(&rig, old, operations);
         old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
     }
@@ -940,11 +915,8 @@ fn two_wrong_bits_in_the_program_open_the_bridge() {
     let from = rig.time();
     let handler = images::symbol(&feeder_on(kind), "ADC1_2") - flash::START;
     rig.chip.board.flash.tear(handler as usize & !7, 8);
-    rig.run(from + 0.5);
-    let opens = rig.opening_after(from);
-    assert!(opens.is_some_and(|time| time < 60e-6), "{opens:?}");
+    rig.run(from + 0.5).assert_opens(from, 60e-6, "two bits");
     assert_eq!(rig.resets()[1].1, Cause::Software);
-    assert_eq!(rig.closes_after(from + 1e-4), None);
     assert!(rig.image().unwrap().starts_with("loader"), "it waits");
 }
 

@@ -1,12 +1,10 @@
 //! An update in the desk's memory, with power cuts at every operation.
 
-use std::vec;
-use std::vec::Vec;
-
+use super::*;
 use kband_control::wire::crc32;
 use salty::Keypair;
-
-use super::*;
+use std::vec;
+use std::vec::Vec;
 
 /// First and last address of the modelled flash.
 const FLASH: Range<u32> = 0x0800_0000..0x0808_0000;
@@ -126,7 +124,7 @@ fn requested(cells: &Cells) -> OneSlot<Cells> {
     OneSlot::new(cells.clone(), Some(*keypair().public.as_bytes()))
 }
 
-fn ask(slot: &mut OneSlot<Cells>, request: &UpdateRequest<'_>) -> Result<(), UpdateRefusal> {
+fn ask(slot: &mut OneSlot<Cells>, request: &UpdateRequest<'_>) -> Result {
     match slot.answer(request, true) {
         UpdateAnswer::Done => Ok(()),
         UpdateAnswer::Refused(cause) => Err(cause),
@@ -143,26 +141,26 @@ fn signed<'a>(length: usize, sum: &'a [u8], signature: &'a [u8]) -> UpdateReques
     }
 }
 
-fn begin(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+fn begin(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result {
     let sum = sum(image);
     let signature = keypair().sign(&sum).to_bytes();
     ask(slot, &signed(image.len(), &sum, &signature))
 }
 
-fn put(slot: &mut OneSlot<Cells>, offset: u32, bytes: &[u8]) -> Result<(), UpdateRefusal> {
+fn put(slot: &mut OneSlot<Cells>, offset: u32, bytes: &[u8]) -> Result {
     ask(slot, &UpdateRequest::Bytes { offset, bytes })
 }
 
-fn send(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+fn send(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result {
     let mut chunks = (0..).step_by(256).zip(image.chunks(256));
     chunks.try_for_each(|(offset, bytes)| put(slot, offset, bytes))
 }
 
-fn end(slot: &mut OneSlot<Cells>) -> Result<(), UpdateRefusal> {
+fn end(slot: &mut OneSlot<Cells>) -> Result {
     ask(slot, &UpdateRequest::End(&[]))
 }
 
-fn update(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result<(), UpdateRefusal> {
+fn update(slot: &mut OneSlot<Cells>, image: &[u8]) -> Result {
     begin(slot, image)?;
     send(slot, image)?;
     end(slot)

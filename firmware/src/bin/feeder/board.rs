@@ -1,7 +1,7 @@
 //! The board: connects pins and peripherals to the application.
 
+use crate::chip::Board;
 use core::sync::atomic::{AtomicU32, Ordering};
-
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::{DWT, NVIC, SCB};
 use cortex_m_rt::exception;
@@ -12,9 +12,9 @@ use embassy_stm32::usart::BufferedInterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, pac};
 use embassy_time::{Instant, Timer};
 use kband_control::wire::SetUp;
-use kband_control::{Controller, Cycle, SAMPLE_RATE, Settings, Signal, StartCause};
+use kband_control::{Controller, Cycle, Report, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Monitor, Panel};
+use kband_firmware::board::Panel;
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::exchange::Exchange;
@@ -25,8 +25,8 @@ use kband_firmware::hardware::cortex::{
 };
 use kband_firmware::hardware::log;
 use kband_firmware::hardware::stm32::{
-    Converter, HalfBridge, IndependentWatchdog, LINE_RATE, Lamps, Serial, Terminals, count_sample,
-    drive_off, image_is_valid, pull_inputs_up, recipe_inputs, strapped,
+    Converter, HalfBridge, LINE_RATE, Lamps, Serial, Terminals, count_sample, drive_off,
+    feed_watchdog, image_is_valid, pull_inputs_up, recipe_inputs, start_watchdog, strapped,
 };
 use kband_firmware::inputs::selector::Selector;
 use kband_firmware::link::{Image, Service, link};
@@ -36,11 +36,8 @@ use kband_firmware::storage::last_words::LastWords;
 use kband_firmware::storage::resets::{GOOD_OPERATION_S, Resets};
 use kband_firmware::storage::store::{Condition, LoadedSettings};
 use kband_firmware::storage::waiting::Waiting;
-use kband_firmware::watch::{Roll, Watched};
 use static_cell::{ConstStaticCell, StaticCell};
 use systick_timer::SystickDriver;
-
-use crate::chip::Board;
 
 embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
     SystickDriver::new(Board::CORE_CLOCK as u64, Board::CORE_CLOCK / 1_000 - 1));
@@ -60,7 +57,6 @@ const LOW_PRIORITY: u8 = 0x80;
 
 type LinkService = Service<<Board as Chip>::Flash, &'static mut Waiting>;
 
-static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static STATION: StaticCell<Station> = StaticCell::new();
 static SERVICE: StaticCell<LinkService> = StaticCell::new();
 /// Send and receive buffer of the link's port.
@@ -123,8 +119,9 @@ fn UART4() {
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(station: &'static Station, terminals: Terminals, lamps: Lamps) {
-    control(station, &EXCHANGE, &ROLL, terminals, lamps).await;
+async fn drive_cycle(station: &'static Station, terminals: Terminals, mut lamps: Lamps) {
+    let observe = |report: &Report, ready| lamps.report(report, ready);
+    control(station, terminals, observe).await;
 }
 
 #[embassy_executor::task]
@@ -134,14 +131,14 @@ async fn desk_link(service: &'static mut LinkService, serial: Serial, station: &
 
 #[embassy_executor::task]
 async fn fieldbus(port: Uart, station: &'static Station) {
-    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
+    bus(port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
-async fn supervise(mut watchdog: IndependentWatchdog) {
+async fn supervise() {
     loop {
-        if ROLL.complete() {
-            watchdog.feed();
+        if EXCHANGE.roll.complete() {
+            feed_watchdog();
             if Instant::now().as_secs() >= GOOD_OPERATION_S {
                 RESETS.clear();
             }
@@ -153,14 +150,9 @@ async fn supervise(mut watchdog: IndependentWatchdog) {
 /// Stays at rest, without samples, after repeated resets or with a damaged image. A clock paces the
 /// controller for link, lamps and acknowledgement. An acknowledged fault restarts the board.
 #[embassy_executor::task]
-async fn stay_at_rest(
-    station: &'static Station,
-    mut terminals: Terminals,
-    mut lamps: Lamps,
-    mut watchdog: IndependentWatchdog,
-) {
+async fn stay_at_rest(station: &'static Station, mut terminals: Terminals, mut lamps: Lamps) {
     loop {
-        watchdog.feed();
+        feed_watchdog();
         let frequency = station.settings().frequency;
         let cycle = Cycle {
             samples: (SAMPLE_RATE as f32 / frequency) as u16,
@@ -214,7 +206,7 @@ fn place_station(
 fn place_sampler(settings: &Settings, converter: Converter, bridge: HalfBridge) -> Option<()> {
     let signal = Signal::build(settings).ok()?;
     // SAFETY: the sample interrupt is still masked.
-    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE, &ROLL)) };
+    unsafe { SAMPLER.put(Sampler::new(signal, converter, bridge, &EXCHANGE)) };
     Some(())
 }
 
@@ -223,7 +215,7 @@ async fn main(spawner: Spawner) {
     let cause = ResetCause::of(Board::signs());
     let mut start = RESETS.start(cause);
     // Before the first wait.
-    let mut watchdog = IndependentWatchdog::start();
+    start_watchdog();
     let slot = Board::slot(restart);
     // An update restarted the board, which is not a fault.
     if slot.on_trial() {
@@ -236,7 +228,7 @@ async fn main(spawner: Spawner) {
     core.DWT.enable_cycle_counter();
     guard_stack(&core.MPU);
     let (p, clocks_ok) = Board::start();
-    watchdog.feed();
+    feed_watchdog();
     let last_words = take_last_words();
     log::start(cause, &last_words);
     let bridge = HalfBridge::new(
@@ -255,7 +247,7 @@ async fn main(spawner: Spawner) {
         defmt::error!("the flash does not hold the image that was written: the drive stays off");
         start = StartCause::ImageDamaged;
     }
-    watchdog.feed();
+    feed_watchdog();
     if !clocks_ok {
         defmt::error!("the crystal does not swing at its frequency: the drive stays off");
     }
@@ -270,7 +262,7 @@ async fn main(spawner: Spawner) {
         defmt::panic!("the memory of the settings does not fit its pages");
     };
     let loaded = memory.load().await;
-    watchdog.feed();
+    feed_watchdog();
     match loaded.condition {
         Condition::Whole => defmt::info!("settings: as saved"),
         Condition::Never => defmt::warn!("settings: none were ever saved"),
@@ -328,10 +320,10 @@ async fn main(spawner: Spawner) {
     spawner.spawn(desk_link(service, serial, station).expect("spawned once"));
     spawner.spawn(fieldbus(fieldbus_port, station).expect("spawned once"));
     if rests {
-        spawner.spawn(stay_at_rest(station, terminals, lamps, watchdog).expect("spawned once"));
+        spawner.spawn(stay_at_rest(station, terminals, lamps).expect("spawned once"));
     } else {
         spawner.spawn(drive_cycle(station, terminals, lamps).expect("spawned once"));
-        spawner.spawn(supervise(watchdog).expect("spawned once"));
+        spawner.spawn(supervise().expect("spawned once"));
     }
     loop {
         Timer::after_secs(60).await;

@@ -6,6 +6,7 @@ use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Peri, Peripherals, interrupt, pac};
+use flash::Sectors;
 use kband_control::wire::SetUp;
 use kband_firmware::hardware::chip::{Chip, Memory, supply_crossed, watch_supply};
 use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
@@ -13,8 +14,6 @@ use kband_firmware::hardware::stm32::{drive_off, start_window_watchdog};
 use kband_firmware::start::ResetFlags;
 use kband_firmware::storage::store::{Records, StoreFailed};
 use kband_firmware::update::Slot;
-
-use flash::Sectors;
 
 #[path = "stm32f405rg/crystal.rs"]
 mod crystal;

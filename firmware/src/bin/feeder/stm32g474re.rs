@@ -5,6 +5,7 @@ use embassy_stm32::flash::Flash;
 use embassy_stm32::pac::wwdg::vals::Wdgtb;
 use embassy_stm32::peripherals::{ADC1, FLASH};
 use embassy_stm32::{Peri, Peripherals, interrupt, pac};
+use flash::Pages;
 use kband_control::wire::SetUp;
 use kband_firmware::hardware::chip::{Chip, Memory, supply_crossed, watch_supply};
 use kband_firmware::hardware::cortex::{remembers_running, waiting_faults};
@@ -14,8 +15,6 @@ use kband_firmware::storage::store::{Records, StoreFailed};
 use kband_firmware::update::{Slot, Writer};
 use kband_loader::layout::stm32g474::{BOARD, NOTE, SLOT};
 use kband_loader::note::Note;
-
-use flash::Pages;
 
 #[path = "stm32g474re/flash.rs"]
 mod flash;

@@ -3,7 +3,6 @@
 
 use core::hint::black_box;
 use core::sync::atomic::{AtomicU16, Ordering};
-
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_semihosting::{heprint, heprintln};
@@ -12,7 +11,6 @@ use kband_firmware::application::Sampler;
 use kband_firmware::board::{Drive, Sense};
 use kband_firmware::exchange::Exchange;
 use kband_firmware::station::Station;
-use kband_firmware::watch::{Roll, Watched};
 use kband_plant::Bench;
 
 /// Full range of SysTick: 16.7 million ticks, 99 million instructions.
@@ -21,7 +19,6 @@ const FULL: u32 = 0x00ff_ffff;
 const CYCLES: u32 = 20;
 
 static EXCHANGE: Exchange = Exchange::empty();
-static ROLL: Roll = Roll::of(&[Watched::Samples]);
 
 static READING: AtomicU16 = AtomicU16::new(0);
 
@@ -183,7 +180,7 @@ fn count_samples(name: &str, signal: Signal, bench: &mut Bench) {
     let mut cycles = 0;
     let empty = (0..1000).map(|_| lap(&mut || ())).sum::<u32>();
     let mut path = signal.clone();
-    let mut sampler = Sampler::new(signal, Reading, LastOutput(0.0), &EXCHANGE, &ROLL);
+    let mut sampler = Sampler::new(signal, Reading, LastOutput(0.0), &EXCHANGE);
     let (mut sum, mut max_ticks, mut samples) = (0, 0, 0_u32);
     while cycles < CYCLES {
         let code = black_box(bench.sample());

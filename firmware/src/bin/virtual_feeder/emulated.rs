@@ -1,8 +1,10 @@
 //! The emulated board: the bench replaces converter and power stage, semihosting replaces pins.
 
+use crate::count::count;
+use crate::flash::FlashFile;
+use crate::serial::{self, Serial};
 use core::cell::RefCell;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-
+use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::peripheral::NVIC;
 use cortex_m_rt::exception;
 use cortex_m_semihosting::{debug, heprintln, syscall1};
@@ -17,7 +19,7 @@ use kband::feeder::OutOfRange;
 use kband_control::wire::{Pin, SetUp};
 use kband_control::{AdcCode, Inputs, Report, Signal, Target};
 use kband_firmware::application::{Sampler, control};
-use kband_firmware::board::{Drive, Monitor, Panel, Sense};
+use kband_firmware::board::{Drive, Panel, Sense};
 use kband_firmware::bus::bus;
 use kband_firmware::bus::uart::{self, Uart};
 use kband_firmware::exchange::Exchange;
@@ -30,17 +32,13 @@ use kband_firmware::link::{Image, Service, link};
 use kband_firmware::start::ResetCause;
 use kband_firmware::station::Station;
 use kband_firmware::storage::last_words::LastWords;
-use kband_firmware::storage::store::{Condition, LoadedSettings, Records};
+use kband_firmware::storage::store::{LoadedSettings, Records};
 use kband_firmware::storage::waiting::Waiting;
 use kband_firmware::trial::{TraceRow, Trial};
-use kband_firmware::watch::{Roll, Watched};
+use kband_firmware::watch::Watched;
 use kband_plant::{Bench, Scene};
 use static_cell::StaticCell;
 use systick_timer::SystickDriver;
-
-use crate::count::count;
-use crate::flash::FlashFile;
-use crate::serial::{self, Serial};
 
 /// SysTick's clock in QEMU's machine, Hz.
 const CORE_CLOCK: u64 = 168_000_000;
@@ -48,11 +46,9 @@ const CORE_CLOCK: u64 = 168_000_000;
 const BUS_CLOCK: u32 = 42_000_000;
 /// Factor by which silence on the emulated line is longer: a busy desk delays bytes by some ms.
 const BUS_SLOWNESS: u32 = 16;
-/// Reload of the sample timer: 25 us at QEMU's 1 GHz, which does not affect the samples.
-const SAMPLE_TICKS: u16 = 25_000 - 1;
-/// Largest number of samples in a millisecond with a desk on the link: the board's sample rate.
+/// Largest number of samples in a millisecond: the board's sample rate.
 const SAMPLES_A_MILLISECOND: u32 = 20;
-/// Number of interrupts until the emulated watchdog ends the run: half a second of emulated time.
+/// Number of samples until the emulated watchdog ends the run: one second of emulated time.
 const WATCHDOG_SAMPLES: u32 = 20_000;
 const GET_CMDLINE: usize = 0x15;
 
@@ -61,7 +57,6 @@ embassy_time_driver::time_driver_impl!(static TIME: SystickDriver<4> =
 
 defmt::timestamp!("{=u64:ms}", Instant::now().as_millis());
 
-static ROLL: Roll = Roll::of(&[Watched::Samples, Watched::Cycle]);
 static EXCHANGE: Exchange = Exchange::empty();
 static STATION: StaticCell<Station> = StaticCell::new();
 static UNFED_SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -130,18 +125,15 @@ impl Panel for Bed {
     }
 }
 
-/// Number of trace rows to print before the run ends; `None` prints nothing and runs on.
-struct Trace(Option<u32>);
-
-impl Monitor for Trace {
-    fn report(&mut self, report: &Report, _ready: bool) {
-        log::report(report);
-        if let Some(remaining) = &mut self.0 {
-            heprintln!("{}", TraceRow(report));
-            *remaining -= 1;
-            if *remaining == 0 {
-                finish(true);
-            }
+/// Prints a row of the trace and ends the run after the last of `remaining` rows; `None` prints
+/// nothing and runs on.
+fn trace(report: &Report, remaining: &mut Option<u32>) {
+    log::report(report);
+    if let Some(remaining) = remaining {
+        heprintln!("{}", TraceRow(report));
+        *remaining -= 1;
+        if *remaining == 0 {
+            finish(true);
         }
     }
 }
@@ -150,15 +142,6 @@ impl Monitor for Trace {
 type Memory = Records<FlashFile, Waiting>;
 
 /// Takes one sample. In the emulator it has no deadline: the next sample waits.
-#[interrupt]
-fn TIM3() {
-    pac::TIM3.sr().modify(|status| status.set_uif(false));
-    sample();
-}
-
-/// Whether SysTick triggers the samples. Without `-icount` QEMU's TIM3 sometimes stops for seconds.
-static BY_MILLISECOND: AtomicBool = AtomicBool::new(false);
-
 fn sample() {
     if UNFED_SAMPLES.fetch_add(1, Ordering::Relaxed) >= WATCHDOG_SAMPLES {
         cortex_m::interrupt::disable();
@@ -166,7 +149,7 @@ fn sample() {
         finish(false);
     }
     // A pause of the samples is not a failure, so the interrupt checks in.
-    ROLL.check_in(Watched::Samples);
+    EXCHANGE.roll.check_in(Watched::Samples);
     if EXCHANGE.is_unfinished() {
         return;
     }
@@ -183,10 +166,8 @@ fn sample() {
 fn SysTick() {
     TIME.systick_interrupt();
     EXCHANGE.bus.poll(count_millisecond() / BUS_SLOWNESS);
-    if BY_MILLISECOND.load(Ordering::Relaxed) {
-        for _ in 0..SAMPLES_A_MILLISECOND {
-            sample();
-        }
+    for _ in 0..SAMPLES_A_MILLISECOND {
+        sample();
     }
 }
 
@@ -199,12 +180,13 @@ fn UART4() {
 #[embassy_executor::task]
 async fn fieldbus(station: &'static Station) {
     let port = Uart::with_clock(&EXCHANGE.bus, BUS_CLOCK);
-    bus(&EXCHANGE.bus, port, station, IDENTITY).await;
+    bus(port, station, IDENTITY).await;
 }
 
 #[embassy_executor::task]
-async fn drive_cycle(station: &'static Station, trace: Trace) {
-    control(station, &EXCHANGE, &ROLL, Bed, trace).await;
+async fn drive_cycle(station: &'static Station, mut rows: Option<u32>) {
+    let observe = |report: &Report, _| trace(report, &mut rows);
+    control(station, Bed, observe).await;
 }
 
 #[embassy_executor::task]
@@ -216,7 +198,7 @@ async fn desk_link(station: &'static Station, memory: Memory, pin: Option<Pin>) 
 #[embassy_executor::task]
 async fn supervise() {
     loop {
-        if ROLL.complete() {
+        if EXCHANGE.roll.complete() {
             UNFED_SAMPLES.store(0, Ordering::Relaxed);
         }
         Timer::after_millis(10).await;
@@ -282,8 +264,8 @@ fn count_with_bench(core: &mut cortex_m::Peripherals, signal: Signal, station: &
 /// Builds the sample interrupt in its static memory.
 #[inline(never)]
 fn place_sampler(signal: Signal) {
-    // SAFETY: the sample interrupt is still masked.
-    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE, &ROLL)) };
+    // SAFETY: SysTick, which takes the samples, does not run yet.
+    unsafe { SAMPLER.put(Sampler::new(signal, Bed, Bed, &EXCHANGE)) };
 }
 
 /// Starts everything. In `main`, the future would keep the space of each local for the whole run.
@@ -294,12 +276,7 @@ fn begin(spawner: Spawner) {
     let (word, file) = words.split_once(' ').unwrap_or((words, ""));
     heprintln!("kband {}", IDENTITY);
     log::start(ResetCause::Power, &LastWords::EMPTY);
-    let trial = match word {
-        "count" => Trial::ALL.first().copied(),
-        "link" => Some(Trial::LINK),
-        "run" => Some(Trial::RUN),
-        name => Trial::named(name),
-    };
+    let trial = Trial::named(if word == "count" { "default" } else { word });
     let Some((trial, mut core)) = trial.zip(cortex_m::Peripherals::take()) else {
         heprintln!("no trial {}", word);
         finish(false);
@@ -314,11 +291,7 @@ fn begin(spawner: Spawner) {
         finish(false);
     };
     let loaded = if file.is_empty() {
-        LoadedSettings {
-            settings: scene.settings,
-            target: scene.target,
-            ..LoadedSettings::none(Condition::Whole)
-        }
+        LoadedSettings::whole(scene.settings, scene.target)
     } else {
         block_on(memory.load())
     };
@@ -332,23 +305,16 @@ fn begin(spawner: Spawner) {
         count_with_bench(&mut core, signal, station);
     }
     place_sampler(signal);
-    let linked = matches!(word, "link" | "run");
-    BY_MILLISECOND.store(linked, Ordering::Relaxed);
     TIME.start(&mut core.SYST);
-    if !linked {
-        pac::TIM3.arr().write(|reload| reload.set_arr(SAMPLE_TICKS));
-        pac::TIM3.dier().modify(|enable| enable.set_uie(true));
-        pac::TIM3.cr1().modify(|control| control.set_cen(true));
-        // SAFETY: no critical section relies on this interrupt's mask.
-        unsafe { NVIC::unmask(pac::Interrupt::TIM3) };
-    } else {
+    let linked = matches!(word, "link" | "run");
+    if linked {
         serial::start();
         // SAFETY: no critical section relies on this interrupt's mask.
         unsafe { NVIC::unmask(pac::Interrupt::UART4) };
         spawner.spawn(desk_link(station, memory, loaded.pin).expect("spawned once"));
         spawner.spawn(fieldbus(station).expect("spawned once"));
     }
-    let trace = Trace((!linked).then_some(trial.cycles));
-    spawner.spawn(drive_cycle(station, trace).expect("spawned once"));
+    let rows = (!linked).then_some(trial.cycles);
+    spawner.spawn(drive_cycle(station, rows).expect("spawned once"));
     spawner.spawn(supervise().expect("spawned once"));
 }

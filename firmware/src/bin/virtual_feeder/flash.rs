@@ -58,16 +58,6 @@ impl FlashFile {
         // SAFETY: SYS_WRITE reads this many bytes and returns how many it did not write.
         whole(unsafe { syscall!(WRITE, handle, bytes.as_ptr(), bytes.len()) })
     }
-
-    fn get(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        if self.handle.is_none() {
-            bytes.fill(0xff);
-            return Ok(());
-        }
-        let handle = self.seek(offset)?;
-        // SAFETY: SYS_READ writes at most this many bytes and returns how many it did not.
-        whole(unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) })
-    }
 }
 
 /// Requires that an operation left no bytes.
@@ -83,7 +73,13 @@ impl ReadNorFlash for FlashFile {
     const READ_SIZE: usize = 1;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        self.get(offset, bytes)
+        if self.handle.is_none() {
+            bytes.fill(0xff);
+            return Ok(());
+        }
+        let handle = self.seek(offset)?;
+        // SAFETY: SYS_READ writes at most this many bytes and returns how many it did not.
+        whole(unsafe { syscall!(READ, handle, bytes.as_mut_ptr(), bytes.len()) })
     }
 
     fn capacity(&self) -> usize {
@@ -107,7 +103,7 @@ impl NorFlash for FlashFile {
         let mut word = [0; Self::WRITE_SIZE];
         let words = bytes.chunks_exact(Self::WRITE_SIZE);
         for (offset, bytes) in (offset..).step_by(Self::WRITE_SIZE).zip(words) {
-            self.get(offset, &mut word)?;
+            self.read(offset, &mut word).await?;
             for (old, new) in word.iter_mut().zip(bytes) {
                 *old &= new;
             }

@@ -1,7 +1,7 @@
 //! The application on QEMU's `olimex-stm32-h405`, with the plant compiled in.
 //!
-//! The timer's interrupt pauses until the control of a cycle is finished. So the emulator's speed
-//! does not affect the result: the trace equals the desk's, bit for bit.
+//! The samples pause until the control of a cycle is finished. So the emulator's speed does not
+//! affect the result: the trace equals the desk's, bit for bit.
 //!
 //! The first word on the semihosting command line selects the run:
 //!

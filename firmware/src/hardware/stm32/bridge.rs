@@ -1,5 +1,6 @@
 //! The half bridge on TIM1, its break input, and the output as a voltage.
 
+use crate::board::Drive;
 use embassy_stm32::dac::{DacChannel, Value};
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::mode::Blocking;
@@ -12,8 +13,6 @@ use embassy_stm32::timer::simple_pwm::PwmPin;
 use embassy_stm32::timer::{BkIn1, BreakInputPin, Channel};
 use embassy_stm32::{Peri, pac};
 use kband_control::SAMPLE_RATE;
-
-use crate::board::Drive;
 
 /// Dead time of the half bridge, ns: neither switch conducts.
 const DEAD_TIME: u32 = 1_000;

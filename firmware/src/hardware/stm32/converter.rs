@@ -1,13 +1,12 @@
 //! The converter of acceleration and current, and the enable input of each sample.
 
+use super::inputs::enable_contact;
+use crate::board::Sense;
+use crate::inputs::enable::Contact;
 use embassy_stm32::adc::{Adc, AdcChannel, InjectedAdc, SampleTime};
 use embassy_stm32::peripherals::{ADC1, PA1, PC0};
 use embassy_stm32::{Peri, pac};
 use kband_control::AdcCode;
-
-use super::inputs::enable_contact;
-use crate::board::Sense;
-use crate::inputs::enable::Contact;
 
 /// The accelerometer on PA1, converted at TIM1's update, then the current sensor on PC0.
 pub struct Converter {

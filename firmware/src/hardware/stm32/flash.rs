@@ -1,12 +1,10 @@
 //! The flash: check of the image, erasure and programming.
 
+use super::watchdogs::{ERASURE_PERIOD, WINDOW_FED, change_period, restart_sample_count};
 use core::hint::black_box;
 use core::ptr::{read_volatile, write_volatile};
-
 use embassy_stm32::flash::Error;
 use embassy_stm32::pac;
-
-use super::watchdogs::{ERASURE_PERIOD, WINDOW_FED, change_period, restart_sample_count};
 
 /// Data register of the CRC unit (RM0090, 4.4; RM0440, 16.4; the same on both).
 const CRC_DATA: *mut u32 = 0x4002_3000 as *mut u32;

@@ -1,15 +1,14 @@
 //! Inputs of the terminals: enable, thermal switch, recipe selection, and the strap of the link.
 
+use super::bridge::broken;
+use crate::board::Panel;
+use crate::hardware::cortex::stack_low;
+use crate::inputs::enable::Contact;
 use cortex_m::peripheral::DWT;
 use embassy_stm32::gpio::{AnyPin, Input, Pull};
 use embassy_stm32::peripherals::{PB0, PB1, PC1, PC6, PC7, PC8};
 use embassy_stm32::{Peri, pac};
 use kband_control::Inputs;
-
-use super::bridge::broken;
-use crate::board::Panel;
-use crate::hardware::cortex::stack_low;
-use crate::inputs::enable::Contact;
 
 /// Pin number of the enable input on port B; also its EXTI line.
 const ENABLE: usize = 0;

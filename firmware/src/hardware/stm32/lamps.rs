@@ -1,12 +1,10 @@
 //! The lamps READY and FAULT.
 
+use crate::hardware::log;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Level, Output, Speed};
 use embassy_stm32::peripherals::{PB11, PC2};
 use kband_control::Report;
-
-use crate::board::Monitor;
-use crate::hardware::log;
 
 /// Outputs: ready on PC2 (the target is met), fault on PB11.
 pub struct Lamps {
@@ -22,10 +20,9 @@ impl Lamps {
             fault: Output::new(fault, Level::Low, Speed::Low),
         }
     }
-}
 
-impl Monitor for Lamps {
-    fn report(&mut self, report: &Report, ready: bool) {
+    /// Shows the report of a drive cycle, and whether the target is met; logs its events.
+    pub fn report(&mut self, report: &Report, ready: bool) {
         self.ready.set_level(ready.into());
         self.fault.set_level(report.fault.is_some().into());
         log::report(report);

@@ -16,4 +16,4 @@ pub use flash::{erase_page, erase_pages, image_is_valid, program_words};
 pub use inputs::{Terminals, pull_inputs_up, recipe_inputs, strapped};
 pub use lamps::Lamps;
 pub use serial::{LINE_RATE, Serial};
-pub use watchdogs::{IndependentWatchdog, count_sample, start_window_watchdog};
+pub use watchdogs::{count_sample, feed_watchdog, start_watchdog, start_window_watchdog};

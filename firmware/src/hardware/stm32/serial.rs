@@ -1,7 +1,7 @@
 //! The serial port of the link.
 
+use crate::link::Line;
 use core::task::Poll;
-
 use embassy_futures::poll_once;
 use embassy_stm32::Peri;
 use embassy_stm32::interrupt::{self, typelevel::Binding};
@@ -9,8 +9,6 @@ use embassy_stm32::peripherals::{PA2, PA3, USART2};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, ConfigError};
 use embassy_time::Timer;
 use embedded_io_async::{Read, Write};
-
-use crate::link::Line;
 
 /// Rate of the link, bytes a second: 115200 baud, ten bits a byte.
 pub const LINE_RATE: u32 = 11_520;

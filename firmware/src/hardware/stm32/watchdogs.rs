@@ -1,7 +1,6 @@
 //! The independent watchdog of the tasks, and the window watchdog of the samples.
 
 use core::sync::atomic::{AtomicU8, Ordering};
-
 use embassy_stm32::pac;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::wwdg::regs::Cr;
@@ -15,28 +14,22 @@ pub(super) const ERASURE_PERIOD: (Pr, u16) = (Pr::DIVIDE_BY256, 0xfff);
 /// five of its cycles: 0.3 ms at the 170 MHz of the fastest board.
 const TRANSFER_CYCLES: u32 = 51_000;
 
-/// The independent watchdog.
-pub struct IndependentWatchdog;
+/// Starts the independent watchdog, on its own oscillator; only a reset stops it.
+pub fn start_watchdog() {
+    pac::IWDG.kr().write(|key| key.set_key(Key::START));
+    set_period(PERIOD);
+}
 
-impl IndependentWatchdog {
-    /// Starts the watchdog, on its own oscillator; only a reset stops it.
-    pub fn start() -> Self {
-        pac::IWDG.kr().write(|key| key.set_key(Key::START));
-        set_period(PERIOD);
-        Self
-    }
-
-    /// Defers the reset by another period.
-    pub fn feed(&mut self) {
-        pac::IWDG.kr().write(|key| key.set_key(Key::RESET));
-    }
+/// Defers the reset by the independent watchdog by another period.
+pub fn feed_watchdog() {
+    pac::IWDG.kr().write(|key| key.set_key(Key::RESET));
 }
 
 /// Sets prescaler and reload of the independent watchdog and feeds it.
 pub(super) fn change_period(period: (Pr, u16)) {
     set_period(period);
     cortex_m::asm::delay(TRANSFER_CYCLES);
-    IndependentWatchdog.feed();
+    feed_watchdog();
 }
 
 fn set_period((prescaler, reload): (Pr, u16)) {

@@ -1,9 +1,8 @@
 //! No request may start a machine, or clear a fault, a latch or a lock-out.
 
-use kband::arithmetic::Noise;
-
 use super::*;
 use crate::testing::seed;
+use kband::arithmetic::Noise;
 
 const SEQUENCES: u32 = 100_000;
 const MAX_SEQUENCE: u32 = 40;

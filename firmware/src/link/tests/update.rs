@@ -1,19 +1,16 @@
 //! Tests of an update over the link, with a slot in the desk's memory.
 
+use super::*;
+use crate::testing::with;
+use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
+use UpdateRefusal::*;
+use UpdateRequest::{Confirm, End, Key};
 use core::cell::RefCell;
-use std::{thread_local, vec};
-
 use kband_control::wire::{
     MAX_UPDATES_PER_START, UpdateAnswer, UpdateRefusal, UpdateRequest, write_update_request,
 };
 use salty::{Keypair, Sha512};
-
-use UpdateRefusal::*;
-use UpdateRequest::{Confirm, End, Key};
-
-use super::*;
-use crate::testing::with;
-use crate::update::{SecondSlot, Slot, TRIAL_S, Writer};
+use std::{thread_local, vec};
 
 /// Size of the slot and of its sectors, bytes.
 const SIZE: u32 = 1536;
@@ -47,39 +44,33 @@ const SLOT: Slot = Slot {
     writer: Writer::Program(SECOND_SLOT),
 };
 
+/// Does the work of the function `name`; returns whether it succeeds.
+fn attempt(name: &str, work: impl FnOnce(&mut Flash)) -> bool {
+    flash(work);
+    flash(|flash| flash.fails != name)
+}
+
 const SECOND_SLOT: SecondSlot = SecondSlot {
     sector: SECTOR,
     erase: |offset| {
-        flash(|flash| {
+        attempt("erase", |flash| {
             flash.bytes[offset as usize..][..SECTOR as usize].fill(0xff);
             flash.erased.push(offset);
-            flash.fails != "erase"
         })
     },
     write: |offset, bytes| {
-        flash(|flash| {
+        attempt("write", |flash| {
             let place = &mut flash.bytes[offset as usize..][..bytes.len()];
             assert!(place.iter().all(|byte| *byte == 0xff), "it is erased");
             place.copy_from_slice(bytes);
-            flash.fails != "write"
         })
     },
     read: |offset, bytes| {
         flash(|flash| bytes.copy_from_slice(&flash.bytes[offset as usize..][..bytes.len()]));
     },
     on_trial: || flash(|flash| flash.on_trial),
-    mark: || {
-        flash(|flash| {
-            flash.marked = true;
-            flash.fails != "mark"
-        })
-    },
-    confirm: || {
-        flash(|flash| {
-            flash.on_trial = flash.fails == "confirm";
-            !flash.on_trial
-        })
-    },
+    mark: || attempt("mark", |flash| flash.marked = true),
+    confirm: || attempt("confirm", |flash| flash.on_trial = flash.fails == "confirm"),
     has_room: || flash(|flash| !flash.full),
 };
 
@@ -98,10 +89,11 @@ fn signature(image: &[u8], board: &str) -> [u8; 64] {
     keypair().sign(&sum.finalize()).to_bytes()
 }
 
-const BEGIN: UpdateRequest<'static> = UpdateRequest::Begin {
-    board: "stm32f405rg",
-    length: SIZE - 8,
-};
+const BEGIN: UpdateRequest<'static> = begin("stm32f405rg", SIZE - 8);
+
+const fn begin(board: &str, length: u32) -> UpdateRequest<'_> {
+    UpdateRequest::Begin { board, length }
+}
 
 fn bytes(image: &[u8], offset: usize) -> UpdateRequest<'_> {
     UpdateRequest::Bytes {
@@ -229,7 +221,6 @@ fn requests_out_of_order_or_range_change_nothing() {
     let mut board = board(false);
     let image = image();
     refused(&mut board, &bytes(&image, 0), Order(0));
-    let begin = |board, length| UpdateRequest::Begin { board, length };
     for (request, cause) in [
         (begin("stm32g474re", 8), OtherBoard),
         (begin("", 8), OtherBoard),
@@ -399,11 +390,7 @@ fn a_chip_with_one_slot_restarts_into_its_loader() {
         ..SLOT
     };
     let mut board = board_with(loader, false);
-    let other = UpdateRequest::Begin {
-        board: "stm32g474re",
-        length: 8,
-    };
-    refused(&mut board, &other, OtherBoard);
+    refused(&mut board, &begin("stm32g474re", 8), OtherBoard);
     for request in [bytes(&image(), 0), End(&[0; 64])] {
         refused(&mut board, &request, Order(0));
     }

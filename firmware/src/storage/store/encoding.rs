@@ -45,6 +45,35 @@ impl Words<'_> {
     pub fn number(&mut self) -> Option<f32> {
         self.next().map(f32::from_bits)
     }
+
+    /// The target; `None` for a kind unknown to this firmware.
+    pub fn target(&mut self) -> Option<Target> {
+        let (kind, number) = (self.next()?, self.next()?);
+        let mut tone = || Some(UpperTone::new(self.number()?, self.number()?));
+        let shape = Shape::new(tone()?, tone()?);
+        let (order, value) = (u8::try_from(number).ok(), f32::from_bits(number));
+        Some(match kind {
+            0 => Target::Locked { order: order? },
+            1 => Target::Chaotic,
+            2 => Target::K(value),
+            3 => Target::Amplitude(value),
+            4 => Target::Speed(value),
+            5 => Target::Identify,
+            6 => Target::Gear { order: order? },
+            7 => Target::Tones { k: value, shape },
+            8 => Target::Flow(value),
+            9 => Target::PartsPerMinute(value),
+            _ => return None,
+        })
+    }
+
+    /// The PIN, if one is set; the outer `None` for a number that is not a PIN.
+    pub fn pin(&mut self) -> Option<Option<Pin>> {
+        match self.next()? {
+            0 => Some(None),
+            number => Pin::from_number(number).map(Some),
+        }
+    }
 }
 
 pub fn put(content: &mut [u8], words: impl IntoIterator<Item = u32>) {
@@ -94,35 +123,4 @@ pub fn target_words(target: Target) -> impl Iterator<Item = u32> {
     let tones = tones.tones();
     let tones = tones.map(|tone| [tone.ratio.to_bits(), tone.phase.to_bits()]);
     ([kind, number].into_iter()).chain(tones.into_iter().flatten())
-}
-
-impl Words<'_> {
-    /// The target; `None` for a kind unknown to this firmware.
-    pub fn target(&mut self) -> Option<Target> {
-        let (kind, number) = (self.next()?, self.next()?);
-        let mut tone = || Some(UpperTone::new(self.number()?, self.number()?));
-        let shape = Shape::new(tone()?, tone()?);
-        let (order, value) = (u8::try_from(number).ok(), f32::from_bits(number));
-        Some(match kind {
-            0 => Target::Locked { order: order? },
-            1 => Target::Chaotic,
-            2 => Target::K(value),
-            3 => Target::Amplitude(value),
-            4 => Target::Speed(value),
-            5 => Target::Identify,
-            6 => Target::Gear { order: order? },
-            7 => Target::Tones { k: value, shape },
-            8 => Target::Flow(value),
-            9 => Target::PartsPerMinute(value),
-            _ => return None,
-        })
-    }
-
-    /// The PIN, if one is set; the outer `None` for a number that is not a PIN.
-    pub fn pin(&mut self) -> Option<Option<Pin>> {
-        match self.next()? {
-            0 => Some(None),
-            number => Pin::from_number(number).map(Some),
-        }
-    }
 }

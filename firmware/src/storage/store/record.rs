@@ -17,12 +17,11 @@
 //!
 //! The recipes ([`crate::storage::recipes`]) are at the record's end.
 
-use kband_control::wire::Pin;
-use kband_control::{Settings, Target};
-
 use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, target_words};
 use super::{CONTENT, Condition, LoadedSettings, version_3};
 use crate::storage::recipes;
+use kband_control::wire::Pin;
+use kband_control::{Settings, Target};
 
 /// Version of a record's format and meaning; raised when a setting changes its meaning.
 const VERSION: u32 = 4;
@@ -127,10 +126,8 @@ fn decode_pairs(mut words: Words<'_>) -> Result<LoadedSettings, Condition> {
         added &= !(1 << number);
     }
     Ok(LoadedSettings {
-        settings,
-        target,
         pin,
-        condition: Condition::Whole,
         added,
+        ..LoadedSettings::whole(settings, target)
     })
 }

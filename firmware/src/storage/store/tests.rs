@@ -161,12 +161,7 @@ fn changed(factor: f32) -> Settings {
 }
 
 fn valid(settings: Settings, target: Target, pin: Option<Pin>) -> LoadedSettings {
-    LoadedSettings {
-        settings,
-        target,
-        pin,
-        ..LoadedSettings::none(Condition::Whole)
-    }
+    with(LoadedSettings::whole(settings, target), |it| it.pin = pin)
 }
 
 fn saved<const PAGE: usize>(settings: &Settings, target: Target) -> Memory<PAGE> {
@@ -257,7 +252,7 @@ fn content<const PAGE: usize>(store: &mut Memory<PAGE>) -> Content {
 fn cut_everywhere<const PAGE: usize>(
     base: &Nor<PAGE>,
     open: fn(Nor<PAGE>) -> Memory<PAGE>,
-    change: impl Fn(&mut Memory<PAGE>, u8) -> Result<(), StoreFailed>,
+    change: impl Fn(&mut Memory<PAGE>, u8) -> Result,
     words: impl Iterator<Item = usize>,
     second: &[usize],
 ) {
@@ -298,7 +293,7 @@ fn cut_everywhere<const PAGE: usize>(
 }
 
 /// The save of this number in a test of power cuts.
-fn save<const PAGE: usize>(store: &mut Memory<PAGE>, number: u8) -> Result<(), StoreFailed> {
+fn save<const PAGE: usize>(store: &mut Memory<PAGE>, number: u8) -> Result {
     let settings = changed(0.99 - 0.001 * f32::from(number));
     block_on(store.save(&settings, Target::Locked { order: 2 }, Pin::parse("0420")))
 }

@@ -1,9 +1,8 @@
 //! One target under libFuzzer, selected by `KBAND_FUZZ`.
 #![no_main]
 
-use std::sync::OnceLock;
-
 use kband_fuzz::Target;
+use std::sync::OnceLock;
 
 static TARGET: OnceLock<&Target> = OnceLock::new();
 

@@ -4,8 +4,6 @@
 mod one_slot;
 mod two_slots;
 
-use std::sync::OnceLock;
-
 use kband_control::Target;
 use kband_control::wire::{MAX_UPDATE_BYTES, SavedSettings, UpdateRefusal, UpdateRequest, crc32};
 use kband_machines::chip::flash::START;
@@ -15,6 +13,7 @@ use kband_machines::hazards::Hazard;
 use kband_machines::images::{feeder_on, symbol};
 use kband_machines::rig::{Act, Rig, ticks};
 use salty::{Keypair, Sha512};
+use std::sync::OnceLock;
 
 fn keypair() -> Keypair {
     Keypair::from(&[7; 32])

@@ -2,20 +2,17 @@
 //!
 //! `KBAND_EVERY_CUT=1` cuts the power at every flash operation, instead of a random sample.
 
-use std::sync::LazyLock;
-
-use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
+use super::{
+    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
+    rig_with_key, runs_other, send, signature, sum,
+};
+use kband_control::wire::{MAX_UPDATE_BYTES, Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
 use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
-
-use super::{
-    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
-    rig_with_key, runs_other, send, signature, sum,
-};
-use kband_control::wire::MAX_UPDATE_BYTES;
+use std::sync::LazyLock;
 
 const KIND: Kind = Kind::Stm32g474;
 const BOARD: &str = "stm32g474re";
@@ -116,11 +113,8 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
     header.board = "stm32f405rg";
     let refused = rig.update(&header.request());
     assert_eq!(refused, Err(UpdateRefusal::OtherBoard));
-    let bytes = UpdateRequest::Bytes {
-        offset: 0,
-        bytes: &image[..256],
-    };
-    assert_eq!(rig.update(&bytes), Err(UpdateRefusal::Order(0)));
+    let first = send(&mut rig, &image[..256]);
+    assert_eq!(first, Err(UpdateRefusal::Order(0)));
     // The desk is silent: the old image starts again, without a fault.
     let from = rig.time();
     rig.run(from + 9.5);
@@ -194,11 +188,11 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
     let chunks = offsets.zip(other.chunks(MAX_UPDATE_BYTES));
     let bytes = chunks.map(|(offset, bytes)| UpdateRequest::Bytes { offset, bytes });
     let requests: Vec<_> = [header.request()].into_iter().chain(bytes).collect();
-    let requests = &requests[..if every {
+    let count = if every {
         requests.len()
     } else {
         DEFAULT_REQUESTS
-    }];
+    };
     let mut cuts = 0;
     let mut cut = |rig: &Rig, request: &UpdateRequest<'_>, cut: u64, keeps_image: bool| {
         let mut rig = rig.clone();
@@ -221,7 +215,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         assert_eq!(rig.find_time(began, &Event::Bridge(true)), None);
         cuts += 1;
     };
-    for (number, request) in requests.iter().enumerate() {
+    for (number, request) in requests[..count].iter().enumerate() {
         let mut next = rig.clone();
         assert_eq!(next.update(request), Ok(()));
         for operation in 1..=next.chip.operations() - rig.chip.operations() {

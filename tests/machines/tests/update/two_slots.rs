@@ -3,20 +3,18 @@
 //!
 //! `KBAND_CUTS=N` makes N times as many random cuts.
 
-use std::ops::Range;
-use std::sync::LazyLock;
-
+use super::{
+    await_image, begin, drives, other_program, power_cycle, program, rig_with_key, runs_other,
+    send, signature,
+};
 use kband_control::wire::{Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
 use kband_machines::draw::Draw;
 use kband_machines::rig::{Act, Rig};
-
-use super::{
-    await_image, begin, drives, other_program, power_cycle, program, rig_with_key, runs_other,
-    send, signature,
-};
+use std::ops::Range;
+use std::sync::LazyLock;
 
 const BOARD: &str = "stm32f405rg";
 /// Lower bound of the number of flash operations in a swap of these programs.
@@ -106,12 +104,10 @@ fn an_invalid_update_is_refused_and_the_old_image_drives() {
     let driven = rig.amplitude();
     assert!((driven - 0.2).abs() < 0.01, "{driven}");
     let operations = rig.chip.operations();
+    let (offset, bytes) = (0, &image[..256]);
     for request in [
         begin(BOARD, image.len()),
-        UpdateRequest::Bytes {
-            offset: 0,
-            bytes: &image[..256],
-        },
+        UpdateRequest::Bytes { offset, bytes },
         UpdateRequest::End(&end),
         UpdateRequest::Key(&[1; 32]),
         UpdateRequest::Confirm,

@@ -4,13 +4,12 @@
 //! has one flash bank: during an erasure of up to 2 s it cannot fetch from any sector. Code in RAM
 //! waits for the end, with interrupts off and the drive off, and feeds the window watchdog.
 
+use super::Board;
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac;
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::hardware::chip::Chip;
 use kband_firmware::hardware::stm32::{erase_page, erase_pages, program_words};
-
-use super::Board;
 
 /// Size of a page, bytes.
 pub const PAGE: u32 = 16 * 1024;

@@ -1,5 +1,7 @@
 //! The slot for an update in sectors 8 to 11, and its marks in sector 0.
 
+use super::Board;
+use super::flash::erase_sector;
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::peripherals::FLASH;
 use kband_firmware::hardware::chip::Chip;
@@ -7,9 +9,6 @@ use kband_firmware::hardware::stm32::program_words;
 use kband_firmware::update::{SecondSlot, Slot, Writer};
 use kband_loader::StatePages;
 use kband_loader::layout::{ACTIVE, FIRST_SECTOR, SECTOR, STATE, UPDATE};
-
-use super::Board;
-use super::flash::erase_sector;
 
 const START: u32 = 0x0800_0000;
 

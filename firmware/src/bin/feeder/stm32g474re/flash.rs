@@ -1,8 +1,8 @@
 //! Pages of the second flash bank. Its words carry an error-correcting code: a word torn by a power
 //! cut causes an NMI when read.
 
+use super::Board;
 use core::sync::atomic::{AtomicBool, Ordering};
-
 use cortex_m::asm::dsb;
 use cortex_m_rt::exception;
 use embassy_stm32::flash::{Bank2Region, Blocking, Error};
@@ -12,8 +12,6 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use kband_firmware::hardware::chip::Chip;
 use kband_firmware::hardware::cortex::unexpected;
 use kband_firmware::hardware::stm32::{erase_page, erase_pages, forget_break, program_words};
-
-use super::Board;
 
 /// Size of a page with the flash in two banks, bytes.
 const SIZE: u32 = 2 * 1024;
