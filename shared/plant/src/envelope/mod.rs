@@ -7,7 +7,6 @@ mod load;
 mod onset;
 mod plant;
 mod powers;
-mod readings;
 mod recurrence;
 mod track_motion;
 mod upper;

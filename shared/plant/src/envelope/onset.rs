@@ -527,8 +527,6 @@ mod tests {
 
     /// Detections from sample `from` on and final median, of detector and closed form. Impacts of
     /// `height` (m/s^2) come from `next` on, every `spacing` samples; the drive turns by `theta`.
-    ///
-    /// Detections from sample `from` on, and final median, of the detector and of the closed form.
     fn onsets(
         height: f32,
         [mut next, spacing]: [f64; 2],

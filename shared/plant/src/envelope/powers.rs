@@ -8,7 +8,7 @@ const TABLE_SIZE: usize = 1 << TABLE_BITS;
 const TABLE_END: u64 = 1 << (2 * TABLE_BITS);
 
 /// `e^(log n)` for n = 0, 1, 2 ...
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Powers {
     log: Complex,
     /// Powers for exponents below 16, and for multiples of 16.

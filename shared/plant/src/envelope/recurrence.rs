@@ -242,16 +242,13 @@ impl Recurrence {
         self.steady = [tuning.forward * output, tuning.backward * output.conj()];
         self.transient = self.state - self.steady(self.began);
         self.reading = [tuning.steady * output, self.mode.reading * self.transient];
-        let shorter = u64::from(self.phase) + u64::from(step) * u64::from(self.samples_in_cycle(0));
+        let samples = self.tuning.cycles[0].samples;
+        let shorter = u64::from(self.phase) + u64::from(step) * u64::from(samples);
         self.longer = usize::from(shorter < 1 << 32);
     }
 
-    fn samples_in_cycle(&self, longer: usize) -> u32 {
-        self.tuning.cycles[longer].samples
-    }
-
     pub fn samples(&self) -> u32 {
-        self.samples_in_cycle(self.longer)
+        self.tuning.cycles[self.longer].samples
     }
 
     fn steady(&self, at: Complex) -> Complex {
