@@ -41,14 +41,12 @@ impl FlowChoice {
         };
         let flow_per_order = flow / f32::from(order);
         let flow_error = |order: u8| (flow_per_order * f32::from(order) - self.requested).abs();
-        let best = ORDERS.fold(order, |best, other| {
-            if flow_error(other) < flow_error(best) {
-                other
-            } else {
-                best
-            }
-        });
-        if best == order && flow_error(best) <= FLOW_TOLERANCE * self.requested {
+        // The present order wins a tie.
+        let orders = core::iter::once(order).chain(ORDERS);
+        let best = orders.min_by(|one, other| flow_error(*one).total_cmp(&flow_error(*other)));
+        let best = best.unwrap_or(order);
+        let serves = flow_error(best) <= FLOW_TOLERANCE * self.requested;
+        if best == order && serves {
             self.wrong_cycles = 0;
             return FlowStep::Stay;
         }
@@ -57,10 +55,10 @@ impl FlowChoice {
             return FlowStep::Stay;
         }
         self.wrong_cycles = 0;
-        if flow_error(best) > FLOW_TOLERANCE * self.requested {
-            FlowStep::None(flow_per_order * f32::from(best))
-        } else {
+        if serves {
             FlowStep::Order(best)
+        } else {
+            FlowStep::None(flow_per_order * f32::from(best))
         }
     }
 }

@@ -9,6 +9,7 @@ mod selection;
 mod setpoint;
 mod speed;
 
+pub use chaos::ChaosSearch;
 #[cfg(any(test, feature = "memo"))]
 pub use gear::GearPlanned;
 pub use gear::{GearSearch, drive_limits};

@@ -131,11 +131,6 @@ impl Selection {
         self.choice = Choice::level(Level::None(NoSetpoint::Chaos));
     }
 
-    /// The result of the finished search for chaos: its k, if there is one.
-    pub fn chaos_result(&self) -> Option<Option<f64>> {
-        self.chaos.as_ref().and_then(ChaosSearch::result)
-    }
-
     /// Restitutions and scatter of the lot: as configured, or as estimated for the plan of gear.
     pub fn lot(&self, settings: &Settings) -> Option<(Restitution, f32)> {
         if let Some(gear) = &self.gear {
@@ -208,8 +203,15 @@ impl Selection {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
                 self.speed = None;
-                let choice = choice.limited_to_reach(settings, scale);
-                self.choose(choice, settings, scale, events);
+                self.choice = choice.limited_to_reach(settings, scale);
+                match plan_kicks(&self.choice, settings, scale) {
+                    Ok(search) => self.search = search,
+                    // A lock without a plan of kicks is no setpoint.
+                    Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
+                }
+                if self.no_setpoint().is_some() {
+                    events.push(Event::NoSetpoint);
+                }
             }
             return true;
         }
@@ -230,18 +232,6 @@ impl Selection {
             return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
-    }
-
-    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
-        self.choice = choice;
-        match plan_kicks(&choice, settings, scale) {
-            Ok(search) => self.search = search,
-            // A lock without a plan of kicks is no setpoint.
-            Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
-        }
-        if self.no_setpoint().is_some() {
-            events.push(Event::NoSetpoint);
-        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! One drive cycle of a controller, step by step.
 
 use super::{Controller, Measured};
+use crate::aim::ChaosSearch;
 use crate::angle::radians_of;
 use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
 use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
@@ -131,11 +132,9 @@ impl Controller {
     }
 
     fn commands_finite(&self) -> bool {
-        let upper = self.tones.output();
-        let mut numbers = upper.as_flattened().iter();
-        self.output.is_finite()
-            && self.output_lead.is_finite()
-            && numbers.all(|part| part.is_finite())
+        let (first, upper) = ([self.output, self.output_lead], self.tones.output());
+        let mut numbers = first.iter().chain(upper.as_flattened());
+        numbers.all(|number| number.is_finite())
     }
 
     /// Estimates the load, and corrects the track's motion (m) for blanked impacts.
@@ -465,7 +464,7 @@ impl Controller {
             lock: self.selection.lock().map(|_| self.confidence()),
             regime: self.listener.regime.as_ref(),
             plan: self.selection.search.plan.as_ref(),
-            chaos: self.selection.chaos_result(),
+            chaos: self.selection.chaos.as_ref().and_then(ChaosSearch::result),
         };
         let decision = self.machine.advance(&observed, events);
         self.carry_out(decision);

@@ -127,9 +127,8 @@ pub fn write_update_answer<'b>(
 
 /// Encodes the identity request; its format never changes.
 pub fn write_identity_request(buffer: &mut FrameBuffer, sequence: u8) -> Encoded<'_> {
-    let mut inside = [0; MAX_INSIDE_BYTES];
-    inside[..2].copy_from_slice(&[FROZEN, sequence]);
-    finish(buffer, &mut inside, 2)
+    // A unit has no bytes.
+    write_message(buffer, [FROZEN, sequence], &())
 }
 
 /// Encodes the response to the identity request; its format never changes.
