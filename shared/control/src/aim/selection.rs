@@ -2,7 +2,7 @@
 
 use super::GearSearch;
 use super::chaos::ChaosSearch;
-use super::flow::{FlowChoice, FlowStep};
+use super::flow::FlowChoice;
 use super::kicks::KickSearch;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
@@ -18,7 +18,6 @@ use kband::regime::gear::GearPlan;
 /// Smallest acceptable predicted share of time in gear; below it an event is reported.
 pub const MIN_GEAR_SHARE: f32 = 0.7;
 
-/// The target, its setpoint, and its unfinished searches.
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub target: Target,
@@ -180,8 +179,8 @@ impl Selection {
             return;
         };
         match choice.cycle(self.order, flow) {
-            FlowStep::Stay => {}
-            FlowStep::Order(order) => match GearSearch::begin(order, settings, scale) {
+            None => {}
+            Some(Ok(order)) => match GearSearch::begin(order, settings, scale) {
                 Ok(Ok(search)) => {
                     self.order = order;
                     self.plan = None;
@@ -189,7 +188,7 @@ impl Selection {
                 }
                 _ => self.refuse_flow(flow, events),
             },
-            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), events),
+            Some(Err(nearest)) => self.refuse_flow(Some(nearest), events),
         }
     }
 
@@ -218,9 +217,9 @@ impl Selection {
         if let Some(gear) = &mut self.gear
             && !gear.is_over()
         {
-            let more = gear.step();
+            let (more, found) = gear.step();
             // Every plan of the first search is used; of a later search only the settled one.
-            if let Some(better) = gear.last_plan()
+            if let Some(better) = found
                 && (better.settled || self.plan.is_none_or(|plan| !plan.settled))
             {
                 self.plan = Some(better);
