@@ -228,10 +228,9 @@ impl Link {
         let is_idempotent = !matches!(request, Request::Samples { .. } | Request::Simulate { .. });
         let mut handle = Some(handle);
         self.exchange(frame, is_idempotent, |answer| match answer {
-            Outgoing::Response {
-                sequence: same,
-                response,
-            } if same == sequence => handle.take().map(|handle| handle(response)),
+            (same, Outgoing::Response(response)) if same == sequence => {
+                handle.take().map(|handle| handle(response))
+            }
             _ => None,
         })
     }
@@ -246,10 +245,9 @@ impl Link {
         let frame = write_update_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
         let mut handle = Some(handle);
         self.exchange(frame, true, |answer| match answer {
-            Outgoing::Update {
-                sequence: same,
-                answer,
-            } if same == sequence => handle.take().map(|handle| handle(answer)),
+            (same, Outgoing::Update(answer)) if same == sequence => {
+                handle.take().map(|handle| handle(answer))
+            }
             _ => None,
         })
     }
@@ -266,7 +264,7 @@ impl Link {
         &mut self,
         frame: &[u8],
         is_idempotent: bool,
-        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut handle: impl FnMut((u8, Outgoing<'_>)) -> Option<T>,
     ) -> Result<T, Refusal> {
         let end = Instant::now() + self.answer_timeout;
         while Instant::now() < end {
@@ -329,12 +327,12 @@ impl Link {
         let end = Instant::now() + ANSWER_TIMEOUT;
         while Instant::now() < end {
             self.send(&question)?;
-            let read = |answer: Outgoing<'_>| match answer {
-                Outgoing::Identity { identity, .. } => {
+            let read = |(_, answer): (u8, Outgoing<'_>)| match answer {
+                Outgoing::Identity(identity) => {
                     let protocol = (identity.version, identity.schema);
                     Some((protocol, identity.image.to_string()))
                 }
-                Outgoing::Response { .. } | Outgoing::Update { .. } => None,
+                Outgoing::Response(_) | Outgoing::Update(_) => None,
             };
             if let Some(identity) = self.receive(Instant::now() + RETRY_INTERVAL, read)? {
                 (self.protocol, self.image) = identity;
@@ -357,7 +355,7 @@ impl Link {
     fn receive<T>(
         &mut self,
         end: Instant,
-        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut handle: impl FnMut((u8, Outgoing<'_>)) -> Option<T>,
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
@@ -369,14 +367,12 @@ impl Link {
                     continue;
                 };
                 let message = match answer {
-                    Outgoing::Response {
-                        sequence: 0,
-                        response: Response::Telemetry(telemetry),
-                    } => Some(BoardMessage::Telemetry(telemetry)),
-                    Outgoing::Identity {
-                        sequence: 0,
-                        identity,
-                    } => Some(BoardMessage::Started(identity.image.into())),
+                    (0, Outgoing::Response(Response::Telemetry(telemetry))) => {
+                        Some(BoardMessage::Telemetry(telemetry))
+                    }
+                    (0, Outgoing::Identity(identity)) => {
+                        Some(BoardMessage::Started(identity.image.into()))
+                    }
                     _ => None,
                 };
                 self.unsolicited.extend(message);
