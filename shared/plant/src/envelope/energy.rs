@@ -6,8 +6,7 @@
 //! residuals, in (m/s^2)^2, of each of 32 sectors, a quarter of them per cycle as on the board.
 
 use super::onset::{RESIDUAL_SAMPLES, Response};
-use super::powers::Powers;
-use super::recurrence::{exp, turn};
+use super::recurrence::{Powers, exp, turn};
 use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband_control::signal_path::{SECTORS, SECTORS_PER_CYCLE, Sectors};
