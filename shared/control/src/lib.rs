@@ -33,11 +33,9 @@ mod testing;
 #[cfg(feature = "memo")]
 pub use aim::{GearPlanned, KickResult};
 pub use aim::{NoSetpoint, drive_limits};
-pub use angle::phase_of;
-pub use angle::{SAMPLE_RATE, phase_step};
+pub use angle::{SAMPLE_RATE, phase_of, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
-pub use drive::LoopMargins;
-pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
+pub use drive::{LoopMargins, Shape, UPPER, UpperTone, affordable_tones};
 pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Sampled, Signal};
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};
