@@ -123,7 +123,7 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
             buffer,
             ..
         } = self;
-        let incoming = match receiver.push(byte)?.and_then(read_request) {
+        let (sequence, incoming) = match receiver.push(byte)?.and_then(read_request) {
             Ok(incoming) => incoming,
             Err(cause) => {
                 counters.count(cause);
@@ -141,17 +141,15 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
         }
         counters.requests = counters.requests.wrapping_add(1);
         let frame = match incoming {
-            Incoming::IdentityRequest { sequence } => {
-                write_identity(buffer, sequence, &identity(image))
-            }
-            Incoming::Update { sequence, request } => {
+            Incoming::Identity => write_identity(buffer, sequence, &identity(image)),
+            Incoming::Update(request) => {
                 let strapped = (image.strapped)();
                 let answer = update
                     .answer(&request, lock, strapped, station, store)
                     .await;
                 write_update_answer(buffer, sequence, &answer)
             }
-            Incoming::Request { sequence, request } => {
+            Incoming::Request(request) => {
                 let access = lock.access((image.strapped)());
                 let response = match request {
                     Request::Bus(adu) => {

@@ -487,11 +487,9 @@ impl Commissioned {
                 continue;
             };
             let answers = match read_request(frame).unwrap() {
-                Incoming::IdentityRequest { sequence } => {
-                    identity(sequence, SCHEMA, "0.1.0+stand-in")
-                }
-                Incoming::Update { .. } => panic!("no update here"),
-                Incoming::Request { sequence, request } => self.answer(sequence, &request),
+                (sequence, Incoming::Identity) => identity(sequence, SCHEMA, "0.1.0+stand-in"),
+                (_, Incoming::Update(_)) => panic!("no update here"),
+                (sequence, Incoming::Request(request)) => self.answer(sequence, &request),
             };
             if far.write_all(&answers).is_err() {
                 return;

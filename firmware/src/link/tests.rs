@@ -170,7 +170,7 @@ pub(crate) fn sensed(samples: u16) -> Cycle {
 }
 
 /// Content of a frame. Its bytes are leaked, so that it outlives the receiver.
-fn outgoing(frame: &[u8]) -> Outgoing<'static> {
+fn outgoing(frame: &[u8]) -> (u8, Outgoing<'static>) {
     let mut receiver = Receiver::new();
     let (last, body) = frame.split_last().unwrap();
     for byte in body {
@@ -182,7 +182,7 @@ fn outgoing(frame: &[u8]) -> Outgoing<'static> {
 
 fn open(frame: &[u8]) -> (u8, Response<'static>) {
     match outgoing(frame) {
-        Outgoing::Response { sequence, response } => (sequence, response),
+        (sequence, Outgoing::Response(response)) => (sequence, response),
         other => panic!("{other:?}"),
     }
 }

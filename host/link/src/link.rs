@@ -229,10 +229,9 @@ impl Link {
         let mut handle = Some(handle);
         let timeout = self.answer_timeout;
         self.exchange(frame, timeout, is_idempotent, |answer| match answer {
-            Outgoing::Response {
-                sequence: same,
-                response,
-            } if same == sequence => handle.take().map(|handle| handle(response)),
+            (same, Outgoing::Response(response)) if same == sequence => {
+                handle.take().map(|handle| handle(response))
+            }
             _ => None,
         })
     }
@@ -247,10 +246,9 @@ impl Link {
         let frame = write_update_request(&mut buffer, sequence, request).map_err(|_| too_long())?;
         let mut handle = Some(handle);
         self.exchange(frame, self.answer_timeout, true, |answer| match answer {
-            Outgoing::Update {
-                sequence: same,
-                answer,
-            } if same == sequence => handle.take().map(|handle| handle(answer)),
+            (same, Outgoing::Update(answer)) if same == sequence => {
+                handle.take().map(|handle| handle(answer))
+            }
             _ => None,
         })
     }
@@ -268,7 +266,7 @@ impl Link {
         frame: &[u8],
         timeout: Duration,
         is_idempotent: bool,
-        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut handle: impl FnMut((u8, Outgoing<'_>)) -> Option<T>,
     ) -> Result<T, Refusal> {
         let end = Instant::now() + timeout;
         while Instant::now() < end {
@@ -327,12 +325,12 @@ impl Link {
         let mut buffer = [0; MAX_FRAME_BYTES];
         // A starting board sends its identity with sequence 0.
         let question = write_identity_request(&mut buffer, 1).unwrap_or_default();
-        let read = |answer: Outgoing<'_>| match answer {
-            Outgoing::Identity { identity, .. } => {
+        let read = |(_, answer): (u8, Outgoing<'_>)| match answer {
+            Outgoing::Identity(identity) => {
                 let protocol = (identity.version, identity.schema);
                 Some((protocol, identity.image.to_string()))
             }
-            Outgoing::Response { .. } | Outgoing::Update { .. } => None,
+            Outgoing::Response(_) | Outgoing::Update(_) => None,
         };
         (self.protocol, self.image) = self.exchange(question, ANSWER_TIMEOUT, true, read)?;
         self.unsolicited.clear();
@@ -351,7 +349,7 @@ impl Link {
     fn receive<T>(
         &mut self,
         end: Instant,
-        mut handle: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut handle: impl FnMut((u8, Outgoing<'_>)) -> Option<T>,
     ) -> Result<Option<T>, Refusal> {
         loop {
             while let Some(byte) = self.waiting.pop_front() {
@@ -363,14 +361,12 @@ impl Link {
                     continue;
                 };
                 let message = match answer {
-                    Outgoing::Response {
-                        sequence: 0,
-                        response: Response::Telemetry(telemetry),
-                    } => Some(BoardMessage::Telemetry(telemetry)),
-                    Outgoing::Identity {
-                        sequence: 0,
-                        identity,
-                    } => Some(BoardMessage::Started(identity.image.into())),
+                    (0, Outgoing::Response(Response::Telemetry(telemetry))) => {
+                        Some(BoardMessage::Telemetry(telemetry))
+                    }
+                    (0, Outgoing::Identity(identity)) => {
+                        Some(BoardMessage::Started(identity.image.into()))
+                    }
                     _ => None,
                 };
                 self.unsolicited.extend(message);

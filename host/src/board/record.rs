@@ -64,8 +64,8 @@ pub fn replay(
 }
 
 /// Refuses a record unless its first frame is an identity of this version and schema.
-fn check_header(answer: &Outgoing<'_>) -> Result<(), Refusal> {
-    let Outgoing::Identity { identity, .. } = answer else {
+fn check_header((_, answer): &(u8, Outgoing<'_>)) -> Result<(), Refusal> {
+    let Outgoing::Identity(identity) = answer else {
         let cause = "the record does not begin with the identity of the board";
         return Err(Refusal::new(cause, NEXT));
     };
@@ -81,14 +81,11 @@ fn check_header(answer: &Outgoing<'_>) -> Result<(), Refusal> {
     Err(Refusal::new(cause, next))
 }
 
-fn message(answer: Outgoing<'_>) -> Option<BoardMessage> {
+fn message(answer: (u8, Outgoing<'_>)) -> Option<BoardMessage> {
     match answer {
-        Outgoing::Identity {
-            sequence: 0,
-            identity,
-        } => Some(BoardMessage::Started(identity.image.into())),
-        Outgoing::Identity { .. } | Outgoing::Update { .. } => None,
-        Outgoing::Response { response, .. } => BoardMessage::from_response(response),
+        (0, Outgoing::Identity(identity)) => Some(BoardMessage::Started(identity.image.into())),
+        (_, Outgoing::Identity(_) | Outgoing::Update(_)) => None,
+        (_, Outgoing::Response(response)) => BoardMessage::from_response(response),
     }
 }
 

@@ -5,18 +5,8 @@
 //! of the phase. [`Controller::plan_step`] plans in idle time. The code uses single precision,
 //! integers and the impact map. Desk, emulator and board compute the same bits.
 //!
-//! | folder | holds |
-//! |---|---|
-//! | `hear` | estimation from the accelerometer: the signal path, impacts, lock and regime |
-//! | `drive` | control of the track's amplitude and frequency |
-//! | `identify` | estimation of the parts' restitution from their chatter |
-//! | `aim` | the setpoint of a target, and the searches for it |
-//! | `supervise` | the state machine, captures, faults and limits |
-//! | `controller` | [`Controller`]: these folders in the order of one drive cycle |
-//!
-//! Below: `settings`, `angle`, `saturate`, `target`, `recipe`, `inputs`, `report` and `state`.
-//!
-//! The terms are defined in docs/glossary.md#the-controller.
+//! `controller` runs the folders in the order of one drive cycle; ARCHITECTURE.md says what each
+//! holds. The terms are defined in docs/glossary.md#the-controller.
 #![no_std]
 #![deny(unsafe_code)]
 
@@ -43,11 +33,9 @@ mod testing;
 #[cfg(feature = "memo")]
 pub use aim::{GearPlanned, KickResult};
 pub use aim::{NoSetpoint, drive_limits};
-pub use angle::phase_of;
-pub use angle::{SAMPLE_RATE, phase_step};
+pub use angle::{SAMPLE_RATE, phase_of, phase_step};
 pub use controller::{Controller, PLAN_SLICES};
-pub use drive::LoopMargins;
-pub use drive::{Shape, UPPER, UpperTone, affordable_tones};
+pub use drive::{LoopMargins, Shape, UPPER, UpperTone, affordable_tones};
 pub use hear::{AdcCode, Command, Cycle, GearMargin, GearShare, Load, Sampled, Signal};
 pub use identify::{Identification, Identified, Unidentified};
 pub use inputs::{BusCommand, Inputs, StartCause};

@@ -1,7 +1,7 @@
 //! Settings of the controller: track, drive, sensor and parts.
 
 use core::f32::consts::TAU;
-use kband::feeder::{OutOfRange, Restitution, Track, TrackSettings};
+use kband::feeder::{OutOfRange, Restitution, Track, TrackSettings, accept};
 use kband::impact::ContactTime;
 
 /// One setting: its key, unit, accepted range and default.
@@ -257,51 +257,38 @@ impl Settings {
             key.accept(value)?;
         }
         let value = |parameter| self.get(parameter).unwrap_or_default();
-        let refuse = |parameter, accepted| {
-            Err(OutOfRange {
-                parameter,
-                value: f64::from(value(parameter)),
-                accepted,
-            })
+        let require = |parameter, accepts, accepted| {
+            accept(parameter, f64::from(value(parameter)), accepts, accepted).map(|_| ())
         };
-        if self.restitution_high < self.restitution_low {
-            let accepted = "restitution_low..1: the interval is reversed";
-            return refuse("restitution_high", accepted);
-        }
-        if self.safe_amplitude > self.largest_safe_amplitude() {
-            let accepted =
-                "0..what amplitude_limit and acceleration_limit allow at frequency + tracking";
-            return refuse("safe_amplitude", accepted);
-        }
+        let accepts = self.restitution_low <= self.restitution_high;
+        let accepted = "restitution_low..1: the interval is reversed";
+        require("restitution_high", accepts, accepted)?;
+        let accepts = self.safe_amplitude <= self.largest_safe_amplitude();
+        let accepted =
+            "0..what amplitude_limit and acceleration_limit allow at frequency + tracking";
+        require("safe_amplitude", accepts, accepted)?;
+        let highest = self.frequency + self.tracking;
         // 7 % of a cycle in ms, times the highest frequency.
-        if self.contact * (self.frequency + self.tracking) > 70.0 {
-            let accepted = "0..7 % of a drive cycle at frequency + tracking, in ms";
-            return refuse("contact", accepted);
-        }
+        let accepted = "0..7 % of a drive cycle at frequency + tracking, in ms";
+        require("contact", self.contact * highest <= 70.0, accepted)?;
         let lowest = (self.frequency - self.tracking).max(5.0);
-        if (self.frequency + self.tracking - lowest) * self.quality > 200.0 * lowest {
-            let accepted =
-                "0 to a band of 200 widths of the resonance, the lowest frequency over quality";
-            return refuse("tracking", accepted);
-        }
-        if self.third_tone > 0.0 && self.second_tone == 0.0 {
-            let accepted = "0 without a second tone: set second_tone first";
-            return refuse("third_tone", accepted);
-        }
-        if self.sensor_zero >= self.converter_reference {
-            return refuse("sensor_zero", "below converter_reference");
-        }
-        if self.sensor_rest >= self.converter_reference {
-            return refuse("sensor_rest", "below converter_reference");
-        }
-        if self.current_gain > 0.0 && self.current_sensitivity == 0.0 {
-            let accepted = "0 without a current sensor: set current_sensitivity first";
-            return refuse("current_gain", accepted);
-        }
+        let accepts = (highest - lowest) * self.quality <= 200.0 * lowest;
+        let accepted =
+            "0 to a band of 200 widths of the resonance, the lowest frequency over quality";
+        require("tracking", accepts, accepted)?;
+        let accepts = self.third_tone == 0.0 || self.second_tone > 0.0;
+        let accepted = "0 without a second tone: set second_tone first";
+        require("third_tone", accepts, accepted)?;
+        let (zero, rest) = (self.sensor_zero, self.sensor_rest);
+        let accepted = "below converter_reference";
+        require("sensor_zero", zero < self.converter_reference, accepted)?;
+        require("sensor_rest", rest < self.converter_reference, accepted)?;
+        let accepts = self.current_gain == 0.0 || self.current_sensitivity > 0.0;
+        let accepted = "0 without a current sensor: set current_sensitivity first";
+        require("current_gain", accepts, accepted)?;
         for parameter in ["bus", "bus_address", "bus_baud", "bus_parity"] {
-            if value(parameter) != libm::truncf(value(parameter)) {
-                return refuse(parameter, "a whole number");
-            }
+            let accepts = value(parameter) == libm::truncf(value(parameter));
+            require(parameter, accepts, "a whole number")?;
         }
         Ok(())
     }
@@ -309,15 +296,8 @@ impl Settings {
 
 impl Key {
     fn accept(&self, value: f32) -> Result<(), OutOfRange> {
-        if (self.low..=self.high).contains(&value) {
-            Ok(())
-        } else {
-            Err(OutOfRange {
-                parameter: self.name,
-                value: f64::from(value),
-                accepted: self.accepted,
-            })
-        }
+        let accepts = (self.low..=self.high).contains(&value);
+        accept(self.name, f64::from(value), accepts, self.accepted).map(|_| ())
     }
 }
 

@@ -21,8 +21,9 @@ mod model;
 mod waveform;
 
 pub use envelope::EnvelopeLoop;
-pub use model::{
-    Change, DISTURBANCES, Disturbance, Disturbances, DriveModel, Moment, PARTS, Parts, Scene,
-    SensorModel, Strike,
+pub use model::Moment;
+pub use model::part::Strike;
+pub use model::scene::{
+    Change, DISTURBANCES, Disturbance, Disturbances, DriveModel, PARTS, Parts, Scene, SensorModel,
 };
 pub use waveform::{Bench, ClosedLoop, Sample};

@@ -139,10 +139,7 @@ impl Board {
         in_use.expect("settings in use are accepted");
         let saves = matches!(
             read_request(&payload(&frame)),
-            Ok(Incoming::Request {
-                request: Request::Save | Request::Lock(_),
-                ..
-            })
+            Ok((_, Incoming::Request(Request::Save | Request::Lock(_))))
         );
         if saves {
             self.saved = None;
@@ -158,11 +155,7 @@ impl Board {
         };
         let answer = payload(&answer);
         let answer = read_answer(&answer).expect("an answer is known");
-        let Outgoing::Response {
-            sequence: same,
-            response,
-        } = answer
-        else {
+        let (same, Outgoing::Response(response)) = answer else {
             return true;
         };
         assert_eq!(same, sequence);
@@ -267,7 +260,7 @@ pub fn recipes(input: &[u8]) -> bool {
         if board.process(1, Some(written(&set))) {
             let answer = board.take(&written(&Request::Recipe(number)));
             let answer = payload(&answer.expect("an answer"));
-            let Ok(Outgoing::Response { response, .. }) = read_answer(&answer) else {
+            let Ok((_, Outgoing::Response(response))) = read_answer(&answer) else {
                 panic!("an answer");
             };
             assert_eq!(response, Response::Recipe(Stored::Recipe(name, recipe)));

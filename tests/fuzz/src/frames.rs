@@ -55,7 +55,7 @@ fn read(bytes: &[u8]) -> bool {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let incoming = read_request(bytes);
     let rewritten = match &incoming {
-        Ok(Incoming::Request { sequence, request }) => {
+        Ok((sequence, Incoming::Request(request))) => {
             if let Request::Samples { codes, .. } = request {
                 let (mut codes, mut code) = (*codes, 0);
                 while let Some(next) = read_reading(&mut codes, code) {
@@ -64,7 +64,7 @@ fn read(bytes: &[u8]) -> bool {
             }
             Some(write_request(&mut buffer, *sequence, request))
         }
-        Ok(Incoming::Update { sequence, request }) => {
+        Ok((sequence, Incoming::Update(request))) => {
             Some(write_update_request(&mut buffer, *sequence, request))
         }
         _ => None,
@@ -77,10 +77,10 @@ fn read(bytes: &[u8]) -> bool {
     let is_valid = rewritten.is_some();
     let outgoing = read_answer(bytes);
     let answered = match &outgoing {
-        Ok(Outgoing::Response { sequence, response }) => {
+        Ok((sequence, Outgoing::Response(response))) => {
             Some(write_response(&mut buffer, *sequence, response))
         }
-        Ok(Outgoing::Update { sequence, answer }) => {
+        Ok((sequence, Outgoing::Update(answer))) => {
             Some(write_update_answer(&mut buffer, *sequence, answer))
         }
         _ => None,

@@ -294,7 +294,7 @@ impl Rig {
         let frame = self.frame(request);
         let (own, mut look) = (self.sequence, Some(look));
         let answer = self.exchange(&frame, |outgoing| match outgoing {
-            Outgoing::Response { sequence, response } if sequence == own => {
+            (sequence, Outgoing::Response(response)) if sequence == own => {
                 look.take().map(|look| look(response))
             }
             _ => None,
@@ -315,7 +315,7 @@ impl Rig {
         let frame = self.update_frame(request);
         let own = self.sequence;
         let answer = self.exchange(&frame, |outgoing| match outgoing {
-            Outgoing::Update { sequence, answer } if sequence == own => match answer {
+            (sequence, Outgoing::Update(answer)) if sequence == own => match answer {
                 UpdateAnswer::Refused(why) => Some(Err(why)),
                 _ => Some(Ok(())),
             },
@@ -328,8 +328,8 @@ impl Rig {
     pub fn image(&mut self) -> Option<String> {
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = write_identity_request(&mut buffer, 0).expect("a short question");
-        self.exchange(frame, |outgoing| match outgoing {
-            Outgoing::Identity { identity, .. } => Some(identity.image.to_owned()),
+        self.exchange(frame, |(_, outgoing)| match outgoing {
+            Outgoing::Identity(identity) => Some(identity.image.to_owned()),
             _ => None,
         })
     }
@@ -338,7 +338,7 @@ impl Rig {
     fn exchange<T>(
         &mut self,
         frame: &[u8],
-        mut read: impl FnMut(Outgoing<'_>) -> Option<T>,
+        mut read: impl FnMut((u8, Outgoing<'_>)) -> Option<T>,
     ) -> Option<T> {
         let frame = frame.to_vec();
         self.act(&Act::Link(frame.clone()));

@@ -108,8 +108,7 @@ fn answered(board: &mut Board, request: &UpdateRequest<'_>, answer: UpdateAnswer
     let frame = (write_update_request(&mut buffer, 9, request).unwrap()).to_vec();
     let answers = board.send(&frame);
     assert_eq!(answers.len(), 1, "{request:?}");
-    let sequence = 9;
-    let expected = Outgoing::Update { sequence, answer };
+    let expected = (9, Outgoing::Update(answer));
     assert_eq!(outgoing(&answers[0]), expected, "{request:?}");
 }
 

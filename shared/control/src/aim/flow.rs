@@ -17,14 +17,6 @@ pub struct FlowChoice {
     wrong_cycles: u32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum FlowStep {
-    Stay,
-    Order(u8),
-    /// No order gives the flow; the nearest one's flow, in g/s.
-    None(f32),
-}
-
 impl FlowChoice {
     /// Comparison for a requested flow in g/s.
     pub fn new(requested: f32) -> Self {
@@ -34,34 +26,27 @@ impl FlowChoice {
         }
     }
 
-    /// Processes a cycle with the estimated flow of the present order, in g/s.
-    pub fn cycle(&mut self, order: u8, flow: Option<f32>) -> FlowStep {
-        let Some(flow) = flow else {
-            return FlowStep::Stay;
-        };
-        let flow_per_order = flow / f32::from(order);
+    /// Processes a cycle with the estimated flow of the present order, in g/s. Returns another order
+    /// that gives the flow, or else the nearest flow in g/s; `None` as long as the order stays.
+    pub fn cycle(&mut self, order: u8, flow: Option<f32>) -> Option<Result<u8, f32>> {
+        let flow_per_order = flow? / f32::from(order);
         let flow_error = |order: u8| (flow_per_order * f32::from(order) - self.requested).abs();
-        let best = ORDERS.fold(order, |best, other| {
-            if flow_error(other) < flow_error(best) {
-                other
-            } else {
-                best
-            }
-        });
-        if best == order && flow_error(best) <= FLOW_TOLERANCE * self.requested {
+        // The present order wins a tie.
+        let orders = core::iter::once(order).chain(ORDERS);
+        let best = orders.min_by(|one, other| flow_error(*one).total_cmp(&flow_error(*other)));
+        let best = best.unwrap_or(order);
+        let serves = flow_error(best) <= FLOW_TOLERANCE * self.requested;
+        if best == order && serves {
             self.wrong_cycles = 0;
-            return FlowStep::Stay;
+            return None;
         }
         self.wrong_cycles += 1;
         if self.wrong_cycles < DECISION_CYCLES {
-            return FlowStep::Stay;
+            return None;
         }
         self.wrong_cycles = 0;
-        if flow_error(best) > FLOW_TOLERANCE * self.requested {
-            FlowStep::None(flow_per_order * f32::from(best))
-        } else {
-            FlowStep::Order(best)
-        }
+        let nearest = flow_per_order * f32::from(best);
+        Some(if serves { Ok(best) } else { Err(nearest) })
     }
 }
 
@@ -69,22 +54,20 @@ impl FlowChoice {
 mod tests {
     use super::*;
 
-    fn decide(requested: f32, order: u8, flow: f32) -> FlowStep {
+    fn decide(requested: f32, order: u8, flow: f32) -> Option<Result<u8, f32>> {
         let mut choice = FlowChoice::new(requested);
-        let mut steps = (0..DECISION_CYCLES).map(|_| choice.cycle(order, Some(flow)));
-        let decision = steps.find(|step| *step != FlowStep::Stay);
-        decision.unwrap_or(FlowStep::Stay)
+        (0..DECISION_CYCLES).find_map(|_| choice.cycle(order, Some(flow)))
     }
 
     #[test]
     fn flow_choice_finds_the_nearest_order_or_refuses() {
-        assert_eq!(decide(50.0, 1, 47.0), FlowStep::Stay);
-        assert_eq!(decide(100.0, 1, 48.0), FlowStep::Order(2));
-        assert_eq!(decide(50.0, 3, 150.0), FlowStep::Order(1));
-        assert_eq!(decide(70.0, 1, 48.0), FlowStep::None(48.0));
-        assert_eq!(decide(1000.0, 1, 48.0), FlowStep::None(384.0));
+        assert_eq!(decide(50.0, 1, 47.0), None);
+        assert_eq!(decide(100.0, 1, 48.0), Some(Ok(2)));
+        assert_eq!(decide(50.0, 3, 150.0), Some(Ok(1)));
+        assert_eq!(decide(70.0, 1, 48.0), Some(Err(48.0)));
+        assert_eq!(decide(1000.0, 1, 48.0), Some(Err(384.0)));
         // Without an estimate there is no decision.
         let mut choice = FlowChoice::new(50.0);
-        assert!((0..2 * DECISION_CYCLES).all(|_| choice.cycle(1, None) == FlowStep::Stay));
+        assert!((0..2 * DECISION_CYCLES).all(|_| choice.cycle(1, None).is_none()));
     }
 }

@@ -49,7 +49,6 @@ pub struct GearPlanned {
 pub struct GearSearch {
     pub planner: GearPlanner,
     pub plan: Option<GearPlan>,
-    is_new: bool,
     /// Slices so far, the plans that they found, and whether these were supplied.
     #[cfg(any(test, feature = "memo"))]
     memo: (u32, GearPlanned, bool),
@@ -86,7 +85,6 @@ impl GearSearch {
         Ok(Ok(Self {
             planner: GearPlanner::new(pending_settings)?,
             plan: None,
-            is_new: false,
             #[cfg(any(test, feature = "memo"))]
             memo: (
                 0,
@@ -99,31 +97,28 @@ impl GearSearch {
         }))
     }
 
-    pub fn step(&mut self) -> bool {
+    /// Computes one slice. Returns whether more remain, and the plan that it found.
+    pub fn step(&mut self) -> (bool, Option<GearPlan>) {
         #[cfg(any(test, feature = "memo"))]
         if let (slices, planned, true) = &mut self.memo {
             *slices += 1;
             let mut results = planned.result.iter();
-            let result = results.find_map(|(after, plan)| (after == slices).then_some(*plan));
-            self.store_plan(result);
-            return !self.is_over();
+            let found = results.find_map(|(after, plan)| (after == slices).then_some(*plan));
+            self.plan = found.or(self.plan);
+            return (!self.is_over(), found);
         }
         let more = self.planner.advance(SLICE_IMPACTS);
-        let result = self.planner.plan().copied();
-        self.store_plan(result.filter(|plan| self.plan != Some(*plan)));
+        let plan = self.planner.plan().copied();
+        let found = plan.filter(|plan| self.plan != Some(*plan));
+        self.plan = found.or(self.plan);
         #[cfg(any(test, feature = "memo"))]
         {
             self.memo.0 += 1;
-            if let Some(plan) = self.last_plan() {
+            if let Some(plan) = found {
                 let _ = self.memo.1.result.push((self.memo.0, plan));
             }
         }
-        more
-    }
-
-    fn store_plan(&mut self, result: Option<GearPlan>) {
-        self.is_new = result.is_some();
-        self.plan = result.or(self.plan);
+        (more, found)
     }
 
     /// Settings of the running search; `None` once a result is supplied or found.
@@ -147,11 +142,6 @@ impl GearSearch {
 
     pub fn is_over(&self) -> bool {
         self.plan.is_some_and(|plan| plan.settled)
-    }
-
-    /// The plan of the last slice, if it found a new one.
-    pub fn last_plan(&self) -> Option<GearPlan> {
-        self.plan.filter(|_| self.is_new)
     }
 
     pub fn choice(&self) -> Choice {
@@ -194,7 +184,7 @@ mod tests {
         let mut first = search(&settings);
         let mut supplied = search(&settings);
         let mut result = std::vec![];
-        while first.step() {
+        while first.step().0 {
             result.push(first.plan);
         }
         let planned = first.planned().unwrap().clone();
@@ -207,10 +197,10 @@ mod tests {
         supplied.supply(planned.clone());
         assert_eq!(supplied.plan, result[0]);
         for plan in &result[1..] {
-            assert!(supplied.step());
+            assert!(supplied.step().0);
             assert_eq!(supplied.plan, *plan);
         }
-        assert!(!supplied.step() && supplied.is_over());
+        assert!(!supplied.step().0 && supplied.is_over());
         assert_eq!(supplied.planned(), Some(&planned));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::GearSearch;
 use super::chaos::ChaosSearch;
-use super::flow::{FlowChoice, FlowStep};
+use super::flow::FlowChoice;
 use super::kicks::KickSearch;
 use super::retune::Retuning;
 use super::setpoint::{Choice, Level, NoSetpoint};
@@ -18,7 +18,6 @@ use kband::regime::gear::GearPlan;
 /// Smallest acceptable predicted share of time in gear; below it an event is reported.
 pub const MIN_GEAR_SHARE: f32 = 0.7;
 
-/// The target, its setpoint, and its unfinished searches.
 #[derive(Clone, Debug)]
 pub struct Selection {
     pub target: Target,
@@ -31,7 +30,7 @@ pub struct Selection {
     pub plan: Option<GearPlan>,
     retuning: Retuning,
     pub search: KickSearch,
-    pub chaos: Option<ChaosSearch>,
+    chaos: Option<ChaosSearch>,
     pub misfit: bool,
 }
 
@@ -193,8 +192,8 @@ impl Selection {
             return;
         };
         match choice.cycle(self.order, flow) {
-            FlowStep::Stay => {}
-            FlowStep::Order(order) => match GearSearch::begin(order, settings, scale) {
+            None => {}
+            Some(Ok(order)) => match GearSearch::begin(order, settings, scale) {
                 Ok(Ok(search)) => {
                     self.order = order;
                     self.plan = None;
@@ -202,7 +201,7 @@ impl Selection {
                 }
                 _ => self.refuse_flow(flow, events),
             },
-            FlowStep::None(nearest) => self.refuse_flow(Some(nearest), events),
+            Some(Err(nearest)) => self.refuse_flow(Some(nearest), events),
         }
     }
 
@@ -216,17 +215,24 @@ impl Selection {
         if let Some(speed) = &mut self.speed {
             if let Some(choice) = speed.step(settings) {
                 self.speed = None;
-                let choice = choice.limited_to_reach(settings, scale);
-                self.choose(choice, settings, scale, events);
+                self.choice = choice.limited_to_reach(settings, scale);
+                match plan_kicks(&self.choice, settings, scale) {
+                    Ok(search) => self.search = search,
+                    // A lock without a plan of kicks is no setpoint.
+                    Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
+                }
+                if self.no_setpoint().is_some() {
+                    events.push(Event::NoSetpoint);
+                }
             }
             return true;
         }
         if let Some(gear) = &mut self.gear
             && !gear.is_over()
         {
-            let more = gear.step();
+            let (more, found) = gear.step();
             // Every plan of the first search is used; of a later search only the settled one.
-            if let Some(better) = gear.last_plan()
+            if let Some(better) = found
                 && (better.settled || self.plan.is_none_or(|plan| !plan.settled))
             {
                 self.plan = Some(better);
@@ -238,18 +244,6 @@ impl Selection {
             return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
-    }
-
-    fn choose(&mut self, choice: Choice, settings: &Settings, scale: &Scale, events: &mut Events) {
-        self.choice = choice;
-        match plan_kicks(&choice, settings, scale) {
-            Ok(search) => self.search = search,
-            // A lock without a plan of kicks is no setpoint.
-            Err(_) => self.choice = Choice::level(Level::None(NoSetpoint::Speed(None))),
-        }
-        if self.no_setpoint().is_some() {
-            events.push(Event::NoSetpoint);
-        }
     }
 }
 

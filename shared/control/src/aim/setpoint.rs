@@ -92,13 +92,12 @@ pub(super) const ORDERS: core::ops::RangeInclusive<u8> = 1..=8;
 
 impl Choice {
     pub fn from_target(target: Target, settings: &Settings) -> Result<Self, OutOfRange> {
-        let require = |parameter, value: f32, accepts, accepted| {
-            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
+        let require_positive = |parameter, value: f32, accepted| {
+            accept(parameter, f64::from(value), value > 0.0, accepted)
         };
-        let require_positive =
-            |parameter, value: f32, accepted| require(parameter, value, value > 0.0, accepted);
-        let require_zero =
-            |parameter, value: f32, accepted| require(parameter, value, value == 0.0, accepted);
+        let require_zero = |parameter, value: f32, accepted| {
+            accept(parameter, f64::from(value), value == 0.0, accepted)
+        };
         match target {
             Target::Locked { order } | Target::Gear { order } if !ORDERS.contains(&order) => {
                 Err(target.refused("1..8"))
@@ -126,10 +125,11 @@ impl Choice {
                 let [second, third] = shape.tones().map(|tone| tone.ratio);
                 let accepted = "0..second_tone, which is what the drive affords";
                 let accepts = second <= settings.second_tone;
-                require("target second tone, ratio", second, accepts, accepted)?;
+                let parameter = "target second tone, ratio";
+                accept(parameter, second.into(), accepts, accepted)?;
                 let accepted = "0..third_tone, which is what the drive affords";
                 let accepts = third <= settings.third_tone;
-                require("target third tone, ratio", third, accepts, accepted)?;
+                accept("target third tone, ratio", third.into(), accepts, accepted)?;
                 Ok(Self {
                     shape,
                     ..Self::level(Level::K(f64::from(k)))

@@ -3,7 +3,6 @@
 //! A locked part's speed does not depend on the amplitude (docs/theory-transport.md#t8.3).
 
 use super::setpoint::{Choice, Level, NoSetpoint, ORDERS};
-use crate::hear::LockWindow;
 use crate::settings::Settings;
 use kband::impact::TangentialSettings;
 use kband::regime::{Lock, band};
@@ -57,7 +56,7 @@ impl SpeedSearch {
     }
 }
 
-/// The lot's lock of an order and its conveying speed in mm/s; `None` if the lot has none.
+/// The conveying speed in mm/s of the lot's middle in a lock, and that lock; `None` without one.
 fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
     let lot = settings.lot().ok()?;
     // Without a band, `Choice::lock` slowly computes the narrower lot that would have one.
@@ -68,17 +67,13 @@ fn lock_speed(order: u8, settings: &Settings) -> Option<(f32, Choice)> {
         return None;
     }
     let choice = Choice::lock(order, settings).ok()?;
-    Some((conveying_speed(&choice.lock?, settings)?, choice))
-}
-
-/// Conveying speed in mm/s of the lot's middle in a lock (equation 20).
-fn conveying_speed(lock: &LockWindow, settings: &Settings) -> Option<f32> {
-    let track = settings.track().ok()?;
+    let (k, track) = (choice.lock?.k, settings.track().ok()?);
     let tangential = TangentialSettings::on(&track, f64::from(settings.tangential_restitution));
-    let (middle, order) = (settings.lot().ok()?.middle(), u32::from(lock.order));
-    let orbit = Lock::with_contact(lock.k, middle, order, settings.contact_time()).ok()??;
-    let unit = track.velocity_unit(track.amplitude(lock.k));
-    Some((locked::velocity(&orbit, lock.k, &tangential) * unit * 1e3) as f32)
+    let orbit = Lock::with_contact(k, lot.middle(), u32::from(order), contact).ok()??;
+    let unit = track.velocity_unit(track.amplitude(k));
+    // Equation 20.
+    let speed = locked::velocity(&orbit, k, &tangential) * unit * 1e3;
+    Some((speed as f32, choice))
 }
 
 #[cfg(test)]

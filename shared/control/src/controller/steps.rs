@@ -131,11 +131,9 @@ impl Controller {
     }
 
     fn commands_finite(&self) -> bool {
-        let upper = self.tones.output();
-        let mut numbers = upper.as_flattened().iter();
-        self.output.is_finite()
-            && self.output_lead.is_finite()
-            && numbers.all(|part| part.is_finite())
+        let (first, upper) = ([self.output, self.output_lead], self.tones.output());
+        let mut numbers = first.iter().chain(upper.as_flattened());
+        numbers.all(|number| number.is_finite())
     }
 
     /// Estimates the load, and corrects the track's motion (m) for blanked impacts.

@@ -190,21 +190,15 @@ impl AmplitudeLoop {
 
     /// Resets the loop, but keeps the gain estimate: the drive is at rest.
     pub fn reset(&mut self) {
-        self.estimated_cycles = 0.0;
-        self.quarter_cycles = 0.0;
-        self.integral_term = 0.0;
-        self.reference = [0.0; 4];
-        self.inverted = 0.0;
-        self.output = [0.0; 3];
-        self.model = Complex::default();
-        self.saturated = false;
-        let at_rest = Observer::from_amplitude(0.0, 0.0, 0.0);
-        self.observer = self.observer.map(|_| at_rest);
+        self.resume(0.0, 0.0);
     }
 
     /// Resumes at an amplitude (m) that an output (share of full output) holds.
     pub fn resume(&mut self, amplitude: f32, output: f32) {
-        self.reset();
+        self.estimated_cycles = 0.0;
+        self.quarter_cycles = 0.0;
+        self.integral_term = 0.0;
+        self.saturated = false;
         self.reference = [amplitude; 4];
         self.inverted = amplitude;
         self.output = [output; 3];

@@ -26,42 +26,29 @@ pub struct LoopMargins {
     pub distance: f64,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Plant {
-    pole: Complex,
-    mean: Complex,
+/// The envelope's pole, and the mean over a cycle of the share that remains of it.
+fn envelope(settings: &Settings) -> [Complex; 2] {
+    let [frequency, resonance, quality] =
+        [settings.frequency, settings.resonance, settings.quality].map(f64::from);
+    let natural = resonance / frequency;
+    let decay = -PI * natural / quality;
+    let damped = libm::sqrt(1.0 - 0.25 / (quality * quality));
+    let turn = if settings.tracking > 0.0 || natural == 1.0 {
+        0.0
+    } else {
+        2.0 * PI * (natural * damped - 1.0)
+    };
+    let pole = unit_phasor(turn) * libm::exp(decay);
+    [pole, (pole - 1.0) / Complex::new(decay, turn)]
 }
 
-impl Plant {
-    fn from_settings(settings: &Settings) -> Self {
-        let [frequency, resonance, quality] =
-            [settings.frequency, settings.resonance, settings.quality].map(f64::from);
-        let natural = resonance / frequency;
-        let decay = -PI * natural / quality;
-        let damped = libm::sqrt(1.0 - 0.25 / (quality * quality));
-        let turn = if settings.tracking > 0.0 || natural == 1.0 {
-            0.0
-        } else {
-            2.0 * PI * (natural * damped - 1.0)
-        };
-        let logarithm = Complex::new(decay, turn);
-        let pole = unit_phasor(turn) * libm::exp(decay);
-        Self {
-            pole,
-            mean: (pole - 1.0) / logarithm,
-        }
-    }
-
-    /// Measured amplitude over output as a phasor, at `e^(i angle)` of the angle per cycle.
-    fn at(&self, unit_phasor: Complex) -> Complex {
-        let delay = unit_phasor.conj();
-        let delayed_response = |pole: Complex, mean: Complex| {
-            delay * delay * (mean * delay * (1.0 - pole) / (1.0 - pole * delay) + (1.0 - mean))
-        };
-        (delayed_response(self.pole, self.mean)
-            + delayed_response(self.pole.conj(), self.mean.conj()))
-            * 0.5
-    }
+/// Measured amplitude over output as a phasor, at `e^(i angle)` of the angle per cycle.
+fn plant([pole, mean]: [Complex; 2], unit_phasor: Complex) -> Complex {
+    let delay = unit_phasor.conj();
+    let delayed_response = |pole: Complex, mean: Complex| {
+        delay * delay * (mean * delay * (1.0 - pole) / (1.0 - pole * delay) + (1.0 - mean))
+    };
+    (delayed_response(pole, mean) + delayed_response(pole.conj(), mean.conj())) * 0.5
 }
 
 fn unit_phasor(angle: f64) -> Complex {
@@ -98,7 +85,7 @@ impl LoopMargins {
     pub fn from_settings(configured: &Settings, actual: &Settings) -> Result<Self, OutOfRange> {
         let control = AmplitudeLoop::build(configured)?;
         actual.check()?;
-        let plant = Plant::from_settings(actual);
+        let envelope = envelope(actual);
         let strength = |settings: &Settings| f64::from(settings.gain) * steady_response(settings);
         let gain_ratio = strength(actual) / strength(configured);
         let [proportional, integral, forgetting] = control.gains().map(f64::from);
@@ -109,9 +96,9 @@ impl LoopMargins {
             } else {
                 gain_ratio * proportional * (1.0 + integral / sum)
             };
-            control * plant.at(unit_phasor)
+            control * plant(envelope, unit_phasor)
         };
-        Ok(Self::from_open_loop(open, plant.pole))
+        Ok(Self::from_open_loop(open, envelope[0]))
     }
 
     /// Margins of an open loop over the angle per cycle, sampled finely near the angle of a pole.

@@ -100,22 +100,19 @@ impl Shape {
     }
 
     pub(crate) fn check(&self) -> Result<(), OutOfRange> {
-        let ratios = ["second tone, ratio", "third tone, ratio"];
-        let phases = ["second tone, phase", "third tone, phase"];
-        let require = |parameter, value: f32, accepts, accepted| {
-            accept(parameter, f64::from(value), accepts, accepted).map(|_| ())
-        };
         let a_turn = "-6.2832..6.2832 rad, which is one turn to either side";
-        let names = ratios.into_iter().zip(phases);
-        for (tone, (of_ratio, of_phase)) in self.tones().into_iter().zip(names) {
+        for (of_ratio, of_phase, tone) in [
+            ("second tone, ratio", "second tone, phase", self.second),
+            ("third tone, ratio", "third tone, phase", self.third),
+        ] {
+            let (ratio, phase) = (f64::from(tone.ratio), f64::from(tone.phase));
             let accepts = (0.0..=0.5).contains(&tone.ratio);
-            require(of_ratio, tone.ratio, accepts, "0..0.5 of the first")?;
-            let accepts = (-TAU..=TAU).contains(&tone.phase);
-            require(of_phase, tone.phase, accepts, a_turn)?;
+            accept(of_ratio, ratio, accepts, "0..0.5 of the first")?;
+            accept(of_phase, phase, (-TAU..=TAU).contains(&tone.phase), a_turn)?;
         }
         let (third, accepted) = (self.third.ratio, "0 without a second tone");
         let accepts = third == 0.0 || self.second.ratio > 0.0;
-        require("third tone, ratio", third, accepts, accepted)
+        accept("third tone, ratio", f64::from(third), accepts, accepted).map(|_| ())
     }
 
     /// Largest displacement of the track over b, and largest acceleration over b w^2.

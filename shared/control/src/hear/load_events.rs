@@ -22,8 +22,13 @@ impl LoadEvents {
             self.wait -= 1.0;
             return None;
         }
+        let differs = |old: f32, new: f32| (new - old).abs() > MIN_RELATIVE_CHANGE * old.abs();
         let event = match (self.reported_load, load) {
-            (Some(reported_load), Some(now)) if !changed(&reported_load, &now) => return None,
+            (Some(old), Some(new))
+                if !(differs(old.mass, new.mass) || differs(old.flow, new.flow)) =>
+            {
+                return None;
+            }
             (None, None) => return None,
             (_, Some(_)) => Event::Weighed,
             (Some(_), None) => Event::NotWeighed,
@@ -31,13 +36,6 @@ impl LoadEvents {
         (self.reported_load, self.wait) = (load, MIN_EVENT_INTERVAL * frequency);
         Some(event)
     }
-}
-
-fn changed(reported_load: &Load, now: &Load) -> bool {
-    let differs = |reported_load: f32, now: f32| {
-        (now - reported_load).abs() > MIN_RELATIVE_CHANGE * reported_load.abs()
-    };
-    differs(reported_load.mass, now.mass) || differs(reported_load.flow, now.flow)
 }
 
 #[cfg(test)]

@@ -26,28 +26,15 @@ pub type FrameBuffer = [u8; MAX_FRAME_BYTES];
 /// Bytes of a frame, with its final zero.
 pub type Encoded<'b> = Result<&'b [u8], Unsendable>;
 
-/// Frame received by a board.
+/// Content of a frame received by a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Incoming<'a> {
     /// The identity request.
-    IdentityRequest {
-        /// Sequence of the response.
-        sequence: u8,
-    },
+    Identity,
     /// A request.
-    Request {
-        /// Sequence of the response.
-        sequence: u8,
-        /// The request.
-        request: Request<'a>,
-    },
+    Request(Request<'a>),
     /// A request of an update.
-    Update {
-        /// Sequence of the answer.
-        sequence: u8,
-        /// The request.
-        request: UpdateRequest<'a>,
-    },
+    Update(UpdateRequest<'a>),
 }
 
 /// Identity of a board.
@@ -61,32 +48,17 @@ pub struct Identity<'a> {
     pub image: &'a str,
 }
 
-/// Frame received by a desk.
+/// Content of a frame received by a desk.
 // A value lives during the decoding of one frame only, and there is no heap for a box.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outgoing<'a> {
     /// The response to the identity request.
-    Identity {
-        /// Sequence of the request.
-        sequence: u8,
-        /// The identity.
-        identity: Identity<'a>,
-    },
+    Identity(Identity<'a>),
     /// A response.
-    Response {
-        /// Sequence of the request; 0 for telemetry.
-        sequence: u8,
-        /// The response.
-        response: Response<'a>,
-    },
+    Response(Response<'a>),
     /// The answer to a request of an update.
-    Update {
-        /// Sequence of the request.
-        sequence: u8,
-        /// The answer.
-        answer: UpdateAnswer<'a>,
-    },
+    Update(UpdateAnswer<'a>),
 }
 
 /// Encodes a request.
@@ -127,9 +99,8 @@ pub fn write_update_answer<'b>(
 
 /// Encodes the identity request; its format never changes.
 pub fn write_identity_request(buffer: &mut FrameBuffer, sequence: u8) -> Encoded<'_> {
-    let mut inside = [0; MAX_INSIDE_BYTES];
-    inside[..2].copy_from_slice(&[FROZEN, sequence]);
-    finish(buffer, &mut inside, 2)
+    // A unit has no bytes.
+    write_message(buffer, [FROZEN, sequence], &())
 }
 
 /// Encodes the response to the identity request; its format never changes.
@@ -148,57 +119,51 @@ pub fn write_identity<'b>(
     finish(buffer, &mut inside, length)
 }
 
-/// Decodes the content of a frame received by a board.
-pub fn read_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+/// Decodes a frame received by a board: the sequence for the response, and the content.
+pub fn read_request(inside: &[u8]) -> Result<(u8, Incoming<'_>), Unreadable> {
     match check_frame(inside)? {
         (FROZEN, rest) => frozen_request(rest),
         (version, rest) => {
             let (sequence, request) = read(version, rest)?;
-            Ok(Incoming::Request { sequence, request })
+            Ok((sequence, Incoming::Request(request)))
         }
     }
 }
 
-/// Decodes the content of a frame of version 0 received by a board; others are foreign.
-pub fn read_frozen_request(inside: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+/// As [`read_request`], of a frame of version 0; others are foreign.
+pub fn read_frozen_request(inside: &[u8]) -> Result<(u8, Incoming<'_>), Unreadable> {
     match check_frame(inside)? {
         (FROZEN, rest) => frozen_request(rest),
         _ => Err(Unreadable::Foreign),
     }
 }
 
-fn frozen_request(rest: &[u8]) -> Result<Incoming<'_>, Unreadable> {
+fn frozen_request(rest: &[u8]) -> Result<(u8, Incoming<'_>), Unreadable> {
     match rest {
-        [sequence] => Ok(Incoming::IdentityRequest {
-            sequence: *sequence,
-        }),
-        [sequence, UPDATE, message @ ..] => Ok(Incoming::Update {
-            sequence: *sequence,
-            request: parse(message)?,
-        }),
+        [sequence] => Ok((*sequence, Incoming::Identity)),
+        [sequence, UPDATE, message @ ..] => Ok((*sequence, Incoming::Update(parse(message)?))),
         _ => Err(Unreadable::Unknown),
     }
 }
 
-/// Decodes the content of a frame received by a desk.
-pub fn read_answer(inside: &[u8]) -> Result<Outgoing<'_>, Unreadable> {
+/// Decodes a frame received by a desk: the sequence of the request, 0 without one, and the content.
+pub fn read_answer(inside: &[u8]) -> Result<(u8, Outgoing<'_>), Unreadable> {
     match check_frame(inside)? {
-        (FROZEN, [sequence, UPDATE, message @ ..]) => Ok(Outgoing::Update {
-            sequence: *sequence,
-            answer: parse(message)?,
-        }),
-        (FROZEN, [sequence, version, a, b, c, d, image @ ..]) => Ok(Outgoing::Identity {
-            sequence: *sequence,
-            identity: Identity {
+        (FROZEN, [sequence, UPDATE, message @ ..]) => {
+            Ok((*sequence, Outgoing::Update(parse(message)?)))
+        }
+        (FROZEN, [sequence, version, a, b, c, d, image @ ..]) => {
+            let identity = Identity {
                 version: *version,
                 schema: u32::from_le_bytes([*a, *b, *c, *d]),
                 image: core::str::from_utf8(image).map_err(|_| Unreadable::Unknown)?,
-            },
-        }),
+            };
+            Ok((*sequence, Outgoing::Identity(identity)))
+        }
         (FROZEN, _) => Err(Unreadable::Unknown),
         (version, rest) => {
             let (sequence, response) = read(version, rest)?;
-            Ok(Outgoing::Response { sequence, response })
+            Ok((sequence, Outgoing::Response(response)))
         }
     }
 }

@@ -1,14 +1,7 @@
 //! Link protocol between board and desk: messages in frames with a checksum (docs/link.md).
 //!
-//! Encoded by COBS, a frame ends with a zero, at which receivers resynchronize. It has in order:
-//!
-//! | bytes | content |
-//! |---|---|
-//! | 1 | version: [`VERSION`], or 0 for identity and update |
-//! | 2 | schema: the low half of [`SCHEMA`]; absent with version 0 |
-//! | 1 | sequence: a response repeats that of its request; telemetry has 0 |
-//! | | the message: postcard of [`Request`] or [`Response`] |
-//! | 4 | CRC-32 (IEEE 802.3) of all bytes before it |
+//! Encoded by COBS, a frame ends with a zero, at which receivers resynchronize. That page lists its
+//! bytes.
 //!
 //! Frames of version 0 never change, so any desk can identify and update any board. Without a
 //! message one is the identity request. The response is [`Identity`]: version, schema (4 bytes),

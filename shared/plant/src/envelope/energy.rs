@@ -6,8 +6,7 @@
 //! residuals, in (m/s^2)^2, of each of 32 sectors, a quarter of them per cycle as on the board.
 
 use super::onset::{RESIDUAL_SAMPLES, Response};
-use super::powers::Powers;
-use super::recurrence::{exp, turn};
+use super::recurrence::{Powers, exp, turn};
 use core::f64::consts::TAU;
 use kband::arithmetic::Phase;
 use kband_control::signal_path::{SECTORS, SECTORS_PER_CYCLE, Sectors};
@@ -19,7 +18,7 @@ const SECTOR_SHIFT: u32 = u32::BITS - SECTORS.trailing_zeros();
 const NEGLIGIBLE_HEIGHT_SQUARED: f64 = 1e-6;
 
 /// Sum of all ringings: `Im(phasor e^(ringing n))`, plus the filters' transient of the last one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct RingingEnergy {
     /// Residual of a ringing of unit height in steady state, and its transient at first.
     steady: Complex,
@@ -61,19 +60,12 @@ impl RingingEnergy {
             decay,
             square_sum: 1.0 / (1.0 - sample.norm_sqr()),
             conjugate_sum: (Complex::ONE - sample * sample).inv(),
-            phasor: Complex::ZERO,
-            newest: Complex::ZERO,
             begun: RESIDUAL_SAMPLES,
-            at: 0,
-            began: 0,
-            phase: 0,
             step: 1,
             sector: 1 << SECTOR_SHIFT,
-            decays: [Complex::ZERO; 2],
-            sums: [0.0; SECTORS],
-            next: 0,
             middles: core::array::from_fn(|n| turn(2.0 * TAU * (n as f64 + 0.5) / SECTORS as f64)),
             sector_attenuation: libm::sin(TAU / SECTORS as f64) / (TAU / SECTORS as f64),
+            ..Self::default()
         }
     }
 

@@ -70,17 +70,13 @@ impl TrackLoad {
     }
 
     pub fn add_rest(&mut self, part: usize, rest: Rest, normal_gravity: f64) {
-        let Rest {
-            phases: [from, until],
-            amplitude,
-            lead,
-        } = rest;
-        let inertia = amplitude * self.angular * self.angular;
+        let [from, until] = rest.phases;
+        let inertia = rest.amplitude * self.angular * self.angular;
         // Integrals of e^(-i x) and of sin(x + lead) e^(-i x) between the phases.
         let weight_term = (turn(-until) - turn(-from)) * Complex::new(0.0, 1.0);
         let doubled = (turn(-2.0 * until) - turn(-2.0 * from)) * Complex::new(0.0, 0.5);
-        let inertia_term =
-            (turn(lead) * (until - from) - turn(-lead) * doubled) * Complex::new(0.0, -0.5);
+        let inertia_term = (turn(rest.lead) * (until - from) - turn(-rest.lead) * doubled)
+            * Complex::new(0.0, -0.5);
         let force = weight_term * -normal_gravity + inertia_term * inertia;
         self.sums[1] += force * Complex::new(0.0, FRAC_1_PI * self.share(part));
     }

@@ -1,13 +1,10 @@
 //! Envelope plant: steps of a drive cycle in closed form.
 
-mod blanking;
 mod closed_loop;
 mod energy;
 mod load;
 mod onset;
 mod plant;
-mod powers;
-mod readings;
 mod recurrence;
 mod track_motion;
 mod upper;

@@ -5,7 +5,6 @@
 
 use super::load::TrackLoad;
 use super::onset::{Background, DetectedOnset, OnsetModel, SampledImpact};
-use super::readings::{Read, Readings, Sense};
 use super::recurrence::{Recurrence, turn};
 use super::track_motion::TrackMotion;
 use super::upper::UpperEnvelope;
@@ -25,6 +24,9 @@ use kband_control::signal_path::{
 };
 use kband_control::{Command, Cycle, SAMPLE_RATE, phase_step};
 use num_complex::{Complex32, Complex64 as Complex};
+use readings::{Readings, Sense};
+
+mod readings;
 
 /// Largest number of events of one part in one cycle; later events move to the next cycle.
 const EVENTS_PER_CYCLE: usize = 200;
@@ -456,20 +458,6 @@ impl EnvelopePlant {
         let sum = turn(mains + drive_at) * Complex::new(0.0, -sum_term)
             + turn(drive_at - mains) * Complex::new(0.0, difference_term);
         sum * f64::from(self.sensor.hum)
-    }
-
-    fn read_each(&mut self, cycle: &mut Cycle) -> Complex {
-        let of = Read {
-            drive: &self.drive,
-            upper: self.upper.as_ref(),
-            sensor: &self.sensor,
-            sense: &self.sense,
-            strikes: &self.strikes,
-            time: self.time,
-            sample: self.sample,
-            inverted: self.inverted,
-        };
-        self.readings.read(&of, cycle, &mut self.noise)
     }
 
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.

@@ -9,10 +9,6 @@ pub(crate) mod scene;
 pub(crate) mod timeline;
 
 use kband_control::Report;
-pub use part::Strike;
-pub use scene::{
-    Change, DISTURBANCES, Disturbance, Disturbances, DriveModel, PARTS, Parts, Scene, SensorModel,
-};
 
 /// One cycle of the closed loop.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -364,24 +364,20 @@ impl Part {
         self.began = start;
         self.rest_start = None;
         let unit = amplitude * track.angular;
-        let Flight {
-            k, phase, impact, ..
-        } = flight;
-        let launch = PartState::new(*phase, 0.0);
+        let (k, phase, impact) = (flight.k, flight.phase, &flight.impact);
+        let launch = PartState::new(phase, 0.0);
         let velocity = self.along / unit;
         let sine = Wave::sine();
         let wave = track.wave.unwrap_or(&sine);
         let result = match track.law {
             None => None,
-            Some(Law::Friction(settings)) => Friction::on(wave, *k, settings)
+            Some(Law::Friction(settings)) => Friction::on(wave, k, settings)
                 .ok()
-                .map(|along| along.motion_before_impact(*phase, impact.flight, velocity)),
-            Some(Law::Restitution(settings)) => {
-                Tangential::on(wave, *k, settings).ok().map(|law| {
-                    let along = law.velocity_after_impact(launch, impact, velocity);
-                    (law.distance(launch, impact, velocity), along)
-                })
-            }
+                .map(|along| along.motion_before_impact(phase, impact.flight, velocity)),
+            Some(Law::Restitution(settings)) => Tangential::on(wave, k, settings).ok().map(|law| {
+                let along = law.velocity_after_impact(launch, impact, velocity);
+                (law.distance(launch, impact, velocity), along)
+            }),
         };
         let (displacement, along) = result.unwrap_or_default();
         self.motion = Motion::Flying {

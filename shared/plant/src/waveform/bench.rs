@@ -156,19 +156,18 @@ impl Bench {
         };
         for index in 0..plant.massive.len() {
             if plant.hopper.arrives(index) == 0 {
-                let sag = plant.load_spring(index);
+                let sag = plant.sag(index);
+                plant.sagged += sag;
                 plant.drive.push(-sag, 0.0);
             }
         }
         Ok(plant)
     }
 
-    /// Adds a part to the spring's load and returns the added deflection in m.
-    fn load_spring(&mut self, index: usize) -> f64 {
+    /// Deflection of the spring under a part, in m.
+    fn sag(&self, index: usize) -> f64 {
         let share = self.massive.get(index).map_or(0.0, |part| part.share);
-        let sag = self.drive.sag(share * self.normal_gravity);
-        self.sagged += sag;
-        sag
+        self.drive.sag(share * self.normal_gravity)
     }
 
     /// Converter reading of the next sample, after the disturbances due before it.
@@ -327,7 +326,7 @@ impl Bench {
                 let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
                 let crest = f64::from(swing.amplitude) - self.sagged;
                 self.massive[index].drop_from(crest.max(x), now);
-                self.load_spring(index);
+                self.sagged += self.sag(index);
                 continue;
             }
             let part = &mut self.massive[index];
@@ -398,8 +397,7 @@ impl Bench {
     fn place_parts(&mut self, count: u8) {
         for index in usize::from(count)..self.massive.len() {
             if self.hopper.arrives(index) <= self.time {
-                let share = self.massive.get(index).map_or(0.0, |part| part.share);
-                self.sagged -= self.drive.sag(share * self.normal_gravity);
+                self.sagged -= self.sag(index);
             }
         }
         // A part with mass falls onto the track within the next sample.

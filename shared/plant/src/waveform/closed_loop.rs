@@ -87,7 +87,20 @@ impl ClosedLoop {
     fn samples(&mut self, observe: &mut impl FnMut(Sample)) {
         // The longest cycle has 4000 samples; the bound ends a loop with a wrong step.
         for _ in 0..2 * SAMPLE_RATE {
-            if self.sample(observe) {
+            let code = self.bench.sample();
+            let before = self.signal.phase();
+            let sampled = self.signal.sample_with(code, || self.bench.current());
+            let step = (self.signal.phase() - before).bits();
+            self.bench.hold(sampled.output, step);
+            let [displacement, velocity] = self.bench.motion();
+            observe(Sample {
+                time: self.bench.time(),
+                output: sampled.output,
+                code: code.0,
+                displacement,
+                velocity,
+            });
+            if sampled.wrapped {
                 break;
             }
         }
@@ -102,24 +115,6 @@ impl ClosedLoop {
             self.signal = signal;
             self.controller = controller;
         }
-    }
-
-    #[inline]
-    fn sample(&mut self, observe: &mut impl FnMut(Sample)) -> bool {
-        let code = self.bench.sample();
-        let before = self.signal.phase();
-        let sampled = self.signal.sample_with(code, || self.bench.current());
-        let step = (self.signal.phase() - before).bits();
-        self.bench.hold(sampled.output, step);
-        let [displacement, velocity] = self.bench.motion();
-        observe(Sample {
-            time: self.bench.time(),
-            output: sampled.output,
-            code: code.0,
-            displacement,
-            velocity,
-        });
-        sampled.wrapped
     }
 
     /// Sets a fieldbus's commands for the next cycle, and whether a request arrived since the last.

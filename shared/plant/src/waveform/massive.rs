@@ -11,7 +11,7 @@ const BISECTIONS: usize = 30;
 
 /// Velocities of track and part after an impact with a part of `share` of the track's mass. It
 /// keeps momentum, and reverses the relative velocity times `restitution`.
-pub fn collide(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
+fn collide(track: f64, part: f64, share: f64, restitution: f64) -> [f64; 2] {
     let change = (1.0 + restitution) * (track - part) / (1.0 + share);
     [track - share * change, part + change]
 }

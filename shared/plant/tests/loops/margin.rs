@@ -6,16 +6,6 @@ use kband::regime::gear::{GearWatch, is_in_gear};
 use kband_control::{GearMargin, Shape, Target, UpperTone};
 use kband_plant::Scene;
 
-/// Parts evenly over a lot, at a fixed k, with a second tone of ratio e and angle th.
-#[derive(Debug)]
-struct Lot {
-    restitution: [f32; 2],
-    scatter: f32,
-    parts: usize,
-    k: f32,
-    tone: [f32; 2],
-}
-
 /// True values from 5 s to 60 s, over flights in gear from the eighth in a row on.
 #[derive(Debug)]
 struct Actual {
@@ -25,28 +15,14 @@ struct Actual {
     losses: f64,
 }
 
-fn scene(of: &Lot, seed: u64) -> Scene {
-    let mut scene = lot(of.restitution, of.scatter, of.k, of.parts, seed);
-    let [ratio, phase] = of.tone;
-    if ratio > 0.0 {
-        scene.settings.second_tone = ratio;
-        scene.drive.second_gain = scene.settings.second_gain;
-        scene.drive.second_lag = scene.settings.second_lag;
-        scene.target = Target::Tones {
-            k: of.k,
-            shape: Shape::of_two(UpperTone { ratio, phase }),
-        };
-    }
-    scene
-}
-
-/// True values, last estimate, and number of cycles after 10 s with an estimate.
-fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
-    let scene = scene(lot, seed);
-    let mut closed = unwatched(&scene);
-    let mut watches = std::vec![GearWatch::build(1).unwrap(); lot.parts];
-    let mut flights = std::vec![(0, 0.0); lot.parts];
-    let [ratio, angle] = lot.tone.map(f64::from);
+/// True values, last estimate, and number of cycles after 10 s with an estimate, for a track with a
+/// second tone of a ratio e and an angle th.
+fn estimate_margin(scene: &Scene, tone: [f32; 2]) -> (Actual, GearMargin, usize) {
+    let mut closed = unwatched(scene);
+    let parts = scene.parts.len();
+    let mut watches = std::vec![GearWatch::build(1).unwrap(); parts];
+    let mut flights = std::vec![(0, 0.0); parts];
+    let [ratio, angle] = tone.map(f64::from);
     let (mut reported, mut last) = (0, GearMargin::default());
     let (mut traces, mut restitutions, mut count) = (0.0, 0.0, 0.0);
     for cycle in 0..CYCLES {
@@ -82,7 +58,7 @@ fn estimate_margin(lot: &Lot, seed: u64) -> (Actual, GearMargin, usize) {
     let end = CYCLES as f64 * TAU;
     let shares = watches.iter().map(|watch| watch.share(end));
     let all = shares.reduce(|one, other| one.plus(&other)).unwrap();
-    let cycles = all.share() * (lot.parts * (CYCLES - SETTLED)) as f64;
+    let cycles = all.share() * (parts * (CYCLES - SETTLED)) as f64;
     let to_loss = all.time_to_loss();
     let actual = Actual {
         trace: traces / count,
@@ -108,15 +84,18 @@ fn estimated_margin_matches_the_plant() {
         ([0.5, 0.5], 0.10, 0.59, [0.23, 2.65]),
     ] {
         for parts in [1, 6] {
-            let lot = Lot {
-                restitution,
-                scatter,
-                parts,
-                k,
-                tone,
-            };
-            let (actual, estimate, cycles) = estimate_margin(&lot, 3);
-            let case = format!("{lot:?}: {actual:?} {estimate:?}");
+            let mut scene = lot(restitution, scatter, k, parts, 3);
+            let [ratio, phase] = tone;
+            if ratio > 0.0 {
+                scene.settings.second_tone = ratio;
+                scene.drive.second_gain = scene.settings.second_gain;
+                scene.drive.second_lag = scene.settings.second_lag;
+                let shape = Shape::of_two(UpperTone { ratio, phase });
+                scene.target = Target::Tones { k, shape };
+            }
+            let (actual, estimate, cycles) = estimate_margin(&scene, tone);
+            let lot = format!("{restitution:?} {scatter} {k} {tone:?}, {parts} parts");
+            let case = format!("{lot}: {actual:?} {estimate:?}");
             assert!(cycles > 2400, "{case}: told in {cycles} cycles");
             let difference = (f64::from(estimate.restitution) - actual.restitution).abs();
             assert!(difference < 3.0 * f64::from(estimate.error), "{case}");

@@ -195,14 +195,14 @@ fn send(frame: &[u8]) {
 fn answer(inside: &[u8], slot: &mut OneSlot<Flash>) -> bool {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let (frame, is_update) = match read_frozen_request(inside) {
-        Ok(Incoming::IdentityRequest { sequence }) => {
+        Ok((sequence, Incoming::Identity)) => {
             (write_identity(&mut buffer, sequence, &IDENTITY), false)
         }
-        Ok(Incoming::Update { sequence, request }) => {
+        Ok((sequence, Incoming::Update(request))) => {
             let answer = slot.answer(&request, read(POWER_STATUS) & BELOW == 0);
             (write_update_answer(&mut buffer, sequence, &answer), true)
         }
-        Ok(Incoming::Request { .. }) | Err(_) => return false,
+        Ok((_, Incoming::Request(_))) | Err(_) => return false,
     };
     frame.into_iter().for_each(send);
     is_update

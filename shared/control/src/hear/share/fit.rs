@@ -124,14 +124,11 @@ fn solve(
                 break;
             };
             for a in 0..COMPONENTS {
-                if free[a] {
-                    weights[a] += step_length * (trial[a] - weights[a]);
-                }
-            }
-            for a in 0..COMPONENTS {
                 if a == blocking {
                     free[a] = false;
                     weights[a] = 0.0;
+                } else if free[a] {
+                    weights[a] += step_length * (trial[a] - weights[a]);
                 }
             }
         }

@@ -1,11 +1,9 @@
 //! Sample-by-sample readings of the envelope plant, for cycles with saturation or averaging.
 
-use super::recurrence::Recurrence;
-use super::upper::UpperEnvelope;
+use super::EnvelopePlant;
 use crate::model::drive::Ringing;
-use crate::model::part::Strike;
 use crate::model::scene::SensorModel;
-use kband::arithmetic::{Noise, Phase};
+use kband::arithmetic::Phase;
 use kband_control::Cycle;
 use kband_control::signal_path::{OnsetDetector, SynchronousAverage};
 use num_complex::Complex64 as Complex;
@@ -44,18 +42,6 @@ pub(crate) struct Readings {
     at: u64,
 }
 
-pub(crate) struct Read<'a> {
-    pub drive: &'a Recurrence,
-    pub upper: Option<&'a UpperEnvelope>,
-    pub sensor: &'a SensorModel,
-    pub sense: &'a Sense,
-    pub strikes: &'a [Strike],
-    /// Time of the parts at the first sample of the cycle, and the index of that sample.
-    pub time: i64,
-    pub sample: u64,
-    pub inverted: bool,
-}
-
 impl Readings {
     pub fn new(sensor: &SensorModel, sense: &Sense) -> Self {
         Self {
@@ -80,36 +66,41 @@ impl Readings {
             self.averages = !self.average.is_idle();
         }
     }
+}
 
-    pub fn read(&mut self, input: &Read<'_>, cycle: &mut Cycle, noise: &mut Noise) -> Complex {
-        let Read { drive, sense, .. } = *input;
-        let sign = if input.inverted { -1.0 } else { 1.0 };
+impl EnvelopePlant {
+    /// Reads a cycle sample by sample; returns its demodulated acceleration in m/s^2.
+    pub(super) fn read_each(&mut self, cycle: &mut Cycle) -> Complex {
+        let (drive, sense, readings) = (&self.drive, self.sense, &mut self.readings);
+        let sign = if self.inverted { -1.0 } else { 1.0 };
         let codes = sign * sense.factor / sense.floor;
         let samples = drive.samples();
         let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), sense.full, 0.0_f64);
-        if self.at != input.sample {
-            self.ringing.silence();
+        if readings.at != self.sample {
+            readings.ringing.silence();
         }
-        let mut strikes = input.strikes.iter().peekable();
+        let mut strikes = self.strikes.iter().peekable();
         for n in 0..samples {
             while let Some(strike) = strikes.peek() {
                 let delay =
-                    f64::from(n) - (strike.time as i64 - input.time) as f64 * drive.tuning.per_step;
+                    f64::from(n) - (strike.time as i64 - self.time) as f64 * drive.tuning.per_step;
                 if delay < 0.0 {
                     break;
                 }
-                let height = f64::from(input.sensor.ringing) * strike.speed;
-                self.ringing.strike(height as f32, delay.min(1.0) as f32);
+                let height = f64::from(self.sensor.ringing) * strike.speed;
+                readings
+                    .ringing
+                    .strike(height as f32, delay.min(1.0) as f32);
                 strikes.next();
             }
             let mut reading = drive.acceleration(n)
-                + f64::from(self.ringing.acceleration())
-                + sense.noise * f64::from(noise.gauss())
+                + f64::from(readings.ringing.acceleration())
+                + sense.noise * f64::from(self.noise.gauss())
                 + sense.rest;
-            if let Some(upper) = input.upper {
+            if let Some(upper) = &self.upper {
                 reading += upper.acceleration(f64::from(n), drive.phase_at(n).radians());
             }
-            self.ringing.step();
+            readings.ringing.step();
             let code = sense.zero + reading * codes + 0.5;
             let clipped_code = libm::floor(code.clamp(0.0, sense.full));
             if clipped_code < 1.0 || clipped_code >= sense.full {
@@ -118,13 +109,13 @@ impl Readings {
             (low, high) = (low.min(clipped_code), high.max(clipped_code));
             // The signal path subtracts the mean before it demodulates.
             let read = (clipped_code - sense.zero) * sense.floor - sense.rest * sign * sense.factor;
-            if self.averages {
-                let residual = self.detector.residual(read as f32);
-                self.average.add(drive.phase_at(n), residual);
+            if readings.averages {
+                let residual = readings.detector.residual(read as f32);
+                readings.average.add(drive.phase_at(n), residual);
             }
             sum += drive.at(n) * read;
         }
-        self.at = input.sample + u64::from(samples);
+        readings.at = self.sample + u64::from(samples);
         (cycle.low, cycle.high) = (low as u16, high as u16);
         sum * (2.0 / f64::from(samples) / (sign * sense.factor))
     }
