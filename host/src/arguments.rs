@@ -14,7 +14,7 @@ use kband::impact::{ContactTime, Scatter, Tone, Wave};
 
 use crate::file::Destination;
 use crate::picture::{Look, PICTURES, Picture};
-use crate::refusal::{Exit, Refusal};
+use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{Column, Format, Printout, Rows, rows, when};
 
 /// How the result is printed on standard output.
@@ -51,12 +51,12 @@ pub struct OutputArguments {
 impl OutputArguments {
     /// The destination of the picture or the numbers, checked before anything is computed. A
     /// picture on standard output is refused if `--format` prints numbers there.
-    pub fn check(&self) -> Result<Output, Refusal> {
+    pub fn check(&self) -> Result<Output> {
         self.drawn.check(self.printed.format, false)
     }
 
     /// The same with a default: without `--out`, a picture called `name` beside a printed table.
-    pub fn check_or(&self, name: &str) -> Result<Output, Refusal> {
+    pub fn check_or(&self, name: &str) -> Result<Output> {
         let format = self.printed.format;
         if self.drawn.out.is_some() || format != Format::Table {
             return self.check();
@@ -71,7 +71,7 @@ impl OutputArguments {
 
 impl FileArguments {
     /// Checked destination; numbers written `by_rows` may also go to a .parquet file.
-    pub fn check(&self, format: Format, by_rows: bool) -> Result<Output, Refusal> {
+    pub fn check(&self, format: Format, by_rows: bool) -> Result<Output> {
         let Some(path) = &self.out else {
             return Ok(Output { format, kind: None });
         };
@@ -102,7 +102,7 @@ pub fn own_picture(begin: &str) -> bool {
 }
 
 /// Refuses a picture on standard output if `format` prints numbers there.
-pub fn refuse_two_forms(path: &Path, format: Format) -> Result<(), Refusal> {
+pub fn refuse_two_forms(path: &Path, format: Format) -> Result<()> {
     if path != Path::new("-") || format == Format::Table {
         return Ok(());
     }
@@ -130,9 +130,12 @@ impl Output {
     pub fn rows<T>(
         &self,
         columns: &[Column],
-        work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
-    ) -> Result<T, Refusal> {
-        let target = self.rows_target();
+        work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T>,
+    ) -> Result<T> {
+        let target = match &self.kind {
+            Some((target, Kind::Numbers(_))) => Some(target),
+            _ => None,
+        };
         let result = rows::write(target, columns, work)?;
         if let Some(target) = target {
             eprintln!("{}", target.describe_write());
@@ -140,20 +143,9 @@ impl Output {
         Ok(result)
     }
 
-    pub fn rows_target(&self) -> Option<&Destination> {
-        match &self.kind {
-            Some((target, Kind::Numbers(_))) => Some(target),
-            _ => None,
-        }
-    }
-
     /// Prints `report` and writes its picture or its numbers; prints the file's name on standard
     /// error. Without `--out` it writes nothing and draws no picture.
-    pub fn show(
-        &self,
-        report: &Printout,
-        picture: impl FnOnce() -> Picture,
-    ) -> Result<Exit, Refusal> {
+    pub fn show(&self, report: &Printout, picture: impl FnOnce() -> Picture) -> Result<Exit> {
         report.print(self.format)?;
         if let Some((target, Kind::Numbers(format))) = &self.kind {
             report.save(*format, target)?;
@@ -163,7 +155,7 @@ impl Output {
     }
 
     /// Writes the picture, if one is wanted; prints the file's name on standard error.
-    pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<Exit, Refusal> {
+    pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<Exit> {
         if let Some((target, Kind::Picture(look))) = &self.kind {
             look.write(target, &picture())?;
             eprintln!("{}", target.describe_write());
@@ -226,7 +218,7 @@ pub struct ContactArguments {
 
 impl ContactArguments {
     /// Contact time as a phase of a drive of this frequency.
-    pub fn time(self, frequency: f64) -> Result<ContactTime, Refusal> {
+    pub fn time(self, frequency: f64) -> Result<ContactTime> {
         ContactTime::from_milliseconds(self.contact, frequency).map_err(|refused| {
             let next = "give a shorter contact or a lower --frequency";
             Refusal::value("--contact", refused.value, refused.accepted, next)
@@ -300,7 +292,7 @@ pub struct NoScatter {
 }
 
 impl NoScatter {
-    pub fn check(self, why: &str, next: &str) -> Result<(), Refusal> {
+    pub fn check(self, why: &str, next: &str) -> Result<()> {
         match self.scatter {
             Some(scatter) if scatter > 0.0 => {
                 let accepted = format!("0: {why}");

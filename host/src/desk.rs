@@ -8,14 +8,14 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 /// Number of waits of 50 ms for a silent board after a request to stop.
 const MAX_WAITS_AFTER_STOP: u32 = 6;
 
 /// Ends the waits for a silent board after a request to stop.
-pub(crate) fn limit_waits() -> impl FnMut() -> Result<(), Refusal> + Send {
+pub(crate) fn limit_waits() -> impl FnMut() -> Result<()> + Send {
     let mut waits = 0;
     move || {
         waits += u32::from(STOP_REQUESTED.load(Ordering::Relaxed));
@@ -37,7 +37,7 @@ pub struct Desk {
 
 impl Desk {
     /// A desk with this many threads, or one for each core.
-    pub fn new(threads: Option<usize>) -> Result<Self, Refusal> {
+    pub fn new(threads: Option<usize>) -> Result<Self> {
         let pool = rayon::ThreadPoolBuilder::new();
         let pool = pool.num_threads(threads.unwrap_or(0)).build();
         let pool = pool.map_err(|error| {
@@ -64,7 +64,7 @@ impl Desk {
     }
 
     /// Returns a refusal after a request to stop. Work of many steps calls it between them.
-    pub fn check_stop(&self) -> Result<(), Refusal> {
+    pub fn check_stop(&self) -> Result<()> {
         match self.stop.load(Ordering::Relaxed) {
             true => Err(Refusal::interrupted()),
             false => Ok(()),
@@ -78,7 +78,7 @@ impl Desk {
         title: &str,
         count: usize,
         work: impl Fn(usize) -> T + Sync + Send,
-    ) -> Result<Vec<T>, Refusal> {
+    ) -> Result<Vec<T>> {
         let progress = Progress::new(title, count as u64);
         let step = |n| {
             self.check_stop()?;
@@ -87,9 +87,7 @@ impl Desk {
             Ok(result)
         };
         let all = || (0..count).into_par_iter().map(step).collect();
-        let results = self.pool.install(all);
-        progress.finish();
-        results
+        self.pool.install(all)
     }
 
     /// Like [`Desk::map`] for work that may refuse; the first refusal in order is returned.
@@ -97,8 +95,8 @@ impl Desk {
         &self,
         title: &str,
         count: usize,
-        work: impl Fn(usize) -> Result<T, Refusal> + Sync + Send,
-    ) -> Result<Vec<T>, Refusal> {
+        work: impl Fn(usize) -> Result<T> + Sync + Send,
+    ) -> Result<Vec<T>> {
         self.map(title, count, work)?.into_iter().collect()
     }
 
@@ -108,24 +106,19 @@ impl Desk {
         title: &str,
         count: usize,
         block_size: usize,
-        work: impl Fn(&[usize]) -> Result<Vec<T>, Refusal> + Sync + Send,
-    ) -> Result<Vec<T>, Refusal> {
+        work: impl Fn(&[usize]) -> Result<Vec<T>> + Sync + Send,
+    ) -> Result<Vec<T>> {
         let blocks = count.div_ceil(block_size.max(1));
-        let tasks = blocks.max(self.threads()).min(count);
+        let tasks = blocks.max(self.pool.current_num_threads()).min(count);
         let of_task = |task: usize| (task..count).step_by(tasks).collect::<Vec<_>>();
         let results = self.try_map(title, tasks, |task| work(&of_task(task)))?;
         let mut results: Vec<_> = results.into_iter().map(Vec::into_iter).collect();
         let in_order = (0..count).filter_map(|n| results[n % tasks].next());
         Ok(in_order.collect())
     }
-
-    /// Number of threads.
-    pub fn threads(&self) -> usize {
-        self.pool.current_num_threads()
-    }
 }
 
-/// A progress bar on a terminal's standard error, also before the first step is completed.
+/// A progress bar on a terminal's standard error, from before the first step until it is dropped.
 #[derive(Debug)]
 pub(crate) struct Progress(ProgressBar);
 
@@ -158,16 +151,11 @@ impl Progress {
     pub fn advance(&self, steps: u64) {
         self.0.inc(steps);
     }
-
-    pub fn finish(&self) {
-        self.0.finish_and_clear();
-    }
 }
 
 impl Drop for Progress {
-    /// Also removes the bar after a refusal.
     fn drop(&mut self) {
-        self.finish();
+        self.0.finish_and_clear();
     }
 }
 

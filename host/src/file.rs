@@ -13,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 
 use used::Role;
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Temporary files of this run, removed before a forced stop.
 static UNFINISHED_FILES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -77,7 +77,7 @@ pub struct Destination {
 
 impl Destination {
     /// The destination `path`, or standard output for `-` and `-.png`, with a default ending.
-    pub fn output(path: &Path, ending: &str) -> Result<Self, Refusal> {
+    pub fn output(path: &Path, ending: &str) -> Result<Self> {
         let Some(requested) = standard(path) else {
             return Self::check(path);
         };
@@ -96,7 +96,7 @@ impl Destination {
     }
 
     /// The destination `path`, unless it is a folder, in a missing folder, or a file of this run.
-    pub fn check(path: &Path) -> Result<Self, Refusal> {
+    pub fn check(path: &Path) -> Result<Self> {
         let (name, folder) = (path.display(), folder(path));
         let refuse = |cause: String, next: &str| Err(Refusal::new(cause, next));
         if standard(path).is_some() {
@@ -135,7 +135,7 @@ impl Destination {
     }
 
     /// The same for a default name; `own` decides by the first bytes whether kband wrote the file.
-    pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self, Refusal> {
+    pub fn default_name(path: &Path, own: fn(&str) -> bool, option: &str) -> Result<Self> {
         let target = Self::check(path)?;
         if target.replaces {
             let mut begin = vec![0; 2048];
@@ -165,7 +165,7 @@ impl Destination {
         ending.to_string_lossy().to_lowercase()
     }
 
-    pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<(), Refusal> {
+    pub fn ends_in(&self, option: &str, endings: &[&str]) -> Result<()> {
         if endings.contains(&self.ending().as_str()) {
             return Ok(());
         }
@@ -175,11 +175,9 @@ impl Destination {
     }
 
     /// The same destination, whose content is on the disk once it is written.
-    pub fn durable(self) -> Self {
-        Self {
-            durable: true,
-            ..self
-        }
+    pub fn durable(mut self) -> Self {
+        self.durable = true;
+        self
     }
 
     pub fn path(&self) -> &Path {
@@ -187,10 +185,7 @@ impl Destination {
     }
 
     /// Writes the file with `content`: into a temporary file in its folder, renamed when complete.
-    pub fn write(
-        &self,
-        content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
-    ) -> Result<(), Refusal> {
+    pub fn write(&self, content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<()> {
         self.write_by(|file| content(file).map_err(|error| self.write_refusal(&error)))
     }
 
@@ -198,8 +193,8 @@ impl Destination {
     /// followed, a pipe or a device written directly.
     pub fn write_by<T>(
         &self,
-        work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T, Refusal>,
-    ) -> Result<T, Refusal> {
+        work: impl FnOnce(&mut (dyn Write + Send)) -> Result<T>,
+    ) -> Result<T> {
         let refuse = |error: std::io::Error| self.write_refusal(&error);
         if self.standard {
             let mut out = BufWriter::new(standard_output());
@@ -242,7 +237,7 @@ impl Destination {
         Refusal::file(&self.path, error, NEXT_WRITABLE)
     }
 
-    pub fn write_bytes(&self, bytes: &[u8]) -> Result<(), Refusal> {
+    pub fn write_bytes(&self, bytes: &[u8]) -> Result<()> {
         self.write(|file| file.write_all(bytes))
     }
 }
@@ -259,19 +254,19 @@ fn source(path: &Path) -> &Path {
 }
 
 /// Opens an input; `next` is the next step of the error.
-pub fn open(path: &Path, next: &str) -> Result<File, Refusal> {
+pub fn open(path: &Path, next: &str) -> Result<File> {
     let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::add(path, Role::Input)?;
     Ok(file)
 }
 
-pub fn read(path: &Path, next: &str) -> Result<Vec<u8>, Refusal> {
+pub fn read(path: &Path, next: &str) -> Result<Vec<u8>> {
     let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::add(path, Role::Input)?;
     Ok(bytes)
 }
 
-pub fn read_text(path: &Path) -> Result<String, Refusal> {
+pub fn read_text(path: &Path) -> Result<String> {
     let next = "give the path of a readable text file";
     let text = fs::read_to_string(source(path));
     let text = text.map_err(|error| Refusal::file(path, &error, next))?;

@@ -21,7 +21,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::file::{self, Destination};
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Form of a result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -45,7 +45,7 @@ pub struct Printout {
     csv: Option<(Vec<Column>, Box<WriteRows>)>,
 }
 
-type WriteRows = dyn Fn(&mut dyn Rows) -> Result<(), Refusal>;
+type WriteRows = dyn Fn(&mut dyn Rows) -> Result<()>;
 
 impl Printout {
     /// The printout of a table; its JSON is the array of its rows.
@@ -78,7 +78,7 @@ impl Printout {
         self
     }
 
-    pub fn json(mut self, value: &impl Serialize) -> Result<Self, Refusal> {
+    pub fn json(mut self, value: &impl Serialize) -> Result<Self> {
         self.json = Some(serde_json::to_value(value).map_err(|error| {
             let cause = format!("the result has no JSON form: {error}");
             Refusal::new(cause, "use --format csv")
@@ -90,7 +90,7 @@ impl Printout {
     pub fn csv(
         mut self,
         columns: &[Column],
-        rows: impl Fn(&mut dyn Rows) -> Result<(), Refusal> + 'static,
+        rows: impl Fn(&mut dyn Rows) -> Result<()> + 'static,
     ) -> Self {
         self.csv = Some((columns.to_vec(), Box::new(rows)));
         self
@@ -141,7 +141,7 @@ impl Printout {
         parts.join("\n")
     }
 
-    pub fn print(&self, format: Format) -> Result<(), Refusal> {
+    pub fn print(&self, format: Format) -> Result<()> {
         if let (Format::Table, screen @ Some(_)) = (format, screen()) {
             return print(&self.to_text(screen));
         }
@@ -149,7 +149,7 @@ impl Printout {
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
     }
 
-    pub fn save(&self, format: Format, target: &Destination) -> Result<(), Refusal> {
+    pub fn save(&self, format: Format, target: &Destination) -> Result<()> {
         target.write(|out| self.write(format, out))
     }
 }
@@ -160,7 +160,7 @@ const MAX_ROWS_TO_READ: usize = 50_000;
 struct RowsToRead(Table);
 
 impl Rows for RowsToRead {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value]) -> Result<()> {
         if self.0.len() == MAX_ROWS_TO_READ {
             let accepted = format!("csv or json for more than {MAX_ROWS_TO_READ} rows");
             let next = "choose one of them, or ask for fewer rows";
@@ -177,8 +177,8 @@ impl Rows for RowsToRead {
 pub fn print_rows<T>(
     format: Format,
     columns: &[Column],
-    work: impl FnOnce(&mut dyn Rows) -> Result<T, Refusal>,
-) -> Result<T, Refusal> {
+    work: impl FnOnce(&mut dyn Rows) -> Result<T>,
+) -> Result<T> {
     if format == Format::Table {
         let mut rows = RowsToRead(Table::new(columns));
         let result = work(&mut rows)?;
@@ -197,14 +197,6 @@ pub fn print_rows<T>(
     Ok(result)
 }
 
-/// Reports the expected size of an output above 100 MB.
-pub fn state_size(target: impl std::fmt::Display, bytes: u64) {
-    if bytes > 100_000_000 {
-        let size = bytes / 1_000_000;
-        eprintln!("note: {target} will have about {size} MB");
-    }
-}
-
 pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
     let columns = columns.iter().filter(|column| !column.unit.is_empty());
     let units = columns.map(|column| (column.name.to_string(), column.unit.into()));
@@ -220,7 +212,7 @@ fn text_output() -> Box<dyn Write> {
 }
 
 /// Prints lines on standard output; a pipe closed by its reader (`| head`) is not an error.
-pub fn print(text: &str) -> Result<(), Refusal> {
+pub fn print(text: &str) -> Result<()> {
     let mut out = text_output();
     let text = screen().map_or(text.into(), |screen| wrapped(text, screen));
     quiet_if_closed(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
@@ -270,7 +262,7 @@ fn wrapped(text: &str, screen: usize) -> String {
     lines.join("\n")
 }
 
-fn quiet_if_closed(written: std::io::Result<()>) -> Result<(), Refusal> {
+fn quiet_if_closed(written: std::io::Result<()>) -> Result<()> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::is_reader_closed() => {
             let next = "check where the output goes, or write a file with --out";

@@ -5,7 +5,7 @@ use std::io::{ErrorKind, Write};
 use serde_json::{Map, Value as Json};
 
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 use crate::report::{Column, CsvRows, Format, Value, units};
 
 pub struct Stream<W> {
@@ -27,7 +27,7 @@ impl<W: Write> Stream<W> {
     }
 
     /// Prints a row; returns whether the output still has a reader.
-    pub fn row(&mut self, row: &[Value]) -> Result<bool, Refusal> {
+    pub fn row(&mut self, row: &[Value]) -> Result<bool> {
         let mut text = String::new();
         if !self.started {
             self.started = true;

@@ -4,10 +4,12 @@ mod outcome;
 
 use std::collections::BTreeSet;
 use std::fs::DirEntry;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use kband_host::provenance;
-use outcome::{kband, start};
+use outcome::{Outcome, kband, start};
+use rayon::prelude::*;
 use tempfile::TempDir;
 
 fn folder() -> TempDir {
@@ -24,54 +26,15 @@ fn scene(folder: &TempDir) -> String {
     kband(folder, "simulate --print-scene").done()
 }
 
-/// A wrong input of the list: the line after `$`, and the expected message.
-type Wrong<'a> = (&'a str, &'a str);
+/// An entry of a list: the line after `$`, and the text below it.
+type Entry<'a> = (&'a str, &'a str);
 
-fn wrong_inputs(list: &str) -> Vec<Wrong<'_>> {
-    let wrong = |block| {
-        let (line, message) = str::split_once(block, '\n').unwrap_or((block, ""));
-        (line, message.trim_end())
+fn entries(list: &str) -> Vec<Entry<'_>> {
+    let entry = |block| {
+        let (line, text) = str::split_once(block, '\n').unwrap_or((block, ""));
+        (line, text.trim_end())
     };
-    list.split("\n$ ").skip(1).map(wrong).collect()
-}
-
-/// Output for one wrong input, run in its own folder.
-fn message_of(folder: &TempDir, scene: &str, line: &str) -> String {
-    let place = folder.path();
-    let outcome = match line.split_once(' ').expect("a line has a command") {
-        ("scene", changes) => {
-            let mut text = scene.to_string();
-            for change in changes.split(" and ") {
-                let (right, wrong) = change.split_once(" -> ").unwrap();
-                let key_line = format!("\n{right}");
-                assert!(text.contains(&key_line), "no line {right} in the scene");
-                let wrong = wrong.replace("\\n", "\n");
-                text = text.replacen(&key_line, &format!("\n{wrong}"), 1);
-            }
-            std::fs::write(place.join("bad.toml"), text).unwrap();
-            kband(place, "simulate bad.toml --out bad.svg")
-        }
-        ("file", rest) => {
-            let (file, command) = rest.split_once(" -> ").unwrap();
-            let (name, text) = file.split_once(' ').unwrap();
-            std::fs::write(place.join(name), text.replace("\\n", "\n")).unwrap();
-            let outcome = kband(place, command);
-            std::fs::remove_file(place.join(name)).unwrap();
-            outcome
-        }
-        ("board", args) => outcome::on_board(place, outcome::TIMEOUT, args, &[]),
-        (_, args) => kband(place, args),
-    };
-    outcome.refused(&[]);
-    let message = outcome.stderr.trim_end();
-    assert!(outcome.out.is_empty(), "{line} printed a result");
-    assert!(message.starts_with("error: "), "{line}: {message}");
-    let steps = message.matches("\n  next: ").count();
-    assert_eq!(steps, 1, "{line}: {message}");
-    let mut left = names(folder);
-    left.retain(|name| name != "bad.toml" && !INPUT_FILES.iter().any(|(given, _)| given == name));
-    assert!(left.is_empty(), "{line} left {left:?}");
-    message.to_string()
+    list.split("\n$ ").skip(1).map(entry).collect()
 }
 
 const INPUT_FILES: [(&str, &str); 3] =
@@ -79,85 +42,104 @@ const INPUT_FILES: [(&str, &str); 3] =
 const ROWS: &str = "k,restitution,phase,velocity\n0.43,0.2,0.5,0.4\n\n0.43,1.2,0.5,0.4\n";
 const WORDS: &str = "k,restitution,phase,velocity\n0.43,R,0.5,0.4\n";
 
-/// Each line of `wrong_inputs.txt` is refused with the message below it.
-#[test]
-fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/wrong_inputs.txt");
-    let list = std::fs::read_to_string(path).unwrap();
-    let inputs = wrong_inputs(&list);
-    assert!(inputs.len() >= 150, "{} wrong inputs", inputs.len());
-    let scene = scene(&folder());
-    let shares: Vec<&[Wrong<'_>]> = inputs.chunks(inputs.len().div_ceil(4)).collect();
-    let messages: Vec<String> = std::thread::scope(|scope| {
-        let run = |share: &'_ [Wrong<'_>]| {
-            let folder = folder();
-            for (name, text) in INPUT_FILES {
-                std::fs::write(folder.path().join(name), text).unwrap();
-            }
-            let messages = share.iter();
-            let messages = messages.map(|(line, _)| message_of(&folder, &scene, line));
-            messages.collect::<Vec<_>>()
-        };
-        let spawn = |share| scope.spawn(move || run(share));
-        let threads: Vec<_> = shares.into_iter().map(spawn).collect();
-        let ended = threads.into_iter().map(|thread| thread.join());
-        let messages: Result<Vec<_>, _> = ended.collect();
-        messages.expect("no input panics").concat()
-    });
-    if std::env::var_os("KBAND_ACCEPT").is_some() {
-        let head = list.split("\n$ ").next().unwrap_or_default();
-        let mut text = head.to_string();
-        for ((line, _), message) in inputs.iter().zip(&messages) {
-            text.push_str(&format!("\n$ {line}\n{message}\n"));
+/// The outcome of a line of a list in a folder of its own, and the files that it leaves there.
+fn outcome_of(scene: &str, line: &str) -> (Outcome, Vec<String>) {
+    let folder = folder();
+    let place = folder.path();
+    let write = |name: &str, text: &str| std::fs::write(place.join(name), text).unwrap();
+    for (name, text) in INPUT_FILES {
+        write(name, text);
+    }
+    let (kind, mut command) = line.split_once(' ').expect("a line has a command");
+    if kind == "scene" {
+        let mut text = scene.to_string();
+        for change in command.split(" and ") {
+            let (right, other) = change.split_once(" -> ").unwrap();
+            let key_line = format!("\n{right}");
+            assert!(text.contains(&key_line), "no line {right} in the scene");
+            let other = other.replace("\\n", "\n");
+            text = text.replacen(&key_line, &format!("\n{other}"), 1);
         }
-        std::fs::write(path, text).unwrap();
+        write("my.toml", &text);
+        command = "simulate my.toml --out my.svg";
+    } else if kind == "file" {
+        let (file, after) = command.split_once(" -> ").unwrap();
+        let (name, text) = file.split_once(' ').unwrap();
+        write(name, &text.replace("\\n", "\n"));
+        command = after;
+    }
+    // A line may name a scene of the tests.
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/scenes");
+    for name in command.split(' ').filter(|word| word.ends_with(".toml")) {
+        let _ = std::fs::copy(scenes.join(name), place.join(name));
+    }
+    let before = names(&folder);
+    let outcome = match kind {
+        "board" => outcome::on_board(place, outcome::TIMEOUT, command, &[]),
+        _ => kband(place, command),
+    };
+    let files = names(&folder).into_iter();
+    let described = |name: String| match std::fs::read_to_string(place.join(&name)) {
+        Ok(text) if name.ends_with(".csv") => {
+            let lines = provenance::stripped(&text).lines().count();
+            format!("{name} of {lines} lines")
+        }
+        _ => name,
+    };
+    let files = files.filter(|name| !before.contains(name));
+    (outcome, files.map(described).collect())
+}
+
+/// Compares each text of a list of at least so many lines with that of its line; `KBAND_ACCEPT`
+/// writes the list instead.
+fn check(name: &str, least: usize, text: impl Fn(&str, Outcome, Vec<String>) -> String + Sync) {
+    let path = format!("{}/tests/{name}", env!("CARGO_MANIFEST_DIR"));
+    let list = std::fs::read_to_string(&path).unwrap();
+    let (entries, scene) = (entries(&list), scene(&folder()));
+    assert!(entries.len() >= least, "{} lines in {name}", entries.len());
+    let of_line = |(line, _): &Entry<'_>| {
+        let (outcome, files) = outcome_of(&scene, line);
+        text(line, outcome, files)
+    };
+    let texts: Vec<String> = entries.par_iter().map(of_line).collect();
+    if std::env::var_os("KBAND_ACCEPT").is_some() {
+        let mut accepted = list.split("\n$ ").next().unwrap_or_default().to_string();
+        for ((line, _), text) in entries.iter().zip(&texts) {
+            accepted.push_str(&format!("\n$ {line}\n{text}\n"));
+        }
+        std::fs::write(path, accepted).unwrap();
         return;
     }
-    for ((line, expected), message) in inputs.iter().zip(&messages) {
-        assert_eq!(message, expected, "$ {line}");
+    for ((line, expected), text) in entries.iter().zip(&texts) {
+        assert_eq!(text, expected, "$ {line}");
     }
 }
 
-/// Scenes whose printed reports differ in most of their lines.
-const REPORTED: [&str; 10] = [
-    "chaotic",
-    "doubled",
-    "drawn_parts",
-    "identification",
-    "in_gear",
-    "locked_order_2",
-    "misfit",
-    "not_captured",
-    "over_current",
-    "output_limit",
-];
-
-/// What `kband simulate` prints of these scenes is in `reports.txt`, except its own run time.
 #[test]
-fn the_report_of_a_scene_is_the_accepted_one() {
-    let here = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/reports.txt");
-    let folder = folder();
-    let mut reports = String::new();
-    for name in REPORTED {
-        let scene = format!("{}/../tests/scenes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-        std::fs::copy(scene, folder.path().join("scene.toml")).unwrap();
-        let printed = kband(&folder, "simulate scene.toml").done();
-        reports.push_str(&format!("$ kband simulate {name}.toml\n"));
-        for line in printed.lines() {
-            if !line.ends_with(" times real time (envelope)") {
-                reports.push_str(&format!("{line}\n"));
-            }
-        }
-    }
-    if std::env::var_os("KBAND_ACCEPT").is_some() {
-        std::fs::write(here, reports).unwrap();
-        return;
-    }
-    let accepted = std::fs::read_to_string(here).unwrap();
-    for (line, expected) in reports.lines().zip(accepted.lines()) {
-        assert_eq!(line, expected);
-    }
-    assert_eq!(reports.len(), accepted.len(), "lines at the end");
+fn a_wrong_input_is_one_message_with_cause_range_and_next_step() {
+    check("wrong_inputs.txt", 150, |line, outcome, files| {
+        outcome.refused(&[]);
+        let message = outcome.stderr.trim_end();
+        assert!(outcome.out.is_empty(), "{line} printed a result");
+        assert!(message.starts_with("error: "), "{line}: {message}");
+        let steps = message.matches("\n  next: ").count();
+        assert_eq!(steps, 1, "{line}: {message}");
+        assert!(files.is_empty(), "{line} left {files:?}");
+        message.to_string()
+    });
+}
+
+#[test]
+fn printed_results_and_written_files_are_the_accepted_ones() {
+    check("reports.txt", 30, |_, outcome, files| {
+        let printed = outcome.ended(0);
+        let printed = provenance::stripped(&printed.out) + &printed.stderr;
+        // The run time of a simulation is its own in every run.
+        let lines = printed.lines();
+        let lines = lines.filter(|line| !line.ends_with(" times real time (envelope)"));
+        let lines: Vec<&str> = lines.map(str::trim_end).collect();
+        format!("{}\n(files: {})", lines.join("\n"), files.join(", "))
+    });
 }
 
 /// Keys, texts and numbers (to nine digits) of a JSON value, in the order of the value.
@@ -372,29 +354,6 @@ fn a_seed_on_the_command_line_is_the_scenes() {
 }
 
 #[test]
-fn the_reference_for_parts_in_gear_is_a_separate_run() {
-    // At scatter 0.04 the middle of the lock's band gives half the share of the gear setpoint.
-    let runs = kband(folder(), "simulate --runs 4 --duration 20 --format json").json();
-    let [planned, alone] = [0, 1].map(|n| runs[n]["in_gear"].as_f64().unwrap());
-    assert!(planned > alone + 0.2, "{runs}");
-}
-
-#[test]
-fn misplaced_amplitude_names_the_motion_and_the_right_one() {
-    let folder = folder();
-    for (k, motion, wrong) in [
-        ("2.0", "they lie at rest", "too little"),
-        ("0.6", "they hop and rest in turn", "too little"),
-        ("0.28", "they hop irregularly", "too much"),
-    ] {
-        let own = scene(&folder).replacen("gear = 1 ", &format!("k = {k} "), 1);
-        std::fs::write(folder.path().join("my.toml"), own).unwrap();
-        let best = "0.252 mm keeps them in gear for 98 % of the time";
-        kband(&folder, "simulate my.toml").prints(&[motion, wrong, best]);
-    }
-}
-
-#[test]
 fn a_scene_from_stdin_runs_and_a_table_fits_the_screen() {
     let folder = folder();
     let mut child = start(&folder, "simulate - --duration 1");
@@ -432,56 +391,10 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
 }
 
 #[test]
-fn gear_draws_by_default_and_regimes_stay_below_their_limit() {
-    let folder = folder();
-    let small = "gear --restitution 0.3 --runs 1 --periods 40 --k 0.4..0.5:2";
-    kband(&folder, &format!("{small} --second-tone 0.15,2.356")).done();
-    assert_eq!(names(&folder), ["kband-gear.svg"]);
+fn a_map_of_regimes_stays_below_its_limit() {
     let wide = "diagram --show regimes --restitution 0..0.9:2 --format csv --k 1.5..2";
-    let rows = kband(&folder, wide).done();
+    let rows = kband(folder(), wide).done();
     assert_eq!(provenance::stripped(&rows).lines().count(), 1 + 2000);
-}
-
-#[test]
-fn design_reports_its_changes_to_the_feeder_of_the_scene() {
-    let folder = folder();
-    let designed = kband(&folder, "design --candidates 2000 --checked 1");
-    designed.prints(&["\nYour feeder at 50 Hz: 37", "held by: the drive's stroke"]);
-    assert_eq!(names(&folder), ["kband-design.svg"]);
-}
-
-/// Writes the default scene with changed values as my.toml.
-fn write_scene(folder: &TempDir, changes: &[(&str, &str)]) {
-    let scene = scene(folder);
-    let lines = scene.lines().map(|line| {
-        let own = |(key, _): &&(&str, &str)| line.starts_with(&format!("{key} = "));
-        match changes.iter().find(own) {
-            Some((key, value)) => format!("{key} = {value}\n"),
-            None => format!("{line}\n"),
-        }
-    });
-    std::fs::write(folder.path().join("my.toml"), lines.collect::<String>()).unwrap();
-}
-
-#[test]
-fn a_lot_out_of_gear_is_held_as_well_as_may_be_with_its_remedies() {
-    let folder = folder();
-    let lot = ("restitution", "[0.05, 0.6]");
-    write_scene(&folder, &[lot, ("scatter", "0.1"), ("duration", "6.0")]);
-    kband(&folder, "simulate my.toml").prints(&[
-        "gear poor for the lot",
-        "Next: parts sorted by restitution",
-        "one change at a time is predicted to give",
-    ]);
-    // A feeder off its resonance is advised no second tone.
-    let lot = ("restitution", "[0.35, 0.45]");
-    write_scene(&folder, &[lot, ("frequency", "60.0")]);
-    let text = kband(&folder, "simulate my.toml").prints(&[
-        "Next: a stronger drive: the output is at its limit",
-        "the drive on its resonance: it runs at 60 Hz, its resonance is 50 Hz",
-    ]);
-    let (_, causes) = text.split_once("causes  ").expect("causes");
-    assert!(!causes.contains("second tone"), "{text}");
 }
 
 #[test]

@@ -73,7 +73,7 @@ fn settings_are_kept(chip: &Chip) -> bool {
 }
 
 fn contains(chip: &Chip, image: &Image) -> bool {
-    image.pieces().iter().all(|piece| {
+    image.pieces.iter().all(|piece| {
         let at = (piece.address - STM32F405RG.flash.start) as usize;
         chip.flash()[at..at + piece.bytes.len()] == piece.bytes
     })
@@ -88,7 +88,7 @@ fn a_written_image_boots_with_the_drive_off_and_answers_the_desk() {
     assert!(contains(&chip, &image));
     assert!(settings_are_kept(&chip));
     assert!(chip.was_halted && !chip.driven_while_halted);
-    let entry = image.pieces()[0].bytes[4..].first_chunk();
+    let entry = image.pieces[0].bytes[4..].first_chunk();
     let entry = u32::from_le_bytes(*entry.unwrap());
     assert_eq!(chip.running(), Some(entry & !1));
     started(chip).request(&Request::SelfTest, |response| {

@@ -150,15 +150,3 @@ fn a_csv_is_read_with_its_units_by_another_program() {
         assert!(numbers > 0, "{args}");
     }
 }
-
-#[test]
-fn kband_reads_what_it_wrote() {
-    let folder = tempfile::tempdir().unwrap();
-    let rows = "# kband 0\n# command: by hand\nk,restitution,phase,velocity\n0.43,0.2,1,1\n";
-    fs::write(folder.path().join("in.csv"), rows).unwrap();
-    let first = kband(&folder, "impacts --from in.csv").done();
-    let reread = kband(&folder, "impacts --from in.csv").done();
-    assert_eq!(first, reread);
-    assert!(first.starts_with(provenance::FIRST_COMMENT), "{first}");
-    assert_eq!(provenance::stripped(&first).lines().count(), 2, "{first}");
-}

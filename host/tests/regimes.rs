@@ -21,16 +21,6 @@ fn close(value: &serde_json::Value, reference: f64, tolerance: f64) {
 }
 
 #[test]
-fn an_empty_band_is_reported_plainly() {
-    let args = "bands --restitution 0.1..0.3 --orders 1";
-    let bands = json(args);
-    assert_eq!(bands[0]["empty"], true);
-    assert!(bands[0]["setpoint"].is_null());
-    let bands = kband(tempfile::tempdir().unwrap(), args);
-    bands.prints(&["no band of order 1", "would allow it"]);
-}
-
-#[test]
 fn an_exponent_has_its_error_and_rest_is_no_chaos() {
     let chaotic = json("exponent --restitution 0.2 --k 0.35 --impacts 50000");
     let error = chaotic[0]["exponent_error"].as_f64().expect("a number");
@@ -121,15 +111,6 @@ fn a_simulation_agrees_on_the_regime_or_is_undecided() {
         let agrees = reported.starts_with(expected);
         assert!(agrees, "{at}: {reported}, {from_rest}");
     }
-}
-
-#[test]
-fn an_unsettled_orbit_is_undecided_with_its_length() {
-    let basins = json("basins --k 0.05 --restitution 0.9 --grid 4 --impacts 100");
-    let shares = basins["shares"].as_array().expect("shares");
-    let has = |regime: &str| shares.iter().any(|one| one["regime"] == regime);
-    assert!(has("undecided after 100 impacts"), "{shares:?}");
-    assert!(!has("chaotic"), "{shares:?}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use kband_link::{Emulated, Link, serial};
 
 use crate::desk::limit_waits;
 use crate::file::Destination;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Bytes of the emulated board's flash for settings and faults: four pages of 4 KiB.
 const FLASH_BYTES: usize = 16_384;
@@ -57,14 +57,14 @@ impl Address {
     }
 
     /// Opens the link to the board; refuses another version or schema of the protocol.
-    pub fn open(&self, emulated: Emulated) -> Result<Link, Refusal> {
+    pub fn open(&self, emulated: Emulated) -> Result<Link> {
         let link = self.open_any(emulated)?;
         link.check_protocol()?;
         Ok(link)
     }
 
     /// Opens the link to a board of any version, for reading only.
-    pub fn open_any(&self, emulated: Emulated) -> Result<Link, Refusal> {
+    pub fn open_any(&self, emulated: Emulated) -> Result<Link> {
         if self.is_emulated() {
             if let Some(flash) = &self.flash_image {
                 prepare(flash)?;
@@ -85,7 +85,7 @@ impl Address {
     }
 
     /// Refuses the options that only apply to an emulated board.
-    pub fn refuse_emulated_options(&self) -> Result<(), Refusal> {
+    pub fn refuse_emulated_options(&self) -> Result<()> {
         let Some((option, file)) = self.emulated_options().next() else {
             return Ok(());
         };
@@ -96,7 +96,7 @@ impl Address {
 }
 
 /// Creates an erased flash if the file is missing; refuses a file of another kind.
-fn prepare(flash: &Path) -> Result<(), Refusal> {
+fn prepare(flash: &Path) -> Result<()> {
     let Ok(data) = flash.metadata() else {
         return Destination::check(flash)?.write_bytes(&[0xff; FLASH_BYTES]);
     };
@@ -113,17 +113,13 @@ fn prepare(flash: &Path) -> Result<(), Refusal> {
 mod tests {
     use super::*;
 
+    /// tests/wrong_inputs.txt has the refusal of options of the emulated board for a port.
     #[test]
-    fn options_of_the_emulated_board_are_refused_for_a_port() {
+    fn options_of_a_command_name_the_same_board() {
         let address = Address {
-            on: Some("/dev/null".into()),
             flash_image: Some("flash.bin".into()),
-            ..Address::default()
+            ..Address::new("/dev/null", None)
         };
-        let message = address.open(Emulated::AtRest).err().unwrap().to_string();
-        for expected in ["--flash-image", "--on qemu"] {
-            assert!(message.contains(expected), "{message}");
-        }
         assert_eq!(address.options(), " --on /dev/null --flash-image flash.bin");
     }
 }

@@ -5,7 +5,7 @@ use kband_control::{Report, SAMPLE_RATE, Settings, Signal, StartCause};
 use kband_link::{Link, set_all};
 use kband_plant::{Bench, Moment, Scene, Strike};
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 const CHUNK_BYTES: usize = 240;
 
@@ -22,7 +22,7 @@ pub struct BoardLoop {
 
 impl BoardLoop {
     /// The loop of a scene at time 0, with the board on `link`; its drive stays off.
-    pub fn start(mut link: Link, scene: &Scene) -> Result<Self, Refusal> {
+    pub fn start(mut link: Link, scene: &Scene) -> Result<Self> {
         if scene.settings.current_gain > 0.0 {
             let cause = "the link carries no readings of a current sensor to the board";
             let next = "set drive.current_gain to 0, or leave out --on";
@@ -49,11 +49,15 @@ impl BoardLoop {
     }
 
     /// Runs to the end of the next drive cycle; returns it and its impacts.
-    pub fn cycle(&mut self) -> Result<(Moment, Vec<Strike>), Refusal> {
+    pub fn cycle(&mut self) -> Result<(Moment, Vec<Strike>)> {
         self.bench.forget_strikes();
         let (mut codes, mut check) = self.samples()?;
         if self.bench.sagged() {
-            self.restart()?;
+            // The board restarts, with the readings and the phase from their beginning.
+            self.signal = Signal::build(&self.scene.settings)?;
+            self.before = 0;
+            let (target, start) = (self.scene.target, StartCause::Reset);
+            self.link.command(&Request::Simulate { target, start })?;
             (codes, check) = self.samples()?;
         }
         let report = self.end(&codes, check)?;
@@ -61,17 +65,8 @@ impl BoardLoop {
         Ok((self.bench.moment(report), self.bench.strikes().to_vec()))
     }
 
-    fn restart(&mut self) -> Result<(), Refusal> {
-        self.signal = Signal::build(&self.scene.settings)?;
-        self.before = 0;
-        self.link.command(&Request::Simulate {
-            target: self.scene.target,
-            start: StartCause::Reset,
-        })
-    }
-
     /// Unsent readings of one cycle, the last ones, and the checksum of its outputs.
-    fn samples(&mut self) -> Result<(Vec<u8>, u32), Refusal> {
+    fn samples(&mut self) -> Result<(Vec<u8>, u32)> {
         let (mut codes, mut check) = (Vec::new(), 0);
         for _ in 0..2 * SAMPLE_RATE {
             let code = self.bench.sample();
@@ -103,7 +98,7 @@ impl BoardLoop {
         Ok((codes, check))
     }
 
-    fn end(&mut self, codes: &[u8], check: u32) -> Result<Report, Refusal> {
+    fn end(&mut self, codes: &[u8], check: u32) -> Result<Report> {
         let end = Some(self.bench.inputs());
         let request = Request::Samples { codes, end };
         let time = self.bench.time();

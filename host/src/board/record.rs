@@ -6,7 +6,7 @@ use std::io::Read;
 use kband_control::wire::{Outgoing, Receiver, SCHEMA, VERSION, read_answer};
 use kband_link::BoardMessage;
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Unusable content of a record.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,8 +21,8 @@ pub(crate) const NEXT: &str = "give the path of a file that kband monitor --reco
 /// Reads a record and passes its messages to `take`, until `take` returns false.
 pub fn replay(
     mut record: impl Read,
-    mut take: impl FnMut(BoardMessage) -> Result<bool, Refusal>,
-) -> Result<Damage, Refusal> {
+    mut take: impl FnMut(BoardMessage) -> Result<bool>,
+) -> Result<Damage> {
     let mut receiver = Receiver::new();
     let mut damage = Damage::default();
     let mut identified = false;
@@ -64,7 +64,7 @@ pub fn replay(
 }
 
 /// Refuses a record unless its first frame is an identity of this version and schema.
-fn check_header((_, answer): &(u8, Outgoing<'_>)) -> Result<(), Refusal> {
+fn check_header((_, answer): &(u8, Outgoing<'_>)) -> Result<()> {
     let Outgoing::Identity(identity) = answer else {
         let cause = "the record does not begin with the identity of the board";
         return Err(Refusal::new(cause, NEXT));
@@ -127,7 +127,7 @@ mod tests {
         (bytes, ends)
     }
 
-    fn cycles(bytes: &[u8]) -> Result<(Vec<u32>, Damage), Refusal> {
+    fn cycles(bytes: &[u8]) -> Result<(Vec<u32>, Damage)> {
         let mut cycles = Vec::new();
         let damage = replay(bytes, |message| {
             match message {

@@ -9,8 +9,8 @@ use object::elf::{EM_ARM, ET_EXEC, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader};
 use object::{FileKind, LittleEndian};
 
-use super::model::{CHIPS, Chip, Sector};
-use crate::refusal::Refusal;
+use super::model::{CHIPS, Chip};
+use crate::refusal::{Refusal, Result};
 
 const BUILD: &str = "build the board's image with: cargo feeder";
 
@@ -43,21 +43,24 @@ impl Piece {
 /// An image that fits its own chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
-    chip: &'static Chip,
-    pieces: Vec<Piece>,
-    memory: u32,
+    /// The chip of the image.
+    pub chip: &'static Chip,
+    /// Contents of the flash, by ascending address.
+    pub pieces: Vec<Piece>,
+    /// RAM used, bytes, including the stack.
+    pub memory: u32,
     program: u32,
 }
 
 impl Image {
     /// Reads and checks an image; the refusal says what does not fit.
-    pub fn read(path: &Path) -> Result<Self, Refusal> {
+    pub fn read(path: &Path) -> Result<Self> {
         let bytes = crate::file::read(path, BUILD)?;
         Self::parse(&bytes).map_err(|refusal| refusal.at(path.display()))
     }
 
     /// The image in the bytes of an ELF file.
-    pub fn parse(file: &[u8]) -> Result<Self, Refusal> {
+    pub fn parse(file: &[u8]) -> Result<Self> {
         let damaged = |error: object::read::Error| unfit(format!("the file is damaged: {error}"));
         let other = match FileKind::parse(file) {
             Ok(FileKind::Elf32) => None,
@@ -143,32 +146,17 @@ impl Image {
         Ok(image)
     }
 
-    /// The chip of the image.
-    pub fn chip(&self) -> &'static Chip {
-        self.chip
-    }
-
-    /// Contents of the flash, by ascending address.
-    pub fn pieces(&self) -> &[Piece] {
-        &self.pieces
-    }
-
     /// Flash used, bytes.
     pub fn size(&self) -> u32 {
         let sizes = self.pieces.iter().map(|piece| piece.bytes.len() as u32);
         sizes.sum()
     }
 
-    /// RAM used, bytes, including the stack.
-    pub fn memory(&self) -> u32 {
-        self.memory
-    }
-
-    /// Number of the image's bytes in a sector.
-    pub fn bytes_in(&self, sector: &Sector) -> u32 {
+    /// Number of the image's bytes in a part of the flash.
+    pub fn bytes_in(&self, part: &Range<u32>) -> u32 {
         let within = |piece: &Piece| {
-            let from = piece.address.max(sector.range.start);
-            piece.end().min(sector.range.end).saturating_sub(from)
+            let from = piece.address.max(part.start);
+            piece.end().min(part.end).saturating_sub(from)
         };
         self.pieces.iter().map(within).sum()
     }
@@ -181,7 +169,7 @@ impl Image {
     }
 
     /// The program for the chip's slot, a multiple of 4 bytes; refused if it does not fit there.
-    pub fn update(&self) -> Result<Vec<u8>, Refusal> {
+    pub fn update(&self) -> Result<Vec<u8>> {
         let slot = &self.chip.slot;
         let mut bytes = Vec::new();
         for piece in &self.pieces {
@@ -209,7 +197,7 @@ impl Image {
     }
 
     /// Checks that the stack is in RAM, and that every handler is in the image and in Thumb.
-    fn check_vectors(&self) -> Result<(), Refusal> {
+    fn check_vectors(&self) -> Result<()> {
         let chip = self.chip;
         let table = self.program;
         let vector = |number: u32| {
@@ -241,7 +229,7 @@ impl Image {
 
 /// Fills the last word of an image with the CRC-32 of the program from the address `program` on,
 /// which the board checks at each start. An update does not replace a loader before it.
-fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
+fn fill_check(pieces: &mut [Piece], program: u32) -> Result<()> {
     let mut flash = Vec::new();
     for piece in pieces.iter().filter(|piece| program <= piece.address) {
         flash.resize((piece.address - program) as usize, 0xff);
@@ -259,7 +247,7 @@ fn fill_check(pieces: &mut [Piece], program: u32) -> Result<(), Refusal> {
     }
 }
 
-fn find_chip(name: &[u8]) -> Result<&'static Chip, Refusal> {
+fn find_chip(name: &[u8]) -> Result<&'static Chip> {
     let name = String::from_utf8_lossy(name);
     Chip::named(&name).ok_or_else(|| {
         let supported: Vec<&str> = CHIPS.iter().map(|chip| chip.name).collect();
@@ -267,7 +255,7 @@ fn find_chip(name: &[u8]) -> Result<&'static Chip, Refusal> {
     })
 }
 
-fn span(start: u32, length: u32) -> Result<Range<u32>, Refusal> {
+fn span(start: u32, length: u32) -> Result<Range<u32>> {
     let beyond = || format!("a part of it at {start:#010x} ends beyond all memory");
     let end = start.checked_add(length).ok_or_else(|| unfit(beyond()))?;
     Ok(start..end)
@@ -293,20 +281,6 @@ fn outside(does: &str, range: &Range<u32>, chip: &Chip) -> Refusal {
 mod tests {
     use super::super::model::{STM32F405RG, STM32G474RE};
     use super::*;
-
-    fn elf() -> Vec<u8> {
-        elf_with(|_| {})
-    }
-
-    /// An image for the slot of the STM32F405, behind a loader; `fill` is a word of its code.
-    fn slot_elf(fill: u32) -> Vec<u8> {
-        elf_with(|parts| {
-            parts.table_at = 0x0802_0000;
-            parts.code_at = 0x0802_1000;
-            parts.vectors[1..].fill(0x0802_1001);
-            parts.vectors[97] = 0x0802_1001 + (fill << 1);
-        })
-    }
 
     struct Parts {
         machine: u16,
@@ -412,14 +386,14 @@ mod tests {
 
     #[test]
     fn a_fitting_image_is_accepted_for_the_chip_that_it_names() {
-        let image = Image::parse(&elf()).unwrap();
-        assert_eq!((image.size(), image.memory()), (98 * 4 + 64, 0x8000));
+        let image = Image::parse(&elf_with(|_| {})).unwrap();
+        assert_eq!((image.size(), image.memory), (98 * 4 + 64, 0x8000));
         let bytes = STM32F405RG.sectors();
-        let bytes: Vec<u32> = bytes.map(|sector| image.bytes_in(&sector)).collect();
+        let bytes: Vec<u32> = bytes.map(|sector| image.bytes_in(&sector.range)).collect();
         assert_eq!(bytes, [456, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-        assert_eq!(image.chip(), &STM32F405RG);
+        assert_eq!(image.chip, &STM32F405RG);
         let second = elf_with(second_chip);
-        assert_eq!(Image::parse(&second).unwrap().chip(), &STM32G474RE);
+        assert_eq!(Image::parse(&second).unwrap().chip, &STM32G474RE);
         let mixed = refused(&elf_with(larger_table));
         for expected in ["118", "98 on the STM32F405RG"] {
             assert!(mixed.contains(expected), "{mixed}");
@@ -428,9 +402,16 @@ mod tests {
 
     #[test]
     fn an_update_is_the_program_in_the_slot_of_its_chip() {
-        let image = Image::parse(&slot_elf(7)).unwrap();
+        // An image for the slot of the STM32F405, behind a loader.
+        let behind_loader = elf_with(|parts| {
+            parts.table_at = 0x0802_0000;
+            parts.code_at = 0x0802_1000;
+            parts.vectors[1..].fill(0x0802_1001);
+            parts.vectors[97] = 0x0802_100f;
+        });
+        let image = Image::parse(&behind_loader).unwrap();
         let update = image.update().unwrap();
-        let [table, code] = image.pieces() else {
+        let [table, code] = &image.pieces[..] else {
             panic!("two pieces");
         };
         assert_eq!(update.len(), 0x1000 + 64);

@@ -8,7 +8,7 @@ use probe_rs::probe::{DebugProbeInfo, DebugProbeSelector, Probe, WireProtocol};
 use probe_rs::{Permissions, Session};
 
 use super::model::Chip;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Identity register of a chip (RM0090, 38.6.1; RM0440, 47.6.1).
 const IDENTITY: u32 = 0xe004_2000;
@@ -25,7 +25,7 @@ pub struct ConnectedChip {
 
 impl ConnectedChip {
     /// Connects to the chip on the named or only probe; refuses another family or flash size.
-    pub fn connect(requested: Option<&str>, chip: &'static Chip) -> Result<Self, Refusal> {
+    pub fn connect(requested: Option<&str>, chip: &'static Chip) -> Result<Self> {
         let info = find(requested)?;
         let name = name(&info);
         let mut probe = info.open().map_err(|error| {
@@ -58,7 +58,7 @@ impl ConnectedChip {
         Ok(reached)
     }
 
-    fn identify(&mut self) -> Result<(), Refusal> {
+    fn identify(&mut self) -> Result<()> {
         let family = self.word(IDENTITY)? & FAMILY;
         let size = (self.chip.flash.end - self.chip.flash.start) / 1024;
         let mut chip = format!("family {family:#05x}");
@@ -81,7 +81,7 @@ impl ConnectedChip {
     }
 
     /// Refuses a flash that an option byte divides into other sectors than the image assumes.
-    fn look_at_division(&mut self) -> Result<(), Refusal> {
+    fn look_at_division(&mut self) -> Result<()> {
         let Some((address, bit)) = self.chip.divided else {
             return Ok(());
         };
@@ -95,7 +95,7 @@ impl ConnectedChip {
     }
 
     /// Switches the drive off, and stops both it and the watchdogs with the core.
-    pub fn drive_off(&mut self) -> Result<(), Refusal> {
+    pub fn drive_off(&mut self) -> Result<()> {
         for (address, bits) in [self.chip.rests, self.chip.stops] {
             let stops = self.word(address)?;
             self.set_word(address, stops | bits)?;
@@ -105,7 +105,7 @@ impl ConnectedChip {
         self.set_word(address, drives & !bit)
     }
 
-    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Refusal> {
+    pub fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<()> {
         let memory = self.interface.memory_interface(&self.memory);
         let read = memory.and_then(|mut memory| {
             if !address.is_multiple_of(4) || !bytes.len().is_multiple_of(4) {
@@ -121,13 +121,13 @@ impl ConnectedChip {
         read.map_err(|error| self.no_answer(&error))
     }
 
-    pub fn word(&mut self, address: u32) -> Result<u32, Refusal> {
+    pub fn word(&mut self, address: u32) -> Result<u32> {
         let mut bytes = [0; 4];
         self.read(address, &mut bytes)?;
         Ok(u32::from_le_bytes(bytes))
     }
 
-    pub fn set_word(&mut self, address: u32, word: u32) -> Result<(), Refusal> {
+    pub fn set_word(&mut self, address: u32, word: u32) -> Result<()> {
         let memory = self.interface.memory_interface(&self.memory);
         let written = memory.and_then(|mut memory| memory.write_word_32(address.into(), word));
         written.map_err(|error| self.no_answer(&error))
@@ -140,7 +140,7 @@ impl ConnectedChip {
     }
 
     /// Attaches the debugger; the core stops briefly.
-    pub fn control(self) -> Result<Session, Refusal> {
+    pub fn control(self) -> Result<Session> {
         let probe: Probe = self.interface.close();
         let session = probe.attach(self.chip.name, Permissions::default());
         session.map_err(|error| {
@@ -167,7 +167,7 @@ fn name(info: &DebugProbeInfo) -> String {
     format!("{:04x}:{:04x}{serial}", info.vendor_id, info.product_id)
 }
 
-fn find(requested: Option<&str>) -> Result<DebugProbeInfo, Refusal> {
+fn find(requested: Option<&str>) -> Result<DebugProbeInfo> {
     let lister = Lister::new();
     let all = || lister.list_all();
     let names = |probes: &[DebugProbeInfo]| {

@@ -1,6 +1,6 @@
 //! Writes an image into the flash: drive off first, and an incomplete image never starts.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use probe_rs::flashing::{DownloadOptions, FlashProgress, ProgressEvent, ProgressOperation};
@@ -9,8 +9,8 @@ use probe_rs::{Core, MemoryInterface, Session};
 use super::image::{Image, Piece};
 use super::model::{Chip, Controller, OptionBytes};
 use super::reach::{ConnectedChip, causes};
-use crate::desk::Desk;
-use crate::refusal::Refusal;
+use crate::desk::{Desk, Progress};
+use crate::refusal::{Refusal, Result};
 
 /// Longest wait for a probe; erasing a sector takes up to 4 s (RM0090, datasheet table 40).
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(20);
@@ -25,7 +25,8 @@ const MAX_OPTION_POLLS: usize = 100_000;
 const RETRY_STEP: &str =
     "run kband flash again: until it succeeds the board does not start; its settings are kept";
 
-/// Writes an image through a probe, verifies it and starts it; `written` gets the bytes so far.
+/// Writes an image through a probe, verifies it and starts it.
+///
 /// First the chip is identified, the drive switched off and the core stopped. The sector of the
 /// vector table is erased first, and its first words are written last. So an interrupted board does
 /// not start, and its drive stays off. A protected chip is refused before anything is written.
@@ -34,80 +35,55 @@ pub fn write(
     probe: Option<&str>,
     options: Option<OptionBytes>,
     desk: &Desk,
-    mut written: impl FnMut(u64),
-) -> Result<(), Refusal> {
+) -> Result<()> {
+    let progress = Progress::new("writing", image.size().into());
     let probe = probe.map(str::to_owned);
-    let reports = start(move |sender| {
-        // A closed channel has no reader.
-        let mut report = |bytes| _ = sender.send(WriteReport::Written(bytes));
-        let end = write_image(&image, probe.as_deref(), options, &mut report);
-        _ = sender.send(WriteReport::Ended(end));
-    })?;
-    let mut started = false;
-    loop {
-        match next(&reports, desk)
-            .map_err(|cut| if started { cut.then(RETRY_STEP) } else { cut })?
-        {
-            WriteReport::Written(bytes) => {
-                started = true;
-                written(bytes);
-            }
-            WriteReport::Ended(end) => return end,
-        }
-    }
-}
-
-enum WriteReport {
-    Written(u64),
-    Ended(Result<(), Refusal>),
-}
-
-/// Starts work with a probe in its own thread: the probe may not answer, its driver may panic.
-fn start(
-    work: impl FnOnce(Sender<WriteReport>) + Send + 'static,
-) -> Result<Receiver<WriteReport>, Refusal> {
+    let (sender, written) = channel();
     let others = std::panic::take_hook();
-    // The run reports a panic of the thread in its own message.
+    // A panic of the thread is reported below.
     std::panic::set_hook(Box::new(move |panic| {
         if std::thread::current().name() != Some(THREAD_NAME) {
             others(panic);
         }
     }));
-    let (sender, received) = channel();
-    std::thread::Builder::new()
-        .name(THREAD_NAME.into())
-        .spawn(move || work(sender))
-        .map_err(|error| {
-            let cause = format!("a thread could not be started: {error}");
-            Refusal::new(cause, "close other programs and try again")
-        })?;
-    Ok(received)
-}
-
-/// The next message of the work. Refuses after a long silence, a panic, or Ctrl-C.
-fn next(received: &Receiver<WriteReport>, desk: &Desk) -> Result<WriteReport, Refusal> {
-    let start = Instant::now();
-    loop {
+    // In its own thread, because the probe may not answer, and its driver may panic.
+    let work = std::thread::Builder::new().name(THREAD_NAME.into());
+    let work = work.spawn(move || {
+        // A closed channel has no reader.
+        let mut report = |bytes| _ = sender.send(bytes);
+        write_image(&image, probe.as_deref(), options, &mut report)
+    });
+    let work = work.map_err(|error| {
+        let cause = format!("a thread could not be started: {error}");
+        Refusal::new(cause, "close other programs and try again")
+    })?;
+    let (mut started, mut last) = (false, Instant::now());
+    let cut = loop {
         if desk.check_stop().is_err() {
             let cause = "interrupted while the probe was at work";
-            return Err(Refusal::cut(cause, "start it again"));
+            break Refusal::cut(cause, "start it again");
         }
-        match received.recv_timeout(STOP_POLL_INTERVAL) {
-            Ok(received) => return Ok(received),
-            // The work ended without a result.
-            Err(RecvTimeoutError::Disconnected) => {
-                let cause = "the connection to the probe was lost";
-                return Err(Refusal::new(cause, "plug the probe in and try again"));
+        match written.recv_timeout(STOP_POLL_INTERVAL) {
+            Ok(bytes) => {
+                (started, last) = (true, Instant::now());
+                progress.advance(bytes);
             }
-            Err(RecvTimeoutError::Timeout) if start.elapsed() > SILENCE_TIMEOUT => {
+            Err(RecvTimeoutError::Disconnected) => match work.join() {
+                Ok(end) => return end,
+                Err(_) => {
+                    let cause = "the connection to the probe was lost";
+                    break Refusal::new(cause, "plug the probe in and try again");
+                }
+            },
+            Err(RecvTimeoutError::Timeout) if last.elapsed() > SILENCE_TIMEOUT => {
                 let waited = SILENCE_TIMEOUT.as_secs();
                 let cause = format!("the probe has not answered for {waited} s");
-                let next = "unplug the probe, plug it in and try again";
-                return Err(Refusal::new(cause, next));
+                break Refusal::new(cause, "unplug the probe, plug it in and try again");
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
-    }
+    };
+    Err(if started { cut.then(RETRY_STEP) } else { cut })
 }
 
 fn write_image(
@@ -115,8 +91,8 @@ fn write_image(
     probe: Option<&str>,
     options: Option<OptionBytes>,
     written: &mut impl FnMut(u64),
-) -> Result<(), Refusal> {
-    let chip = image.chip();
+) -> Result<()> {
+    let chip = image.chip;
     let mut reached = ConnectedChip::connect(probe, chip)?;
     reached.drive_off()?;
     let mut session = reached.control()?;
@@ -140,9 +116,9 @@ fn write_image(
 }
 
 fn split_image(image: &Image) -> ([u32; 2], Vec<Piece>) {
-    let start = image.chip().flash.start;
+    let start = image.chip.flash.start;
     let mut first = [0; 2];
-    let mut pieces = image.pieces().to_vec();
+    let mut pieces = image.pieces.clone();
     // The image's checks guarantee the vector table at its beginning.
     for piece in &mut pieces {
         if piece.address == start && piece.bytes.len() > STACK_AND_ENTRY_BYTES {
@@ -160,7 +136,7 @@ fn split_image(image: &Image) -> ([u32; 2], Vec<Piece>) {
 }
 
 /// Stops the core, and checks that the drive is off.
-fn halt_core(session: &mut Session, chip: &Chip) -> Result<(), Refusal> {
+fn halt_core(session: &mut Session, chip: &Chip) -> Result<()> {
     let (address, bit) = chip.drives;
     let off = session.core(0).and_then(|mut core| {
         core.halt(HALT_TIMEOUT)?;
@@ -182,7 +158,7 @@ fn refuse_unwritten(why: &str) -> Refusal {
 }
 
 /// Writes the first words, stack before entry, by register: a loader writes whole pages.
-fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<(), Refusal> {
+fn write_first_words(session: &mut Session, chip: &Chip, words: [u32; 2]) -> Result<()> {
     let its = chip.controller;
     let written = session.core(0).and_then(|mut core| {
         if core.read_word_32(its.control.into())? & Controller::LOCK != 0 {
@@ -231,7 +207,7 @@ fn wait_until_idle(
 }
 
 /// Refuses a protected chip: a change of its option bytes could erase it, or lock it permanently.
-fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<(), Refusal> {
+fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<()> {
     let (mask, none) = options.protection;
     let core = session.core(0);
     let options_word = core.and_then(|mut core| core.read_word_32(options.register.into()));
@@ -250,7 +226,7 @@ fn check_unprotected(session: &mut Session, options: OptionBytes) -> Result<(), 
 }
 
 /// Sets the option bytes, keeps the others, and reads all of them back.
-fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), Refusal> {
+fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<()> {
     let register = u64::from(options.register);
     let held = session.core(0).and_then(|mut core| {
         let before = core.read_word_32(register)? & !(OptionBytes::LOCK | OptionBytes::START);
@@ -278,11 +254,7 @@ fn set(session: &mut Session, chip: &Chip, options: OptionBytes) -> Result<(), R
     Err(Refusal::new(cause, next))
 }
 
-fn commit(
-    session: &mut Session,
-    pieces: &[Piece],
-    written: &mut impl FnMut(u64),
-) -> Result<(), Refusal> {
+fn commit(session: &mut Session, pieces: &[Piece], written: &mut impl FnMut(u64)) -> Result<()> {
     let failed = |error: &dyn std::error::Error| refuse_unwritten(&causes(error));
     let mut loader = session.target().flash_loader();
     for piece in pieces {

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 #[derive(Clone, Copy, PartialEq)]
 pub enum Role {
@@ -28,7 +28,7 @@ fn place(path: &Path) -> Option<PathBuf> {
 
 /// Registers a file; refuses an input that this run writes, and an output that it already reads or
 /// writes.
-pub fn add(path: &Path, role: Role) -> Result<(), Refusal> {
+pub fn add(path: &Path, role: Role) -> Result<()> {
     let Some(place) = place(path) else {
         return Ok(());
     };

@@ -35,18 +35,15 @@ pub(super) fn png(
     for shape in shapes {
         match shape {
             Shape::Path(shape) => {
-                let mask = match shape.clip {
-                    None => None,
-                    Some(rect) => {
-                        if clip.as_ref().is_none_or(|(last, _)| *last != rect) {
-                            let mut mask = Mask::new(sheet.width(), sheet.height())?;
-                            let inside = outline(&[rect.corners()], true)?;
-                            mask.fill_path(&inside, FillRule::Winding, true, scale());
-                            clip = Some((rect, mask));
-                        }
-                        clip.as_ref().map(|(_, mask)| mask)
-                    }
-                };
+                if let Some(rect) = shape.clip
+                    && clip.as_ref().is_none_or(|(last, _)| *last != rect)
+                {
+                    let mut mask = Mask::new(sheet.width(), sheet.height())?;
+                    let inside = outline(&[rect.corners()], true)?;
+                    mask.fill_path(&inside, FillRule::Winding, true, scale());
+                    clip = Some((rect, mask));
+                }
+                let mask = shape.clip.and(clip.as_ref()).map(|(_, mask)| mask);
                 let Some(path) = outline(&shape.pieces, shape.closed) else {
                     continue;
                 };
@@ -107,12 +104,10 @@ fn paint(fill: Colour) -> Paint<'static> {
 fn outline(pieces: &[Vec<(f64, f64)>], closed: bool) -> Option<Path> {
     let mut path = PathBuilder::new();
     for piece in pieces {
-        for (n, (x, y)) in piece.iter().enumerate() {
-            if n == 0 {
-                path.move_to(*x as f32, *y as f32);
-            } else {
-                path.line_to(*x as f32, *y as f32);
-            }
+        if let Some(((x, y), rest)) = piece.split_first() {
+            path.move_to(*x as f32, *y as f32);
+            rest.iter()
+                .for_each(|(x, y)| path.line_to(*x as f32, *y as f32));
         }
         if closed {
             path.close();
@@ -131,11 +126,7 @@ fn draw_text(sheet: &mut Pixmap, text: &Text, scale: Transform) {
     });
     let Some(path) = path.finish() else { return };
     let (x, y) = (text.at.0 as f32, text.at.1 as f32);
-    let turn = if text.upright {
-        Transform::from_rotate(-90.0)
-    } else {
-        Transform::identity()
-    };
+    let turn = Transform::from_rotate(if text.upright { -90.0 } else { 0.0 });
     let place = Transform::from_translate(-text.shift() as f32, 0.0)
         .post_concat(turn)
         .post_translate(x, y)

@@ -4,7 +4,7 @@ use super::{Picture, Theme};
 use crate::arguments::{number, within};
 use crate::file::Destination;
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Points per pixel of the layout: small letters are 12 pixels, 9 points.
 const POINTS: f64 = 0.75;
@@ -44,7 +44,7 @@ pub const PICTURES: [&str; 3] = ["svg", "png", "pdf"];
 
 impl Look {
     /// Writes the picture in the format of the file's ending, one of [`PICTURES`].
-    pub fn write(self, target: &Destination, picture: &Picture) -> Result<(), Refusal> {
+    pub fn write(self, target: &Destination, picture: &Picture) -> Result<()> {
         let about = provenance::line();
         let bytes = match target.ending().as_str() {
             "pdf" => picture.to_pdf(self, &about),

@@ -13,24 +13,18 @@ use parquet::schema::types::Type;
 
 use super::{Column, Rows, Value, finite};
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Rows of a group: few enough for the memory, enough for fast reading.
 const ROWS_PER_GROUP: usize = 65_536;
 
-/// Values of a column in an unfinished group, and the rows that have one.
-enum Waiting {
-    Numbers(Vec<f64>, Vec<i16>),
-    Words(Vec<ByteArray>, Vec<i16>),
-}
-
-impl Waiting {
-    fn none(column: &Column) -> Self {
-        match column.text {
-            true => Self::Words(Vec::new(), Vec::new()),
-            false => Self::Numbers(Vec::new(), Vec::new()),
-        }
-    }
+/// Values of a column in an unfinished group, numbers or words, and the rows that have one.
+#[derive(Default)]
+struct Waiting {
+    is_text: bool,
+    numbers: Vec<f64>,
+    words: Vec<ByteArray>,
+    levels: Vec<i16>,
 }
 
 /// Writer of rows as Parquet. Missing values are null. The file's metadata has two JSON objects:
@@ -42,7 +36,7 @@ pub(super) struct ParquetRows<'a> {
 }
 
 impl<'a> ParquetRows<'a> {
-    pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self, Refusal> {
+    pub fn begin(out: &'a mut (dyn Write + Send), columns: &[Column]) -> Result<Self> {
         let field = |column: &Column| {
             let (physical, logical) = match column.text {
                 true => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
@@ -68,10 +62,14 @@ impl<'a> ParquetRows<'a> {
                 KeyValue::new("provenance".into(), provenance_json),
             ]))
             .build();
+        let waiting = columns.iter().map(|column| Waiting {
+            is_text: column.text,
+            ..Waiting::default()
+        });
         let writer = SerializedFileWriter::new(out, Arc::new(schema), Arc::new(properties));
         Ok(Self {
             writer: writer.map_err(write_refusal)?,
-            waiting: columns.iter().map(Waiting::none).collect(),
+            waiting: waiting.collect(),
             rows: 0,
         })
     }
@@ -86,20 +84,17 @@ impl<'a> ParquetRows<'a> {
             let Some(mut column) = group.next_column()? else {
                 break;
             };
-            match waiting {
-                Waiting::Numbers(values, levels) => {
-                    let typed = column.typed::<DoubleType>();
-                    typed.write_batch(values, Some(levels), None)?;
-                    values.clear();
-                    levels.clear();
-                }
-                Waiting::Words(values, levels) => {
-                    let typed = column.typed::<ByteArrayType>();
-                    typed.write_batch(values, Some(levels), None)?;
-                    values.clear();
-                    levels.clear();
-                }
+            let levels = Some(&waiting.levels[..]);
+            if waiting.is_text {
+                let typed = column.typed::<ByteArrayType>();
+                typed.write_batch(&waiting.words, levels, None)?;
+            } else {
+                let typed = column.typed::<DoubleType>();
+                typed.write_batch(&waiting.numbers, levels, None)?;
             }
+            waiting.numbers.clear();
+            waiting.words.clear();
+            waiting.levels.clear();
             column.close()?;
         }
         group.close()?;
@@ -112,25 +107,21 @@ fn write_refusal(error: ParquetError) -> Refusal {
 }
 
 impl Rows for ParquetRows<'_> {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value]) -> Result<()> {
         for (waiting, value) in self.waiting.iter_mut().zip(row) {
-            match waiting {
-                Waiting::Numbers(values, levels) => {
-                    let number = match value {
-                        Value::Number(number) | Value::Short(number) => finite(*number),
-                        Value::Count(count) => Some(*count as f64),
-                        Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
-                        Value::Text(_) | Value::Missing => None,
-                    };
-                    levels.push(i16::from(number.is_some()));
-                    values.extend(number);
-                }
-                Waiting::Words(values, levels) => {
-                    let word = (*value != Value::Missing).then(|| value.read(17));
-                    levels.push(i16::from(word.is_some()));
-                    values.extend(word.map(|word| ByteArray::from(word.into_bytes())));
-                }
-            }
+            let number = match value {
+                _ if waiting.is_text => None,
+                Value::Number(number) | Value::Short(number) => finite(*number),
+                Value::Count(count) => Some(*count as f64),
+                Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
+                Value::Text(_) | Value::Missing => None,
+            };
+            let has_word = waiting.is_text && *value != Value::Missing;
+            let word = has_word.then(|| ByteArray::from(value.read(17).into_bytes()));
+            let is_given = number.is_some() || word.is_some();
+            waiting.levels.push(i16::from(is_given));
+            waiting.numbers.extend(number);
+            waiting.words.extend(word);
         }
         self.rows += 1;
         if self.rows == ROWS_PER_GROUP {
@@ -139,7 +130,7 @@ impl Rows for ParquetRows<'_> {
         Ok(())
     }
 
-    fn end(&mut self) -> Result<(), Refusal> {
+    fn end(&mut self) -> Result<()> {
         self.write_group().map_err(write_refusal)?;
         self.writer.finish().map(|_| ()).map_err(write_refusal)
     }

@@ -8,14 +8,14 @@ use super::columns::units_of;
 use super::{Column, Value};
 use crate::file::Destination;
 use crate::provenance;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Result};
 
 /// Receiver of rows one by one.
 pub trait Rows {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal>;
+    fn row(&mut self, row: &[Value]) -> Result<()>;
 
     /// Completes the output after the last row.
-    fn end(&mut self) -> Result<(), Refusal> {
+    fn end(&mut self) -> Result<()> {
         Ok(())
     }
 }
@@ -25,7 +25,7 @@ pub(super) fn writer<'a>(
     out: &'a mut dyn Write,
     is_json: bool,
     columns: &[Column],
-) -> Result<Box<dyn Rows + 'a>, Refusal> {
+) -> Result<Box<dyn Rows + 'a>> {
     Ok(match is_json {
         true => Box::new(JsonRows::begin(out, columns)?),
         false => Box::new(CsvRows::begin(out, columns)?),
@@ -38,7 +38,7 @@ pub struct CsvRows<'a> {
 }
 
 impl<'a> CsvRows<'a> {
-    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+    pub fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self> {
         let names: Vec<String> = columns.iter().map(Column::header).collect();
         let written = provenance::write_comments(super::units(columns), out);
         let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
@@ -48,7 +48,7 @@ impl<'a> CsvRows<'a> {
 }
 
 impl Rows for CsvRows<'_> {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value]) -> Result<()> {
         let cells: Vec<String> = row.iter().map(Value::csv).collect();
         writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
     }
@@ -71,7 +71,7 @@ const NO_ROWS: &str = "[]\n}";
 
 impl<'a> JsonRows<'a> {
     /// Writes the document up to the first row.
-    fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self, Refusal> {
+    fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self> {
         let sample = columns.iter().map(|column| (column.name, Json::Null));
         let units = units_of(&sample.collect());
         let document = to_string_pretty(&provenance::add(Json::Array(Vec::new()), units));
@@ -88,7 +88,7 @@ impl<'a> JsonRows<'a> {
 }
 
 impl Rows for JsonRows<'_> {
-    fn row(&mut self, row: &[Value]) -> Result<(), Refusal> {
+    fn row(&mut self, row: &[Value]) -> Result<()> {
         let mut text = String::from(if self.started { ",\n    {" } else { "\n    {" });
         for (n, (name, value)) in self.names.iter().zip(row).enumerate() {
             let comma = if n == 0 { "" } else { "," };
@@ -98,14 +98,14 @@ impl Rows for JsonRows<'_> {
         write!(self.out, "{text}\n    }}").map_err(|error| write_refusal(&error))
     }
 
-    fn end(&mut self) -> Result<(), Refusal> {
+    fn end(&mut self) -> Result<()> {
         let indent = if self.started { "\n  " } else { "" };
         writeln!(self.out, "{indent}]\n}}").map_err(|error| write_refusal(&error))
     }
 }
 
 /// Refuses the file of an option whose ending is no row format of this build.
-pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
+pub fn check(option: &str, target: &Destination) -> Result<()> {
     let (accepted, next) = match target.ending().as_str() {
         "csv" => return Ok(()),
         "parquet" if cfg!(feature = "parquet") => return Ok(()),
@@ -123,8 +123,8 @@ pub fn check(option: &str, target: &Destination) -> Result<(), Refusal> {
 pub fn write<T>(
     target: Option<&Destination>,
     columns: &[Column],
-    work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T, Refusal>,
-) -> Result<T, Refusal> {
+    work: impl FnOnce(Option<&mut dyn Rows>) -> Result<T>,
+) -> Result<T> {
     let Some(target) = target else {
         return work(None);
     };
@@ -170,24 +170,5 @@ mod tests {
             assert!(count == 0 || streamed == whole, "{streamed}\n{whole}");
             table.push([count.into(), 0.1.into(), Value::Missing]);
         }
-    }
-
-    #[test]
-    fn csv_has_units_in_the_header_and_quotes_commas() {
-        let columns = [("k", ""), ("b", "mm"), ("regime", "")];
-        let mut table = Table::new(&columns.map(|(name, unit)| Column::new(name, unit)));
-        table.push([0.1.into(), 1.234567.into(), "locked, r = 1".into()]);
-        table.push([0.25.into(), Value::Missing, "rest".into()]);
-        let mut csv = Vec::new();
-        let mut rows = CsvRows::begin(&mut csv, &table.columns).unwrap();
-        table.write_rows(&mut rows).unwrap();
-        let csv = String::from_utf8(csv).unwrap();
-        let (comments, rows): (Vec<&str>, Vec<&str>) =
-            csv.lines().partition(|line| line.starts_with('#'));
-        assert!(comments[0].starts_with(provenance::FIRST_COMMENT) && csv.starts_with('#'));
-        assert_eq!(comments.last(), Some(&"# units: {\"b\":\"mm\"}"));
-        let first = "0.10000000000000001,1.234567,\"locked, r = 1\"";
-        assert_eq!(rows, ["k,b (mm),regime", first, "0.25,,rest"]);
-        assert!(csv.ends_with('\n'));
     }
 }

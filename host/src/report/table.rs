@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 
 use super::Rows;
 use super::value::Value;
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Column {
@@ -38,11 +38,9 @@ impl Column {
         Self { unit, ..self }
     }
 
-    pub const fn titled(self, title: &'static str) -> Self {
-        Self {
-            title: Some(title),
-            ..self
-        }
+    pub const fn titled(mut self, title: &'static str) -> Self {
+        self.title = Some(title);
+        self
     }
 
     /// The column with this many significant digits in text (default 6).
@@ -51,11 +49,9 @@ impl Column {
     }
 
     /// The column with only its name as CSV header, for fixed formats that kband also reads.
-    pub const fn plain(self) -> Self {
-        Self {
-            plain: true,
-            ..self
-        }
+    pub const fn plain(mut self) -> Self {
+        self.plain = true;
+        self
     }
 
     /// The column as text, for formats with typed columns.
@@ -187,7 +183,7 @@ impl Table {
         text
     }
 
-    pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<(), Refusal> {
+    pub fn write_rows(&self, rows: &mut dyn Rows) -> Result<()> {
         self.rows.iter().try_for_each(|row| rows.row(row))
     }
 
@@ -197,25 +193,5 @@ impl Table {
         let object =
             |row: &Vec<Value>| Json::Object(self.columns.iter().zip(row).map(pair).collect());
         Json::Array(self.rows.iter().map(object).collect())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn columns_beyond_a_screen_continue_below() {
-        let name = "a column of some thirty letters";
-        let mut wide = Table::new(&[Column::new("k", "")]);
-        wide.columns.extend([Column::new(name, ""); 5]);
-        wide.push([0.1, 1.0, 2.0, 3.0, 4.0, 5.0].map(Value::from));
-        assert_eq!(wide.to_text().lines().count(), 2);
-        let text = wide.folded().to_text();
-        assert_eq!(text.lines().count(), 3 * 2 + 2);
-        let mut lengths = text.lines().map(str::len);
-        assert!(lengths.all(|length| length <= SCREEN_COLUMNS), "{text}");
-        let begins = text.lines().filter(|line| line.starts_with("0.1"));
-        assert_eq!(begins.count(), 3);
     }
 }

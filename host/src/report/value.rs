@@ -13,53 +13,26 @@ pub enum Value {
     Missing,
 }
 
-impl From<f64> for Value {
-    fn from(value: f64) -> Self {
-        Self::Number(value)
-    }
+macro_rules! values {
+    ($($kind:ty, $value:ident => $made:expr;)*) => {
+        $(impl From<$kind> for Value {
+            fn from($value: $kind) -> Self {
+                $made
+            }
+        })*
+    };
 }
 
-/// Keeps the shortest digits of the f32, not those of its nearest f64.
-impl From<f32> for Value {
-    fn from(value: f32) -> Self {
-        Self::Short(shortest(value))
-    }
-}
-
-impl From<u64> for Value {
-    fn from(value: u64) -> Self {
-        Self::Count(value)
-    }
-}
-
-impl From<usize> for Value {
-    fn from(value: usize) -> Self {
-        Self::Count(value as u64)
-    }
-}
-
-impl From<u32> for Value {
-    fn from(value: u32) -> Self {
-        Self::Count(value.into())
-    }
-}
-
-impl From<bool> for Value {
-    fn from(value: bool) -> Self {
-        Self::Flag(value)
-    }
-}
-
-impl From<&str> for Value {
-    fn from(value: &str) -> Self {
-        Self::Text(value.into())
-    }
-}
-
-impl From<String> for Value {
-    fn from(value: String) -> Self {
-        Self::Text(value.into())
-    }
+values! {
+    f64, value => Self::Number(value);
+    // Keeps the shortest digits of the f32, not those of its nearest f64.
+    f32, value => Self::Short(shortest(value));
+    u64, count => Self::Count(count);
+    usize, count => Self::Count(count as u64);
+    u32, count => Self::Count(count.into());
+    bool, flag => Self::Flag(flag);
+    &str, text => Self::Text(text.into());
+    String, text => Self::Text(text.into());
 }
 
 impl<T: Into<Value>> From<Option<T>> for Value {

@@ -8,7 +8,7 @@ use toml::Table;
 use super::schema;
 use crate::board::{BoardLoop, Link};
 use crate::desk::{Desk, Progress};
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::{file, provenance};
 
 /// The scene named by the user.
@@ -20,7 +20,7 @@ pub(crate) struct SceneText {
 
 impl SceneText {
     /// Reads a file; without a path, the default scene.
-    pub fn read(path: Option<&Path>) -> Result<Self, Refusal> {
+    pub fn read(path: Option<&Path>) -> Result<Self> {
         let (name, text) = match path {
             Some(path) => (path.display().to_string(), file::read_text(path)?),
             None => ("the default scene".into(), DEFAULT.into()),
@@ -30,7 +30,7 @@ impl SceneText {
     }
 
     /// The scene of the table with changes. The provenance of its results contains its values.
-    pub fn scene(&self, table: &Table) -> Result<SceneFile, Refusal> {
+    pub fn scene(&self, table: &Table) -> Result<SceneFile> {
         provenance::scene(table, schema::unit);
         SceneFile::from_table(table.clone())
             .map_err(|refusal| at_line(refusal, &self.text).at(&self.name))
@@ -43,19 +43,14 @@ pub fn run_watched(
     fidelity: Fidelity,
     watch: Watch<'_>,
     desk: &Desk,
-) -> Result<Outcome, Refusal> {
+) -> Result<Outcome> {
     run_with_progress(file, desk, |check_stop| {
         Outcome::run(file, fidelity, watch, check_stop)
     })
 }
 
 /// Runs a scene to its end with its controller on the board at `link`, sample by sample.
-pub fn run_on(
-    link: Link,
-    file: &SceneFile,
-    watch: Watch<'_>,
-    desk: &Desk,
-) -> Result<Outcome, Refusal> {
+pub fn run_on(link: Link, file: &SceneFile, watch: Watch<'_>, desk: &Desk) -> Result<Outcome> {
     let mut board = BoardLoop::start(link, &file.scene)?;
     run_with_progress(file, desk, |check_stop| {
         Outcome::from_cycles(file, || board.cycle(), watch, check_stop)
@@ -65,13 +60,11 @@ pub fn run_on(
 fn run_with_progress(
     file: &SceneFile,
     desk: &Desk,
-    run: impl FnOnce(kband_scene::ProgressCheck<'_>) -> Result<Outcome, Refusal>,
-) -> Result<Outcome, Refusal> {
+    run: impl FnOnce(kband_scene::ProgressCheck<'_>) -> Result<Outcome>,
+) -> Result<Outcome> {
     let progress = Progress::new("simulating", cycles(file) as u64);
-    let outcome = run(&mut |done| {
+    run(&mut |done| {
         progress.advance(done);
         desk.check_stop()
-    });
-    progress.finish();
-    outcome
+    })
 }

@@ -7,10 +7,10 @@ use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
 
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::Refusal;
+use crate::refusal::Result;
 use crate::report::{Column, Table, Value, columns, fields, finite};
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     /// Restitution drawn for the first part.
     pub restitution: f32,
@@ -69,7 +69,7 @@ impl Runs {
         count: usize,
         fidelity: Fidelity,
         desk: &Desk,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self> {
         let runs = desk.try_map(name, count, |n| run_one(&drawn(file, n as u64), fidelity))?;
         Ok(Self { name, runs })
     }
@@ -157,7 +157,7 @@ pub(super) fn drawn(file: &SceneFile, n: u64) -> SceneFile {
     drawn
 }
 
-pub(super) fn run_one(file: &SceneFile, fidelity: Fidelity) -> Result<Run, Refusal> {
+pub(super) fn run_one(file: &SceneFile, fidelity: Fidelity) -> Result<Run> {
     // A single run neither prints nor stops by itself: the desk stops between runs.
     let outcome = Outcome::run(file, fidelity, Watch::default(), &mut |_| Ok(()))?;
     let last = outcome.last();
@@ -322,18 +322,8 @@ mod tests {
     #[test]
     fn the_interval_of_a_share_holds_it_and_stays_within_0_and_1() {
         let run = |reached| Run {
-            restitution: 0.2,
-            sensitivity: 1.0,
-            attempts: 1,
-            regime: String::new(),
-            state: State::Locked,
             reached,
-            amplitude: 0.0,
-            k: 0.0,
-            in_gear: None,
-            in_gear_estimated: None,
-            in_gear_coverage: None,
-            speed: 0.0,
+            ..Run::default()
         };
         let share_of = |runs| Runs { name: "", runs }.share();
         let runs = (0..100).map(|n| run((n < 90).then_some(1.0)));

@@ -6,8 +6,8 @@ use toml::{Table, Value as Toml};
 use super::runs::{self, Run, Runs};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
-use crate::refusal::Refusal;
-use crate::report::{Column, Field, Printout, Table as Rows, View, counted, fields};
+use crate::refusal::{Refusal, Result};
+use crate::report::{Column, Field, Printout, Table as Rows, View, counted, fields, when};
 
 const MAX_RUNS: usize = 1_000_000;
 
@@ -59,7 +59,7 @@ impl Axes {
 }
 
 /// Sets a key of a scene's table, and creates missing tables on its path.
-fn set(table: &mut Table, key: &str, value: f64) -> Result<(), Refusal> {
+fn set(table: &mut Table, key: &str, value: f64) -> Result<()> {
     let unknown = |part: &str| {
         let accepted =
             "a numeric key of the scene with its tables, such as drive.gain or disturbance.1.at";
@@ -171,7 +171,7 @@ impl Sweep {
         drawn: bool,
         fidelity: Option<Fidelity>,
         desk: &Desk,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self> {
         let mut counts = axes.iter().map(|axis| axis.values.len());
         let points = counts.try_fold(1_usize, usize::checked_mul);
         let points = points.filter(|points| points.saturating_mul(count) <= MAX_RUNS);
@@ -247,18 +247,15 @@ impl Sweep {
     /// Share of runs that reached the requested state over the swept key, or over the first two.
     pub fn draw(&self, file: &SceneFile) -> Picture {
         let count = self.points.first().map_or(0, |point| point.runs.runs.len());
-        let picture = Picture::new("How sure the wanted state is").caption(format!(
-            "{count} run{} a point, target {}{}",
-            if count == 1 { "" } else { "s" },
-            super::describe(file.scene.target),
-            match self.axes.get(2..) {
-                Some(further @ [_, ..]) => {
-                    let keys: Vec<&str> = further.iter().map(|axis| axis.key.as_str()).collect();
-                    format!(", mean over {}", keys.join(" and "))
-                }
-                _ => String::new(),
-            }
-        ));
+        let further: Vec<&str> = (self.axes.iter().skip(2))
+            .map(|axis| axis.key.as_str())
+            .collect();
+        let mean_over = || format!(", mean over {}", further.join(" and "));
+        let further = when(!further.is_empty(), mean_over);
+        let runs = if count == 1 { "run" } else { "runs" };
+        let target = super::describe(file.scene.target);
+        let caption = format!("{count} {runs} a point, target {target}{further}");
+        let picture = Picture::new("How sure the wanted state is").caption(caption);
         let axis = |axis: &Axes, cells: bool| {
             let (low, high) = bounds(&axis.values);
             // Room for half a cell, or for a marker at the end.
@@ -331,50 +328,4 @@ fn most_frequent<'a>(names: impl Iterator<Item = &'a str>) -> String {
     // Of equal ones `max_by_key` takes the last.
     let entry = counts.iter().rev().max_by_key(|(_, count)| *count);
     entry.map_or(String::new(), |(name, _)| (*name).into())
-}
-
-#[cfg(test)]
-mod tests {
-    use kband_scene::{DEFAULT, table};
-
-    use super::*;
-
-    fn sweep(axes: &[&str], count: usize) -> Result<Sweep, Refusal> {
-        let axes: Vec<Axes> = axes.iter().map(|text| Axes::parse(text).unwrap()).collect();
-        let prepare = |file: &mut SceneFile| file.duration = 5.0;
-        let desk = Desk::new(Some(2)).unwrap();
-        Sweep::run(&table(DEFAULT)?, &axes, &prepare, count, true, None, &desk)
-    }
-
-    #[test]
-    fn a_sweep_of_two_keys_runs_every_pair() {
-        let keys = ["part.restitution=0.15..0.25:2", "plant.gain=0.8..1.2:3"];
-        let one = sweep(&keys, 2).unwrap();
-        assert_eq!(one.points.len(), 6);
-        assert_eq!(one.points[4].values, [0.25, 1.0]);
-        assert_eq!(one.table().len(), 12);
-    }
-
-    #[test]
-    fn any_numeric_key_may_be_swept() {
-        for key in [
-            "controller.soft_start=0.2..0.6:2",
-            "target.k=0.4..0.45:2",
-            "part.actual.count=1",
-            "seed=1..3:3",
-        ] {
-            let swept = sweep(&[key], 1);
-            // A count alone defines no distribution.
-            assert_eq!(swept.is_ok(), !key.contains("count"), "{key}");
-        }
-    }
-
-    #[test]
-    fn the_ends_of_a_range_are_the_typed_ones() {
-        let axes = Axes::parse("part.restitution=0.1..0.7:7").unwrap();
-        assert_eq!(axes.key, "part.restitution");
-        assert_eq!((axes.values[0], axes.values[6]), (0.1, 0.7));
-        assert_eq!(Axes::parse("seed=3").unwrap().values, [3.0]);
-        assert_eq!(Axes::parse("seed=3..9:1").unwrap().values, [3.0]);
-    }
 }

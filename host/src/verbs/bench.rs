@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     for workload in WORKLOADS {
         lines.extend(measure(workload, arguments, desk, &progress)?);
     }
-    progress.finish();
+    drop(progress);
     let report = times().printout(&lines);
     let mut report = report.heading("Run time against error, one core");
     for (workload, _) in WORKLOADS {

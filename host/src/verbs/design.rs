@@ -122,12 +122,8 @@ fn amplitude(file: &SceneFile, feeder: &Feeder) -> f64 {
 }
 
 fn describe(file: &SceneFile, feeder: &Feeder) -> String {
-    let values = [
-        feeder.frequency,
-        amplitude(file, feeder),
-        feeder.throw_angle,
-    ];
-    let [frequency, b, angle] = numbers(values, 3);
+    let b = amplitude(file, feeder);
+    let [frequency, b, angle] = numbers([feeder.frequency, b, feeder.throw_angle], 3);
     format!("{frequency} Hz, b = {b} mm, angle of throw {angle} degrees")
 }
 

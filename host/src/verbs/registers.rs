@@ -63,38 +63,3 @@ fn meaning(texts: &Words) -> String {
         accepted => format!("{meaning} {accepted}"),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::fmt::Write as _;
-    use std::fs;
-
-    /// `KBAND_ACCEPT=1` writes the table into the page.
-    #[test]
-    fn the_table_of_registers_is_that_of_the_bus() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/registers.md");
-        let page = fs::read_to_string(path).unwrap();
-        let (before, rest) = page.split_once("| register |").unwrap();
-        let after = rest.split_once("\n\n").map_or("", |(_, after)| after);
-        let mut made = format!(
-            "{before}| register | quantity | unit | form | written | meaning |\n|---|---|---|---|---|---|\n"
-        );
-        for (register, texts) in registers::all() {
-            let (address, name, unit) = (register.address, texts.name, texts.unit);
-            let (form, written) = (form(&register), written(&register));
-            let meaning = meaning(&texts);
-            writeln!(
-                made,
-                "| {address} | {name} | {unit} | {form} | {written} | {meaning} |"
-            )
-            .unwrap();
-        }
-        write!(made, "\n{after}").unwrap();
-        if made != page && std::env::var_os("KBAND_ACCEPT").is_some_and(|accept| accept == "1") {
-            fs::write(path, &made).unwrap();
-        }
-        let page = fs::read_to_string(path).unwrap();
-        assert_eq!(page, made, "KBAND_ACCEPT=1 writes docs/registers.md");
-    }
-}

@@ -197,7 +197,11 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     if let Some(trace) = trace.filter(|trace| trace.ending() == "csv") {
         let cycles = file.duration * f64::from(file.scene.settings.frequency);
-        report::state_size(trace.path().display(), cycles as u64 * trace::ROW_BYTES);
+        let bytes = cycles as u64 * trace::ROW_BYTES;
+        if bytes > 100_000_000 {
+            let (name, size) = (trace.path().display(), bytes / 1_000_000);
+            eprintln!("note: {name} will have about {size} MB");
+        }
     }
     let (traced, scoped) = (trace::trace(), trace::scope());
     let outcome = rows::write(trace, &traced.columns(), |cycles| {

@@ -41,6 +41,12 @@ pub const TABLES: &[Table] = &[
         head: "| R = 0.2 | band k2..k1 | locks from rest at k between | share of the band | peak acceleration there |",
         rows: bands_on_two_tones,
     },
+    Table {
+        name: "registers",
+        page: "registers.md",
+        head: "| register | quantity | unit | form | written | meaning |",
+        rows: registers,
+    },
 ];
 
 /// Rows of `kband paper` whose printed form does not hold.
@@ -116,4 +122,14 @@ fn bands_on_two_tones() -> Vec<String> {
     };
     let tones = ["", "0.05,2.487", "0.10,2.487", "0.15,2.356"];
     tones.into_iter().map(row).collect()
+}
+
+fn registers() -> Vec<String> {
+    let result = kband("registers");
+    let row = |row: &Value| {
+        let cells = ["quantity", "unit", "form", "writable", "meaning"];
+        let cells = cells.map(|key| cell_text(&row[key]));
+        format!("| {} | {} |", row["register"], cells.join(" | "))
+    };
+    list(&result).iter().map(row).collect()
 }

@@ -143,11 +143,11 @@ pub fn record(input: &[u8]) -> bool {
 pub fn elf(input: &[u8]) -> bool {
     let image = accepted(Image::parse(input));
     if let Some(image) = &image {
-        let chip = image.chip();
-        let written: u32 = chip.sectors().map(|s| image.bytes_in(&s)).sum();
+        let chip = image.chip;
+        let written: u32 = chip.sectors().map(|s| image.bytes_in(&s.range)).sum();
         assert_eq!(written, image.size(), "each byte lies in one sector");
-        assert!(image.memory() <= chip.memory.end - chip.memory.start);
-        for piece in image.pieces() {
+        assert!(image.memory <= chip.memory.end - chip.memory.start);
+        for piece in &image.pieces {
             let end = piece.address + piece.bytes.len() as u32;
             assert!(chip.flash.start <= piece.address && end <= chip.flash.end);
             let is_free = end <= chip.settings.start || chip.settings.end <= piece.address;

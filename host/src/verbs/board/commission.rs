@@ -100,7 +100,6 @@ fn telemetry(link: &mut Link, every: u16, seconds: f64, desk: &Desk) -> Result<V
         }
         Ok(())
     })();
-    progress.finish();
     // Telemetry is switched off again even after an error.
     link.command(&Request::Telemetry(0))?;
     recorded.map(|()| rows)

@@ -7,10 +7,10 @@ use serde_json::json;
 use super::backup::Backup;
 use crate::arguments::FormatArguments;
 use crate::board::{Address, Emulated, Link};
+#[cfg(feature = "flash")]
+use crate::chip::write;
 use crate::chip::{Chip, Image, OptionBytes, Sector};
 use crate::desk::Desk;
-#[cfg(feature = "flash")]
-use crate::desk::Progress;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::fields;
 
@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     let path = arguments.image.clone().unwrap_or_else(|| IMAGE.into());
     let image = Image::read(&path)?;
-    let chip = image.chip();
+    let chip = image.chip;
     let options = options(chip, arguments.option_bytes)?;
     let runs = runs(&image);
     let sector = |run: &Run| {
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             "image_size": run.bytes, "what": run.what})
     };
     let (size, slot) = (image.size_in_slot(), chip.slot.len());
-    let (flash_bytes, ram_bytes) = (image.size(), image.memory());
+    let (flash_bytes, ram_bytes) = (image.size(), image.memory);
     let memory = chip.memory.end - chip.memory.start;
     let ram = format!("RAM              {ram_bytes} bytes of {memory}, the stack included");
     let mut report = treatment()
@@ -197,10 +197,10 @@ impl Run {
 }
 
 fn runs(image: &Image) -> Vec<Run> {
-    let chip: &Chip = image.chip();
+    let chip = image.chip;
     let mut runs: Vec<Run> = Vec::new();
     for sector in chip.sectors() {
-        let bytes = image.bytes_in(&sector);
+        let bytes = image.bytes_in(&sector.range);
         let what = if chip.settings.contains(&sector.range.start) {
             "settings and faults, kept"
         } else if bytes > 0 {
@@ -224,27 +224,7 @@ fn runs(image: &Image) -> Vec<Run> {
     runs
 }
 
-#[cfg(feature = "flash")]
-fn write(
-    image: Image,
-    probe: Option<&str>,
-    options: Option<OptionBytes>,
-    desk: &Desk,
-) -> Result<()> {
-    let progress = Progress::new("writing", image.size().into());
-    let end = crate::chip::write(image, probe, options, desk, |bytes| {
-        progress.advance(bytes);
-    });
-    progress.finish();
-    end
-}
-
 #[cfg(not(feature = "flash"))]
-fn write(
-    _image: Image,
-    _probe: Option<&str>,
-    _options: Option<OptionBytes>,
-    desk: &Desk,
-) -> Result<()> {
+fn write(_: Image, _: Option<&str>, _: Option<OptionBytes>, desk: &Desk) -> Result<()> {
     desk.check_stop()
 }

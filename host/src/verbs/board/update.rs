@@ -87,7 +87,7 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
     let image = Image::read(path)?;
     let bytes = image.update();
     let bytes = bytes.map_err(|refusal| refusal.at(path.display()))?;
-    let board = image.chip().name.to_lowercase();
+    let board = image.chip.name.to_lowercase();
     let sum = key::sum(&bytes, &board);
     let signature = key::sign(key, &sum)?;
     let (mut link, name) = open(arguments)?;
@@ -115,7 +115,11 @@ fn update(path: &Path, key: &Path, arguments: &Arguments, desk: &Desk) -> Result
         send_all(&mut link, &bytes, &signature, desk).map_err(|refusal| {
             refusal.at("the board waits for an image until it has a whole one")
         })?;
-        let started = wait_for_program(&mut link, desk);
+        let started = wait(&mut link, desk, "the new image", |link, _| {
+            link.identify()?;
+            // The loader has protocol version 0.
+            Ok(link.protocol().0 > 0)
+        });
         (started, "the board has the new image")
     } else {
         send_all(&mut link, &bytes, &signature, desk)
@@ -223,15 +227,6 @@ fn wait(
     let cause = format!("{} did not start {what} within a minute", link.name());
     let next = "look at the board: kband identify; then start the update again";
     Err(Refusal::new(cause, next))
-}
-
-/// Waits until the loader has started the new image.
-fn wait_for_program(link: &mut Link, desk: &Desk) -> Result<()> {
-    wait(link, desk, "the new image", |link, _| {
-        link.identify()?;
-        // The loader has protocol version 0.
-        Ok(link.protocol().0 > 0)
-    })
 }
 
 /// Waits until the board answers with its new image, which is on trial.

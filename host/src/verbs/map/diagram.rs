@@ -20,7 +20,7 @@ use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
-use crate::report::{Column, Printout, Rows, fields, number, numbers, span};
+use crate::report::{Column, Printout, Rows, fields, number, numbers, span, when};
 use crate::verbs::read;
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
@@ -148,14 +148,6 @@ impl Over {
         }
     }
 
-    fn axis(self, Range { low, high, .. }: Range) -> Axis {
-        match self {
-            Self::K { .. } => Axis::of_k(low, high),
-            Self::Amplitude { .. } => Axis::of_b(low, high),
-            Self::Restitution { .. } => Axis::new("restitution R", "", low, high),
-        }
-    }
-
     fn fixed(self) -> String {
         match self {
             Self::K { restitution } => format!("R = {}", number(restitution, 6)),
@@ -251,12 +243,8 @@ impl Diagram {
         for branch in &self.branches {
             all.extend(branch.regimes().into_iter().map(|(first, last, ending)| {
                 let ends = [self.values[first], self.values[last]];
-                (
-                    branch.start.names()[0],
-                    ends,
-                    last - first + 1,
-                    ending.name(),
-                )
+                let (start, columns) = (branch.start.names()[0], last - first + 1);
+                (start, ends, columns, ending.name())
             }));
         }
         let regimes = stretches(&unit).objects(&all);
@@ -334,24 +322,18 @@ impl Diagram {
         } else {
             Axis::over_values("phase t after the contact", "rad", heights).in_pi()
         };
-        let mut picture = Picture::new(format!(
-            "Impact {} over {}",
-            if self.velocity { "velocity" } else { "phase" },
-            match self.over {
-                Over::K { .. } => "k",
-                Over::Amplitude { .. } => "amplitude",
-                Over::Restitution { .. } => "restitution",
-            }
-        ))
-        .caption(format!(
-            "{}{}; {} impacts in each of {} columns, after {} to settle",
-            self.fixed,
-            match arguments.scatter.scatter {
-                0.0 => String::new(),
-                scatter => format!(", scattering by {scatter}"),
-            },
-            arguments.impacts,
-            self.range.count,
+        let Range { low, high, .. } = self.range;
+        let (over, x_axis) = match self.over {
+            Over::K { .. } => ("k", Axis::of_k(low, high)),
+            Over::Amplitude { .. } => ("amplitude", Axis::of_b(low, high)),
+            Over::Restitution { .. } => ("restitution", Axis::new("restitution R", "", low, high)),
+        };
+        let quantity = if self.velocity { "velocity" } else { "phase" };
+        let (fixed, scatter) = (&self.fixed, arguments.scatter.scatter);
+        let scatter = when(scatter > 0.0, || format!(", scattering by {scatter}"));
+        let (impacts, columns) = (arguments.impacts, self.range.count);
+        let mut picture = Picture::new(format!("Impact {quantity} over {over}")).caption(format!(
+            "{fixed}{scatter}; {impacts} impacts in each of {columns} columns, after {} to settle",
             arguments.settle
         ));
         let occurs = |(fill, _): &(Fill, &str)| {
@@ -365,12 +347,9 @@ impl Diagram {
                 let states = column.states.iter();
                 states.map(|state| self.height(*state) as f32).collect()
             });
-            let height = if self.branches.len() == 1 {
-                420.0
-            } else {
-                240.0
-            };
-            let mut panel = Panel::new(self.over.axis(self.range), y_axis.clone())
+            let is_alone = self.branches.len() == 1;
+            let height = if is_alone { 420.0 } else { 240.0 };
+            let mut panel = Panel::new(x_axis.clone(), y_axis.clone())
                 .heading(branch.start.names()[1])
                 .height(height);
             let strip = named("band: the period-1 orbit attracts");
@@ -381,7 +360,7 @@ impl Diagram {
             let fills = self.values.iter().zip(&branch.columns);
             let fills = fills.filter_map(|(x, column)| Some((*x, column.ending.fill()?)));
             let names = if place == 0 { &*names } else { &[] };
-            panel = panel.ribbon_of_points([self.range.low, self.range.high], fills, names);
+            panel = panel.ribbon_of_points([low, high], fills, names);
             for order in 1..=5 {
                 let [attracting, repelling] = self.period_one(order);
                 panel = panel
@@ -391,7 +370,7 @@ impl Diagram {
             for band in &self.bands {
                 panel = panel.caption(0.5 * (band.low + band.high), format!("r = {}", band.order));
                 for edge in [band.low, band.high] {
-                    if self.range.low < edge && edge < self.range.high {
+                    if low < edge && edge < high {
                         panel = panel.mark(edge, number(edge, 4));
                     }
                 }

@@ -17,7 +17,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::{Printout, columns, fields, finite, number};
+use crate::report::{Printout, columns, fields, finite, number, when};
 
 /// Measure Lyapunov exponents with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -232,10 +232,8 @@ fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Res
         view = view.without(columns::B);
     }
     let (r, impacts, settle) = (arguments.restitution, arguments.impacts, arguments.settle);
-    let scatter = match arguments.scatter.scatter {
-        0.0 => String::new(),
-        scatter => format!(" scattering by {scatter}"),
-    };
+    let scatter = arguments.scatter.scatter;
+    let scatter = when(scatter > 0.0, || format!(" scattering by {scatter}"));
     let report = view.printout(rows).heading(format!(
         "R = {r}{scatter}, {impacts} impacts after {settle} to settle; exponents per impact"
     ));

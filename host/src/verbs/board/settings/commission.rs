@@ -59,10 +59,7 @@ fn listen(link: &mut Link, within: Duration, desk: &Desk) -> Result<Identified> 
             _ => None,
         })?;
         match identification {
-            Some(Identification::Found(result)) => {
-                progress.finish();
-                return Ok(result);
-            }
+            Some(Identification::Found(result)) => return Ok(result),
             Some(Identification::NotFound(why)) => {
                 let cause = match why {
                     Unidentified::Quiet => "no impact was detected that repeats in every cycle",

@@ -118,7 +118,6 @@ pub(super) fn gather(
         max_cycles = max_cycles.max(cycles.len());
         link.command(&Request::Alive)?;
     }
-    progress.finish();
     Ok(cycles)
 }
 

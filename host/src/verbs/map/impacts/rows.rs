@@ -18,8 +18,6 @@ pub struct Row<K: Kernel> {
     pub state: K::State,
 }
 
-const NEXT: &str = "correct or remove this row";
-
 /// A file of launches. It is read twice: first to check every row, then to compute.
 pub(super) struct LaunchFile<'a> {
     path: &'a Path,
@@ -32,7 +30,7 @@ impl<'a> LaunchFile<'a> {
         let refuse = |error: std::io::Error| unread(path, &error);
         let mut file = file::open(path, NEXT_READABLE_FILE)?;
         if !file.metadata().map_err(refuse)?.is_file() {
-            let mut copy = unnamed().map_err(refuse)?;
+            let mut copy = tempfile::tempfile().map_err(refuse)?;
             std::io::copy(&mut file, &mut copy).map_err(refuse)?;
             file = copy;
         }
@@ -50,16 +48,6 @@ impl<'a> LaunchFile<'a> {
         start.map_err(|error| unread(self.path, &error))?;
         Ok(BufReader::new(file))
     }
-}
-
-/// A file on the disk that is deleted when closed.
-fn unnamed() -> std::io::Result<File> {
-    let path = std::env::temp_dir().join(format!("kband-rows-{}", std::process::id()));
-    let mut options = File::options();
-    options.read(true).write(true).create_new(true);
-    let file = options.open(&path)?;
-    std::fs::remove_file(&path)?;
-    Ok(file)
 }
 
 const NEXT_READABLE_FILE: &str = "give the path of a readable text file";
@@ -153,7 +141,9 @@ pub fn check_rows(
         rows += 1;
         launch(values, &Map::build).map_err(|cause| {
             let place = format!("{}, line {line}", path.display());
-            Refusal::from(cause).then(NEXT).at(place)
+            Refusal::from(cause)
+                .then("correct or remove this row")
+                .at(place)
         })?;
         Ok(())
     })?;
@@ -190,25 +180,4 @@ pub fn compute_rows<K: Kernel>(
         );
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use kband::impact::Single;
-
-    use super::*;
-
-    #[test]
-    fn a_row_that_only_the_arithmetic_cannot_hold_is_left_empty() {
-        let path = Path::new("a.csv");
-        let text = "k,restitution,phase,velocity\n0.4,0.2,1,70\n0.4,0.2,1,2\n0.4,0.2,1,80\n";
-        assert_eq!(check_rows(path, text.as_bytes(), |_| Ok(())).unwrap(), 3);
-        let mut held = Vec::new();
-        let each = |row: Option<Row<_>>| {
-            held.push(row.is_some());
-            Ok(())
-        };
-        compute_rows(path, text.as_bytes(), Single::build, each).unwrap();
-        assert_eq!(held, [false, true, false]);
-    }
 }

@@ -56,11 +56,8 @@ pub(super) struct Evidence {
 /// Larger of two deviations; NaN counts as the largest.
 fn max_or_nan(largest: f64, deviation: f64) -> f64 {
     let deviation = deviation.abs();
-    if deviation.is_nan() || deviation > largest {
-        deviation
-    } else {
-        largest
-    }
+    let is_larger = deviation.is_nan() || deviation > largest;
+    if is_larger { deviation } else { largest }
 }
 
 pub(super) type Check = fn(&mut Ledger) -> Result<()>;

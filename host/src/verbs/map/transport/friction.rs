@@ -342,11 +342,8 @@ impl Row {
         let still = still.max(0.0);
         let parts = [conveyed.flying, conveyed.forward, conveyed.backward, still];
         parts.map(|part| {
-            if part < 1e-12 * time {
-                0.0
-            } else {
-                part / time
-            }
+            let is_none = part < 1e-12 * time;
+            if is_none { 0.0 } else { part / time }
         })
     }
 }

@@ -153,9 +153,10 @@ impl Over {
     }
 
     fn place(&self, feeder: &Feeder, k: f64) -> f64 {
-        match self.amplitude {
-            true => feeder.amplitude(k),
-            false => k,
+        if self.amplitude {
+            feeder.amplitude(k)
+        } else {
+            k
         }
     }
 
@@ -164,10 +165,8 @@ impl Over {
             true => Axis::of_b(self.low, self.high),
             false => Axis::of_k(self.low, self.high),
         };
-        match self.high > 4.0 * self.low {
-            true => axis.logarithmic(),
-            false => axis,
-        }
+        let is_wide = self.high > 4.0 * self.low;
+        if is_wide { axis.logarithmic() } else { axis }
     }
 
     fn describe(&self) -> String {
