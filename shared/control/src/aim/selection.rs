@@ -30,7 +30,7 @@ pub struct Selection {
     pub plan: Option<GearPlan>,
     retuning: Retuning,
     pub search: KickSearch,
-    chaos: Option<ChaosSearch>,
+    pub chaos: Option<ChaosSearch>,
     pub misfit: bool,
 }
 
