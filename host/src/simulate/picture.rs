@@ -5,7 +5,7 @@ use kband_plant::PARTS;
 use kband_scene::{Curve, Outcome, Sketch, describe, part_group};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
-use crate::report::when;
+use crate::report::{span, when};
 
 const MAX_MARKERS: usize = 600;
 
@@ -118,15 +118,15 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
         phases = phases.level(expected, "lock");
     }
     let settings = &outcome.file().scene.settings;
+    let [low, high] = [settings.restitution_low, settings.restitution_high].map(f64::from);
     let regime = || format!(", restitution scatters: {}", outcome.regime());
     let scatter = when(outcome.file().scatters(), regime);
     let mut picture = Picture::new("A feeder under control")
         .caption(format!(
-            "{} Hz, incline {}°, R {}..{}, Q {}, target {}{scatter}",
+            "{} Hz, incline {}°, R {}, Q {}, target {}{scatter}",
             settings.frequency,
             settings.incline,
-            settings.restitution_low,
-            settings.restitution_high,
+            span(low, high, 4),
             settings.quality,
             describe(outcome.target())
         ))

@@ -9,7 +9,7 @@ use serde_json::{Value as Json, json};
 use super::summary::Observed;
 use crate::causes;
 use crate::refusal::Result;
-use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, when};
+use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, span, when};
 use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describe, regime_text};
 
 /// Smallest amplitude of the second tone, over the first, that is reported.
@@ -125,9 +125,10 @@ fn describe_scene(outcome: &Outcome) -> String {
     let scatter = when(outcome.file().scatters(), scatter);
     let (target, frequency) = (describe(outcome.target()), settings.frequency);
     let (incline, quality) = (settings.incline, settings.quality);
-    let (low, high) = (settings.restitution_low, settings.restitution_high);
+    let [low, high] = [settings.restitution_low, settings.restitution_high].map(f64::from);
+    let restitution = span(low, high, 4);
     format!(
-        "target {target}; {frequency} Hz, incline {incline} degrees, restitution {low}..{high}{scatter}, Q {quality}"
+        "target {target}; {frequency} Hz, incline {incline} degrees, restitution {restitution}{scatter}, Q {quality}"
     )
 }
 
@@ -251,9 +252,10 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
     let lot = planned_lot(outcome);
     let expected = number(predicted_share(outcome)?, 3);
     let estimated = lot != configured_lot(outcome);
-    let [low, high] = lot.restitution.map(|end| number(end, 3));
+    let [low, high] = lot.restitution.map(f64::from);
+    let restitution = span(low, high, 3);
     Some(format!(
-        "                 {expected} expected of restitution {low}..{high} that scatters by {}{}",
+        "                 {expected} expected of restitution {restitution} that scatters by {}{}",
         number(lot.scatter, 2),
         when(estimated, || ", as estimated")
     ))
