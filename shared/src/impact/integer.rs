@@ -268,10 +268,6 @@ impl Kernel for Integer {
         Ok(IntegerState { phase, velocity })
     }
 
-    fn is_in_range(state: IntegerState) -> bool {
-        state.velocity <= TOP_VELOCITY
-    }
-
     fn observe(state: IntegerState) -> PartState {
         PartState::new(state.phase.radians(), state.velocity.value())
     }

@@ -86,19 +86,14 @@ pub trait Kernel: Sized {
     /// The nearest state of this arithmetic to a phase in rad and a velocity in `b w`, or an error.
     fn state(phase: f64, velocity: f64) -> Result<Self::State, OutOfRange>;
 
-    /// Whether a launch from `state` is within the range of this arithmetic.
-    ///
-    /// Near restitution 1 an impact may leave faster. Its state is right, but [`Kernel::impact`]
-    /// limits the next launch to the highest accepted velocity.
-    fn is_in_range(_state: Self::State) -> bool {
-        true
-    }
-
     /// The state as phase in rad and velocity in `b w`.
     fn observe(state: Self::State) -> PartState;
 
     /// The first impact after `state`. A resting part (velocity 0 and `sin t < k`) stays, with
     /// flight 0.
+    ///
+    /// Near restitution 1 an impact may leave faster than [`Kernel::state`] accepts. Its state is
+    /// right, but the next launch is limited to the highest accepted velocity.
     fn impact(&self, state: Self::State) -> Impact<Self::State>;
 }
 

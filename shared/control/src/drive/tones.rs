@@ -198,6 +198,7 @@ impl Tones {
         let TrackMotion { first, upper } = inputs.motion;
         let first_amplitude = absolute(first);
         self.share = self.available_share(inputs, first_amplitude);
+        self.limit_peak(inputs, first_amplitude);
         let short = self.short;
         let mut deviations = [false; UPPER];
         let requested = self.shape.tones();
@@ -209,7 +210,6 @@ impl Tones {
                 *deviations = !short && tone.estimate_response(first, measured);
             }
         }
-        self.limit_peak(inputs, first_amplitude);
         // Below the smallest usable amplitude the first tone gives no phase reference.
         let reference = (first_amplitude > inputs.min_amplitude).then_some(first_amplitude);
         let mut all = 0.0;
@@ -301,6 +301,29 @@ mod tests {
                 assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{headroom}");
             }
         }
+    }
+
+    #[test]
+    fn tones_beyond_the_acceleration_limit_stay_off() {
+        let settings = with(Settings::default(), |it| it.second_tone = 0.15);
+        let mut tones = Tones::build(&settings).unwrap();
+        let mut cycle = |second: f32| {
+            let upper = [Complex::new(second, 0.0), Complex::default()];
+            let first = Complex::new(2e-4, 0.0);
+            tones.cycle(&ToneInputs {
+                motion: TrackMotion { first, upper },
+                requested: Shape::of_two(UpperTone::new(0.12, 2.6)),
+                reference: 2e-4,
+                square: 98_696.0,
+                headroom: 0.9,
+                min_amplitude: 1e-6,
+            });
+            (tones.output()[0] != [0.0; 2], tones.missing_tones()[0])
+        };
+        assert_eq!(cycle(2.4e-5), (true, false));
+        // A second tone of 0.4 mm at 100 Hz: 158 m/s^2, where the limit is 120.
+        assert_eq!(cycle(4e-4), (false, true));
+        assert_eq!(cycle(2.4e-5), (false, true));
     }
 
     fn refused(settings: &Settings) -> Option<&'static str> {

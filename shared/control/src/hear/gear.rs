@@ -635,7 +635,8 @@ mod tests {
         }
     }
 
-    /// An estimator after 1000 drive cycles, each with an energy of 3 and an impact at this phase.
+    /// An estimator after 1000 drive cycles, each with an impact at this phase. The energy is 3 in
+    /// gear, and 3000 in the cycles before.
     fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
         let drive_state = DriveState {
             lead: Phase::from_radians(-1.2),
@@ -651,7 +652,9 @@ mod tests {
             let mut cycle = Cycle::default();
             cycle.impacts.extend([impact]);
             cycle.sectors.first = (count as usize % QUARTERS * SECTORS_PER_CYCLE) as u8;
-            cycle.sectors.energy = [3.0 / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
+            let is_in_gear = usize::from(estimator.flights) > usize::from(MIN_FLIGHTS_IN_GEAR);
+            let energy = if is_in_gear { 3.0 } else { 3000.0 };
+            cycle.sectors.energy = [energy / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
             estimator.cycle(&cycle, &with(drive_state, |it| it.count = count));
         }
         estimator

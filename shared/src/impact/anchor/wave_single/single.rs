@@ -35,8 +35,8 @@ use crate::impact::wave::{Tone, accept_tones};
 /// most 302 on any locked or chaotic orbit tried.
 ///
 /// Range: k 0.005..=4, restitution 0..=1, velocity 0..=60. With a restitution above 0.96 an impact
-/// may leave faster, by at most 2.5. Its velocity is then right. `Single::state` refuses it,
-/// [`Kernel::is_in_range`] returns false, and a launch from it is limited to 60.
+/// may leave faster, by at most 2.5. Its velocity is then right. `Single::state` refuses it, and a
+/// launch from it is limited to 60.
 ///
 /// On several tones the last step, of up to 0.02 rad, leaves a thousandth of itself. It leaves more
 /// where the track's third derivative is large relative to the arrival speed, a few 1e-5 rad. The
@@ -179,11 +179,6 @@ impl Kernel for Single {
             phase: Phase::from_radians(phase),
             velocity: velocity as f32,
         })
-    }
-
-    #[inline]
-    fn is_in_range(state: SingleState) -> bool {
-        state.velocity <= MAX_VELOCITY as f32
     }
 
     fn observe(state: SingleState) -> PartState {
