@@ -476,6 +476,10 @@ def drawn(count, seed):
             for each in survived
             if judges != EMULATED or each[1].startswith("firmware/")
         ]
+        if judges == EMULATED and asked:
+            # An image has no room for the bodies of all drawn mutants.
+            numbers = {number for number, *_ in asked}
+            compiling([mutant for mutant in found if mutant[0] in numbers])
         verdicts = judged(asked, began) if asked else {}
         survived = [each for each in survived if not verdicts.get(each[0])]
     print("".join(f"survived: {shown}\n" for *_, shown in survived), end="")
