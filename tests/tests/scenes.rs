@@ -43,17 +43,21 @@ fn hash(outcome: &Outcome) -> u64 {
     hash
 }
 
-/// Compares a scene's line with bits.txt. `KBAND_ACCEPT=1` replaces it after an intended change.
+/// Compares a scene's line with scene_bits.txt. `KBAND_ACCEPT=1` replaces it after an intended change.
 fn keeps_bits(name: &str, line: &str) {
     static FILE: Mutex<()> = Mutex::new(());
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/bits.txt");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/reference/scene_bits.txt");
     let accepts = std::env::var_os("KBAND_ACCEPT").is_some();
     let file = FILE.lock().unwrap();
     let text = std::fs::read_to_string(path).unwrap();
     let accepted = |other: &&str| other.split(':').next() == Some(name);
     if !accepts {
         drop(file);
-        assert_eq!(Some(line), text.lines().find(accepted), "scenes/bits.txt");
+        assert_eq!(
+            Some(line),
+            text.lines().find(accepted),
+            "reference/scene_bits.txt"
+        );
         return;
     }
     let mut lines: Vec<_> = text.lines().filter(|other| !accepted(other)).collect();
