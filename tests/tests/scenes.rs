@@ -43,7 +43,7 @@ fn hash(outcome: &Outcome) -> u64 {
     hash
 }
 
-/// Compares a scene's line with scene_bits.txt. `KBAND_ACCEPT=1` replaces it after an intended change.
+/// Compares a scene's line with the accepted one. `KBAND_ACCEPT=1` replaces it.
 fn keeps_bits(name: &str, line: &str) {
     static FILE: Mutex<()> = Mutex::new(());
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/reference/scene_bits.txt");
