@@ -37,7 +37,7 @@ fn footprint(image: &Path) -> [u32; 3] {
     [flash, memory, stack]
 }
 
-/// Parts of the image by words in the names of their functions and constants; the first match counts.
+/// Parts of the image by words in the names of their functions and constants; the first counts.
 const PARTS: [(&str, &[&str]); 6] = [
     ("controller and messages", &["kband_control"]),
     ("application, link, storage", &["kband_firmware", "feeder"]),
