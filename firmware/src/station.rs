@@ -524,6 +524,9 @@ impl Station {
     }
 
     fn take_settings(&self, settings: &Settings, keep: fn(&Interlock) -> Interlock) -> Result {
+        // A refused value does not end a simulation.
+        settings.check().map_err(out_of_range)?;
+        Self::check_signal(settings)?;
         if self.simulated.get().is_some() && self.at_rest() {
             self.end_simulation();
         }
@@ -533,8 +536,6 @@ impl Station {
             (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
             _ => return Err(Refusal::Running),
         }
-        settings.check().map_err(out_of_range)?;
-        Self::check_signal(settings)?;
         self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);
         self.bus.settings_changed.signal(());

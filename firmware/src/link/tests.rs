@@ -225,6 +225,14 @@ fn settings_are_read_changed_and_saved_at_rest() {
 }
 
 #[test]
+fn a_refused_setting_does_not_end_a_simulation() {
+    let mut board = Board::new();
+    board.done(&simulate(Target::K(0.41)));
+    board.out_of_range(&Request::set("amplitude_limit", 0.046), "safe_amplitude");
+    assert_eq!(board.station.target(), Target::K(0.41));
+}
+
+#[test]
 fn a_running_drive_is_not_worked_on_but_obeys() {
     let mut board = Board::new();
     board.enable = true;

@@ -8,10 +8,10 @@ use super::*;
 
 /// Hash of a conversation with each seed. Copy the printed ones after an intended change.
 const HASHES: [u64; 4] = [
-    0xcd67_c13d_3c1d_6457,
-    0x329f_b16e_ef17_abb3,
-    0x2148_64ab_c2e2_b98a,
-    0x3659_1c5f_db21_4bb2,
+    0xacd8_47f4_d503_4fb1,
+    0x8831_7b59_0c48_d3ab,
+    0x5e01_7f90_358b_a048,
+    0x1e0d_d549_2504_3746,
 ];
 /// Number of requests in a conversation.
 const REQUESTS: u32 = 6_000;
