@@ -4,6 +4,7 @@ use std::fmt::Write;
 use std::sync::Mutex;
 
 use kband_control::Event;
+use kband_control::wire::crc32;
 use kband_host::desk::Desk;
 use kband_host::simulate::{Fidelity, Outcome, Watch, run_watched};
 use kband_plant::Moment;
@@ -26,21 +27,17 @@ fn run(name: &str) {
     };
     let [envelope, waveform] = Fidelity::ALL.map(run_fidelity);
     agree(&envelope, &waveform);
-    let [envelope, waveform] = [envelope, waveform].map(|outcome| hash(&outcome));
-    keeps_bits(name, &format!("{name}: {envelope:016x} {waveform:016x}"));
+    let [envelope, waveform] = [envelope, waveform].map(|outcome| checksum(&outcome));
+    keeps_bits(name, &format!("{name}: {envelope:08x} {waveform:08x}"));
 }
 
-/// Hash (FNV-1a) of what a run records in every cycle.
-fn hash(outcome: &Outcome) -> u64 {
-    let (mut text, mut hash) = (String::new(), 0xcbf2_9ce4_8422_2325_u64);
+/// Checksum of what a run records in every cycle.
+fn checksum(outcome: &Outcome) -> u32 {
+    let mut text = String::new();
     for moment in outcome.moments() {
-        text.clear();
         write!(text, "{moment:?}").unwrap();
-        for byte in text.bytes() {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
-        }
     }
-    hash
+    crc32(text.as_bytes())
 }
 
 /// Compares a scene's line with the accepted one. `KBAND_ACCEPT=1` replaces it.

@@ -26,4 +26,4 @@ pub use scene::{
     within_reach,
 };
 pub use section::number as toml_number;
-pub use timeline::{change, describe};
+pub use timeline::{band_name, change, describe};

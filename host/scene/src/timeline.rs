@@ -8,6 +8,14 @@ use super::fields::{CHANGES, FLAGS};
 use super::section::{Section, number};
 use crate::refusal::Refusal;
 
+/// Name of the band of a target of gear or chaos ([`kband_control::Report::target_band`]).
+pub fn band_name(target: Target) -> &'static str {
+    match target {
+        Target::Chaotic => "chaotic band",
+        _ => "gear band",
+    }
+}
+
 /// A target in words.
 pub fn describe(target: Target) -> String {
     match target {

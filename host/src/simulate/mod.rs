@@ -13,7 +13,7 @@ pub(crate) const RESTING_AMPLITUDE: f64 = 1e-6;
 
 pub use kband_scene::{DEFAULT, Distribution, Fidelity, Outcome, SceneFile, Watch};
 pub(crate) use kband_scene::{
-    Lot, STATISTICS_START, describe, part_group, regime_text, within_reach,
+    Lot, STATISTICS_START, band_name, describe, part_group, regime_text, within_reach,
 };
 pub(crate) use picture::{STATE_FILLS, draw, state_fill};
 pub(crate) use run::SceneText;

@@ -2,7 +2,7 @@
 
 use kband_control::{Event, State, Target};
 use kband_plant::PARTS;
-use kband_scene::{Curve, Outcome, Sketch, describe, part_group};
+use kband_scene::{Curve, Outcome, Sketch, band_name, describe, part_group};
 
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::report::{span, when};
@@ -75,13 +75,14 @@ pub fn draw(outcome: &Outcome) -> Option<Picture> {
     let alone = outcome.last().shape.is_sine();
     let lock = band.filter(|_| alone);
     if let Some([low, high]) = outcome.last().target_band {
-        let (name, of_lock) = match outcome.target() {
-            Target::Chaotic => ("chaotic band", "lock"),
-            _ => ("gear band", "lock without scatter"),
-        };
-        throw = throw.shelf(name, low.into(), high.into());
+        throw = throw.shelf(band_name(outcome.target()), low.into(), high.into());
         if let Some(band) = lock {
-            let low = throw.level(band.low(), of_lock);
+            let name = if outcome.file().scatters() {
+                "lock without scatter"
+            } else {
+                "lock"
+            };
+            let low = throw.level(band.low(), name);
             throw = low.level(band.high(), "");
         }
     } else if let Some(band) = lock {

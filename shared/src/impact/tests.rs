@@ -153,7 +153,9 @@ fn every_arithmetic_keeps_its_bits() {
         std::fs::write(file, &actual).unwrap();
         return;
     }
-    for (line, accepted) in actual.lines().zip(include_str!("bits.txt").lines()) {
+    let accepted = include_str!("bits.txt");
+    for (line, accepted) in actual.lines().zip(accepted.lines()) {
         assert_eq!(line, accepted);
     }
+    assert_eq!(actual.len(), accepted.len(), "lines at the end");
 }

@@ -13,7 +13,7 @@ use crate::causes::{self, BestSetpoint, Cause, CauseCache};
 use crate::desk::Desk;
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::{self, Format, Printout, Table, columns, finite, number, when};
-use crate::simulate::{RESTING_AMPLITUDE, describe};
+use crate::simulate::{RESTING_AMPLITUDE, band_name, describe};
 
 /// Print the present state of a board: inputs, readings, amplitude, margins, faults, and the next
 /// step.
@@ -167,12 +167,7 @@ impl BoardStatus {
         ]);
         if let Some([low, high]) = telemetry.target_band {
             let [low, high] = [low, high].map(|k| number(k, 4));
-            let name = if self.target == Target::Chaotic {
-                "chaotic band"
-            } else {
-                "gear band"
-            };
-            rows.push((name, format!("k {low} .. {high}")));
+            rows.push((band_name(self.target), format!("k {low} .. {high}")));
         }
         if let Some(margin) = telemetry.margin {
             let (flip, trace) = (number(margin.flip, 2), number(margin.trace, 2));

@@ -10,7 +10,9 @@ use super::summary::Observed;
 use crate::causes;
 use crate::refusal::Result;
 use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, span, when};
-use crate::simulate::{Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, describe, regime_text};
+use crate::simulate::{
+    Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, band_name, describe, regime_text,
+};
 
 /// Smallest amplitude of the second tone, over the first, that is reported.
 const MIN_TONE_RATIO: f64 = 0.01;
@@ -174,10 +176,7 @@ fn describe_band(outcome: &Outcome) -> Vec<String> {
         (true, true) => ", k inside",
         (true, false) => ", k outside",
     };
-    let name = match outcome.target() {
-        Target::Chaotic => "chaotic band",
-        _ => "gear band",
-    };
+    let name = band_name(outcome.target());
     let target = outcome.last().target_band.map(|band| {
         let [low, high] = band.map(f64::from);
         let mm = |k_of_end: f64| number(outcome.amplitude() * 1e3 * k / k_of_end, 3);
