@@ -18,6 +18,7 @@ FOLDERS = (
     "shared/bus/src/",
     "shared/plant/src/",
     "firmware/src/",
+    "host/src/simulate/",
     "host/src/verbs/simulate",
 )
 CODE = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])'", re.DOTALL)
