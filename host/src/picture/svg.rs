@@ -144,10 +144,8 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 
 /// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
-    let text = format!("{value:.2}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    let text = if text == "-0" { "0" } else { text };
-    text.into()
+    // Adding 0 removes the sign of -0.
+    ((100.0 * value).round() / 100.0 + 0.0).to_string()
 }
 
 fn escape(text: &str) -> String {

@@ -11,7 +11,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-use super::{Column, Rows, Value, finite};
+use super::{Column, Rows, Value, finite, shortest};
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
 
@@ -112,6 +112,7 @@ impl Rows for ParquetRows<'_> {
             let number = match value {
                 _ if waiting.is_text => None,
                 Value::Number(number) | Value::Short(number) => finite(*number),
+                Value::Single(number) => finite(shortest(*number)),
                 Value::Count(count) => Some(*count as f64),
                 Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
                 Value::Text(_) | Value::Missing => None,

@@ -49,8 +49,13 @@ impl<'a> CsvRows<'a> {
 
 impl Rows for CsvRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<()> {
-        let cells: Vec<String> = row.iter().map(Value::csv).collect();
-        writeln!(self.out, "{}", cells.join(",")).map_err(|error| write_refusal(&error))
+        let mut line = String::new();
+        for value in row {
+            line += &value.csv();
+            line.push(',');
+        }
+        line.pop();
+        writeln!(self.out, "{line}").map_err(|error| write_refusal(&error))
     }
 }
 

@@ -5,8 +5,9 @@ use serde_json::Value as Json;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     Number(f64),
-    /// A number of single precision, as the double with the same shortest digits.
+    /// A number whose shortest digits are written.
     Short(f64),
+    Single(f32),
     Count(u64),
     Text(Box<str>),
     Flag(bool),
@@ -25,8 +26,7 @@ macro_rules! values {
 
 values! {
     f64, value => Self::Number(value);
-    // Keeps the shortest digits of the f32, not those of its nearest f64.
-    f32, value => Self::Short(shortest(value));
+    f32, value => Self::Single(value);
     u64, count => Self::Count(count);
     usize, count => Self::Count(count as u64);
     u32, count => Self::Count(count.into());
@@ -45,6 +45,7 @@ impl Value {
     pub(super) fn read(&self, digits: usize) -> String {
         match self {
             Self::Number(value) | Self::Short(value) => number(*value, digits),
+            Self::Single(value) => number(shortest(*value), digits),
             Self::Count(value) => value.to_string(),
             Self::Text(text) => text.to_string(),
             Self::Flag(yes) => if *yes { "yes" } else { "no" }.into(),
@@ -55,8 +56,10 @@ impl Value {
     pub(crate) fn csv(&self) -> String {
         match self {
             Self::Number(value) | Self::Short(value) if !value.is_finite() => String::new(),
+            Self::Single(value) if !value.is_finite() => String::new(),
             Self::Number(value) => number(*value, 17),
             Self::Short(value) => value.to_string(),
+            Self::Single(value) => value.to_string(),
             Self::Text(text) if text.contains([',', '"', '\n']) => {
                 format!("\"{}\"", text.replace('"', "\"\""))
             }
@@ -69,6 +72,7 @@ impl Value {
     pub(crate) fn json(&self) -> Json {
         match self {
             Self::Number(value) | Self::Short(value) => (*value).into(),
+            Self::Single(value) => shortest(*value).into(),
             Self::Count(value) => (*value).into(),
             Self::Text(text) => text.as_ref().into(),
             Self::Flag(yes) => (*yes).into(),
