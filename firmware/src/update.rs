@@ -241,8 +241,6 @@ impl Update {
         if length == 0 || length > slot.size || !length.is_multiple_of(4) {
             return Err(UpdateRefusal::Length);
         }
-        // With a stored key, no settings are left in sectors 10 and 11, their place in older
-        // images.
         let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
         if self.begun == MAX_UPDATES_PER_START {
             return Err(UpdateRefusal::TooOften);

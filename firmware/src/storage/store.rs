@@ -84,8 +84,6 @@ impl LoadedSettings {
 pub struct Records<F, W> {
     flash: F,
     settings: Journal<SLOT>,
-    /// Settings of an older image. They are read until a record is stored in `settings`.
-    older: Option<Journal<SLOT>>,
     faults: Journal<FAULT_SLOT>,
     waiting: W,
     supply_settled: fn() -> bool,
@@ -106,9 +104,8 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         supply_settled: fn() -> bool,
     ) -> Result<Self> {
         Ok(Self {
-            settings: Journal::new(&flash, settings, 1, version_3::SLOT)?,
-            older: None,
-            faults: Journal::new(&flash, faults, STORED_FAULTS, FAULT_SLOT)?,
+            settings: Journal::new(&flash, settings, 1)?,
+            faults: Journal::new(&flash, faults, STORED_FAULTS)?,
             flash,
             waiting,
             supply_settled,
@@ -116,28 +113,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Records<F, W> {
         })
     }
 
-    /// Reads the settings of an older image from two pages of `page` bytes from `start` on, until a
-    /// record is stored here.
-    pub fn reading_from(self, start: u32, page: u32) -> Self {
-        Self {
-            older: Some(Journal::reading(start, page, version_3::SLOT)),
-            ..self
-        }
-    }
-
-    /// State of the newest record; if nothing was stored here, of an older image's newest record. Its
-    /// content is copied to `content`, which stays 0 without a whole record.
+    /// State of the newest record. Its content is copied to `content`, which stays 0 without a whole
+    /// record.
     async fn newest(&mut self, content: &mut [u8; CONTENT]) -> Newest {
-        let newest = self.settings.newest(&mut self.flash, content).await;
-        match &mut self.older {
-            Some(older) if !self.settings.has_begun() => {
-                match older.newest(&mut self.flash, content).await {
-                    Newest::Nothing => newest,
-                    older => older,
-                }
-            }
-            _ => newest,
-        }
+        self.settings.newest(&mut self.flash, content).await
     }
 
     /// The settings of the newest record, whose content is copied to `content`.
@@ -306,7 +285,6 @@ fn fault_of(number: u32, content: &[u8]) -> Option<FaultRecord> {
 
 pub(crate) mod encoding;
 mod record;
-mod version_3;
 
 #[cfg(test)]
 pub(crate) mod tests;

@@ -117,17 +117,15 @@ impl Chip for Board {
         (Adc::new(converter), SampleTime::CYCLES28)
     }
 
-    /// Settings in sectors 1 and 2, faults in sectors 3 and 4. Older images had the settings in
-    /// sectors 10 and 11.
+    /// Settings in sectors 1 and 2, faults in sectors 3 and 4.
     fn memory(flash: Peri<'static, FLASH>) -> Result<Memory<Sectors>, StoreFailed> {
-        let records = Records::new(
+        Records::new(
             Sectors(Flash::new_blocking(flash)),
             0..2 * flash::PAGE,
             2 * flash::PAGE..4 * flash::PAGE,
             waiting_faults().ok_or(StoreFailed::Memory)?,
             Board::supply_settled,
-        )?;
-        Ok(records.reading_from(flash::OLDER_SETTINGS, flash::OLDER_PAGE))
+        )
     }
 
     fn slot(restart: fn()) -> Slot {

@@ -18,7 +18,7 @@
 //! The recipes ([`crate::storage::recipes`]) are at the record's end.
 
 use super::encoding::{COUNT, HASHES, PAIR, Words, hash, pairs, put, put_pairs, target_words};
-use super::{CONTENT, Condition, LoadedSettings, version_3};
+use super::{CONTENT, Condition, LoadedSettings};
 use crate::storage::recipes;
 use kband_control::wire::Pin;
 use kband_control::{Settings, Target};
@@ -100,7 +100,6 @@ pub fn decode_settings(content: &[u8; CONTENT]) -> Result<LoadedSettings, Condit
     let mut words = Words(&content[..SIZE]);
     let decoded = match words.next() {
         Some(VERSION) => decode_pairs(words)?,
-        Some(version_3::SCHEMA) => version_3::decode(words).ok_or(Condition::Lost)?,
         Some(newer) if (VERSION..=LAST_VERSION).contains(&newer) => return Err(Condition::Newer),
         _ => return Err(Condition::Lost),
     };

@@ -17,8 +17,6 @@ use std::vec::Vec;
 pub const G4_PAGE: usize = 2 * 1024;
 /// Page size of the STM32F405, bytes.
 const F4_PAGE: usize = 16 * 1024;
-/// Size of the STM32F405's settings pages in older images, bytes.
-const OLD_PAGE: usize = 128 * 1024;
 /// Number of four-byte words in a record; an erasure clears a page word by word.
 const SLOT_WORDS: usize = SLOT / 4;
 
@@ -240,10 +238,8 @@ fn saving_the_same_again_writes_nothing() {
 /// Settings, target and PIN that a memory loads, and its recipes.
 type Content = (LoadedSettings, Recipes);
 
-/// Content of a memory. Settings that an older image did not have do not matter.
 fn content<const PAGE: usize>(store: &mut Memory<PAGE>) -> Content {
-    let loaded = with(block_on(store.load()), |it| it.added = 0);
-    (loaded, block_on(store.recipes()))
+    (block_on(store.load()), block_on(store.recipes()))
 }
 
 /// Cuts a change of the memory after each of these numbers of words. The memory then holds the
@@ -276,7 +272,7 @@ fn cut_everywhere<const PAGE: usize>(
             let mut cut = open(nor.powered(second));
             let done = change(&mut cut, 1).is_ok();
             let last = content(&mut open(cut.flash.powered(usize::MAX)));
-            // If nothing was ever saved, the remains of an erasure count as damaged settings.
+            // Without any mark yet, the remains of an erasure count as damaged settings.
             let was_empty = found.0.condition == Condition::Never;
             let lost = was_empty && last.0.condition == Condition::Lost;
             let holds = last == new[1] || !done && (last == found || lost);
@@ -511,138 +507,6 @@ fn a_record_of_a_newer_firmware_stays_as_it_is() {
     assert_eq!(block_on(store.recipes()), Recipes::default());
 }
 
-/// Two pages after the first `saves` by an image with version 3, from a dump with an offset and
-/// bytes in each line. From the eighth on the record repeats the sixth.
-fn version_3<const PAGE: usize>(saves: usize) -> Nor<PAGE> {
-    let size = version_3::SLOT;
-    let mut nor = Nor::<PAGE>::new();
-    for line in include_str!("version_3.hex").lines() {
-        let mut words = line.split(' ');
-        let at = usize::from_str_radix(words.next().unwrap(), 16).unwrap();
-        if at < (1 + saves) * size {
-            for (byte, word) in nor.bytes[at..].iter_mut().zip(words) {
-                *byte = u8::from_str_radix(word, 16).unwrap();
-            }
-        }
-    }
-    // The first save also marked the second bank.
-    nor.bytes.copy_within(0..size, PAGE);
-    for number in 6..saves.min(PAGE / size - 1) {
-        let mut record = nor.bytes[6 * size..7 * size].to_vec();
-        record[..4].copy_from_slice(&(number as u32).to_le_bytes());
-        let check = kband_control::wire::crc32(&record[..size - 12]);
-        record[size - 12..size - 8].copy_from_slice(&check.to_le_bytes());
-        nor.bytes[(1 + number) * size..][..size].copy_from_slice(&record);
-    }
-    nor
-}
-
-/// Content of the record of save `n` in the dump; its image had no fieldbus.
-fn saved_with_version_3(n: usize) -> LoadedSettings {
-    let n = n.min(5);
-    let mut settings = changed(0.9 + 0.01 * n as f32);
-    settings.bus_timeout = Settings::default().bus_timeout;
-    valid(settings, TARGETS[n], Pin::parse("0420").filter(|_| n == 5))
-}
-
-#[test]
-fn records_of_version_3_are_read() {
-    let unsaved = loaded_from(&version_3::<G4_PAGE>(0));
-    assert_eq!(unsaved, LoadedSettings::none(Condition::Never));
-    for saves in 1..=7 {
-        let found = loaded_from(&version_3::<G4_PAGE>(saves));
-        let expected = saved_with_version_3(saves - 1);
-        assert_eq!(LoadedSettings { added: 0, ..found }, expected);
-        assert_eq!(found.added.count_ones() as usize, COUNT - 40);
-    }
-}
-
-#[test]
-fn a_cut_conversion_leaves_old_or_new() {
-    let page = G4_PAGE / 4;
-    for saves in 1..=7 {
-        let base = version_3::<G4_PAGE>(saves);
-        cut_everywhere(&base, records, save, 0..=page + SLOT_WORDS + 8, &SECOND);
-    }
-    // The other bank must be erased first, after an interrupted erasure or without a mark.
-    for first in [0x6b, 0xff] {
-        let mut base = version_3::<G4_PAGE>(7);
-        base.bytes[G4_PAGE..2 * G4_PAGE].fill(0xff);
-        base.bytes[G4_PAGE] = first;
-        base.weak[1] = true;
-        cut_everywhere(&base, records, save, 0..=2 * page + SLOT_WORDS + 8, &SECOND);
-    }
-}
-
-/// Memory on a chip whose older image had its settings in pages after the present ones.
-fn moved(nor: Nor<G4_PAGE>) -> Memory<G4_PAGE> {
-    records(nor).reading_from(4 * G4_PAGE as u32, OLD_PAGE as u32)
-}
-
-/// A flash with the bytes `filler` in the present pages, followed by settings of an older image.
-fn with_older_settings(filler: u8, older: &Nor<OLD_PAGE>) -> Nor<G4_PAGE> {
-    let mut nor = Nor::new();
-    nor.bytes.fill(filler);
-    nor.bytes.extend(&older.bytes[..2 * OLD_PAGE]);
-    nor
-}
-
-#[test]
-fn settings_elsewhere_hold_until_a_save_at_any_cut() {
-    let mut present = records(Nor::<OLD_PAGE>::new());
-    block_on(present.save(&changed(0.95), Target::K(0.4), Pin::parse("0420"))).unwrap();
-    block_on(present.save_recipes(&some_recipes(3))).unwrap();
-    for (filler, older) in [
-        (0xff, present.flash),
-        (0x46, version_3::<OLD_PAGE>(300)),
-        (0, version_3::<OLD_PAGE>(511)),
-    ] {
-        let base = with_older_settings(filler, &older);
-        let (old, _) = content(&mut moved(base.clone()));
-        assert_eq!(old.condition, Condition::Whole);
-        assert_eq!(old.pin, Pin::parse("0420"));
-        // Two erasures with their marks, and the record between them.
-        let words = 0..=2 * (G4_PAGE / 4 + 5) + SLOT_WORDS;
-        cut_everywhere(&base, moved, save, words, &[]);
-    }
-}
-
-#[test]
-fn without_settings_elsewhere_those_here_count() {
-    for (filler, condition) in [(0xff, Condition::Never), (0, Condition::Lost)] {
-        let nor = with_older_settings(filler, &Nor::new());
-        assert_eq!(block_on(moved(nor).load()), LoadedSettings::none(condition));
-    }
-    // The newest record at the old place is damaged.
-    let mut older = version_3::<OLD_PAGE>(7);
-    older.bytes[7 * version_3::SLOT + 40] ^= 1;
-    let found = block_on(moved(with_older_settings(0xff, &older)).load());
-    assert_eq!(found, LoadedSettings::none(Condition::Lost));
-}
-
-#[test]
-fn a_damaged_record_is_not_replaced_by_an_older_place() {
-    let nor = with_older_settings(0xff, &version_3::<OLD_PAGE>(300));
-    let mut store = moved(nor);
-    block_on(store.save(&changed(0.99), TARGETS[0], None)).unwrap();
-    for bit in 8 * 32..8 * (32 + SLOT - 8) {
-        let mut nor = store.flash.clone();
-        nor.bytes[bit / 8] ^= 1 << (bit % 8);
-        let found = block_on(moved(nor).load());
-        assert_eq!(found, LoadedSettings::none(Condition::Lost), "bit {bit}");
-    }
-}
-
-#[test]
-fn a_flipped_bit_of_a_conversion_brings_no_older_record_back() {
-    // The save is stored, and the erasure of the old bank after it has failed.
-    let mut store = records(version_3::<G4_PAGE>(4));
-    store.flash.refuses_erasures = true;
-    block_on(store.save(&changed(0.99), TARGETS[0], None)).unwrap();
-    assert_eq!(loaded_from(&store.flash).settings, changed(0.99));
-    assert_eq!(flips(&store), 8 * (SLOT - 8));
-}
-
 fn some_recipes(number: u8) -> Recipes {
     let mut recipes = Recipes::default();
     for place in 1..=Recipe::COUNT {
@@ -692,7 +556,7 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
 
 #[test]
 fn a_cut_save_of_recipes_leaves_old_or_new() {
-    // Records of this firmware, with and without room, and records of version 3.
+    // Banks with and without room.
     let mut bases = Vec::new();
     let mut store = records(Nor::<G4_PAGE>::new());
     for n in 0..2 {
@@ -700,7 +564,6 @@ fn a_cut_save_of_recipes_leaves_old_or_new() {
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
         bases.push(store.flash.clone());
     }
-    bases.extend([version_3::<G4_PAGE>(3), version_3::<G4_PAGE>(7)]);
     for base in bases {
         let change = |store: &mut Memory<G4_PAGE>, number| {
             block_on(store.save_recipes(&some_recipes(9 + number)))

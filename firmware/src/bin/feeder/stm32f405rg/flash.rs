@@ -16,10 +16,6 @@ pub const PAGE: u32 = 16 * 1024;
 const PAGES: u32 = 4;
 /// Number of the sector of the first page. Its offset in the flash is one page.
 const FIRST: u32 = 1;
-/// Size of a page of the settings of older images, bytes.
-pub const OLDER_PAGE: u32 = 128 * 1024;
-/// Offset of their first page from the first page here, bytes: sector 10.
-pub const OLDER_SETTINGS: u32 = 6 * OLDER_PAGE - FIRST * PAGE;
 
 /// Lowest revision of the chip with a working flash prefetch: 1, 2, Y, Z (ES0182).
 const FETCHES_AHEAD: u16 = 0x1001;
