@@ -103,7 +103,7 @@ fn f32_has_the_impacts_of_f64_on_three_tones() {
     });
 }
 
-/// Hash (FNV-1a) of the flights, states and flags of some thousand impacts, a line for each kind.
+/// Hash (FNV-1a) of the flights, states and flags of some 12 thousand impacts, a line for each kind.
 fn hashes<K: Kernel>(
     label: &str,
     tones: [Tone; 2],
@@ -112,7 +112,7 @@ fn hashes<K: Kernel>(
     let mut lines = String::new();
     for (kind, name) in KINDS.iter().enumerate() {
         let (mut hash, mut count) = (0xcbf2_9ce4_8422_2325_u64, 0);
-        for [k, phase, velocity] in (0..3_000).map(|n| launch(kind, n, tones)) {
+        for [k, phase, velocity] in (0..12_000).map(|n| launch(kind, n, tones)) {
             let (Ok(kernel), Ok(state)) = (build(tones, k), K::state(phase, velocity)) else {
                 continue;
             };
@@ -124,7 +124,7 @@ fn hashes<K: Kernel>(
             }
             count += 1;
         }
-        assert!(count > 1_000, "{} {name}: {count}", K::NAME);
+        assert!(count > 5_000, "{} {name}: {count}", K::NAME);
         lines += &format!("{} {label}, {name}: {hash:016x} of {count}\n", K::NAME);
     }
     lines
