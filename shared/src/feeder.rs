@@ -246,6 +246,9 @@ mod tests {
         for k in [0.01, 0.393, 0.7, 3.0] {
             // Rounding of two divisions and two products, each within half an ulp.
             assert!((track.k(track.amplitude(k)) / k - 1.0).abs() < 4.0 * f64::EPSILON);
+            // The peak over gravity is the throw number without the incline.
+            let peak = track.acceleration(track.amplitude(k)) / libm::cos(track.incline);
+            assert!((peak / throw_number(k) - 1.0).abs() < 8.0 * f64::EPSILON);
         }
     }
 

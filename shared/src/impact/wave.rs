@@ -422,8 +422,19 @@ mod tests {
             (tone(0.1, 135.0), Tone::default(), "second tone, angle"),
             (tone(0.1, 2.0), tone(f64::NAN, 0.0), "third tone, amplitude"),
             (tone(0.1, 2.0), tone(0.1, -7.0), "third tone, angle"),
+            (
+                tone(0.5_f64.next_up(), 0.0),
+                Tone::default(),
+                "second tone, amplitude",
+            ),
+            (
+                tone(0.5, TAU),
+                tone(0.5, TAU.next_up()),
+                "third tone, angle",
+            ),
         ] {
             assert_eq!(Wave::build(second, third).unwrap_err().parameter, parameter);
         }
+        assert!(Wave::build(tone(0.5, TAU), tone(0.5, -TAU)).is_ok());
     }
 }

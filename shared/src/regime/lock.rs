@@ -338,6 +338,16 @@ mod tests {
     use crate::regime::band;
 
     #[test]
+    fn a_phase_difference_has_no_whole_turns() {
+        for turns in -3..=3 {
+            for difference in [-3.0, -0.4, 0.0, 1.7, 3.1] {
+                let wrapped = wrap_phase(difference + TAU * f64::from(turns));
+                assert!((wrapped - difference).abs() < 1e-14, "{difference} {turns}");
+            }
+        }
+    }
+
+    #[test]
     fn orbit_closes_with_the_stated_tangent() {
         for (k, restitution, order) in [
             (0.43, 0.2, 1),

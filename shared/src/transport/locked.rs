@@ -175,6 +175,16 @@ mod tests {
         assert!(pairs.all(|(worst, bound)| *worst < bound), "{worst:?}");
     }
 
+    #[test]
+    fn at_the_critical_slope_nothing_climbs() {
+        for restitution in [0.0, 0.2, 0.7] {
+            let mut along = settings(0.0, 0.0);
+            along.incline_tangent = critical_slope_in_phase(restitution, &along);
+            assert!(along.incline_tangent > 0.0);
+            assert!(bound(restitution, &along).abs() < 1e-15);
+        }
+    }
+
     fn settings(phase_lead: f64, incline_tangent: f64) -> TangentialSettings {
         TangentialSettings {
             restitution: 0.3,

@@ -644,3 +644,17 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_chunk_is_of_whole_words_and_follows_the_last() {
+    let check = |offset, size, written| check_chunk(offset, &[0; 300][..size], 1000, written);
+    assert_eq!(check(0, 4, 0), Ok(Some(4)));
+    assert_eq!(check(4, MAX_UPDATE_BYTES, 4), Ok(Some(260)));
+    assert_eq!(check(0, 4, 4), Ok(None));
+    assert_eq!(check(8, 4, 4), Err(UpdateRefusal::Order(4)));
+    for size in [0, 1, 2, 3, 6, MAX_UPDATE_BYTES + 4] {
+        assert_eq!(check(0, size, 0), Err(UpdateRefusal::Length), "{size}");
+    }
+    assert_eq!(check(992, 8, 992), Ok(Some(1000)));
+    assert_eq!(check(996, 8, 996), Err(UpdateRefusal::Length));
+}

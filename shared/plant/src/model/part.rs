@@ -458,6 +458,21 @@ mod tests {
     /// Samples of a drive cycle in these runs.
     const SAMPLES: u64 = 400;
 
+    /// Arrival speed at restitution 0 against that at 1e-5, from the same launch.
+    #[test]
+    fn a_dead_part_arrives_as_fast_as_a_nearly_dead_one() {
+        for (k, phase, velocity) in [(0.5, 0.7, 0.6), (0.3, 1.2, 2.0), (0.8, 4.0, 1.0)] {
+            let arrival = |restitution| {
+                let map = Map::build(k, restitution).unwrap();
+                let impact = map.impact(Map::state(phase, velocity).unwrap());
+                Flight::on_sine(&map, phase, impact).arrival
+            };
+            // The launch adds its velocity to the speed from rest.
+            let difference = arrival(1e-5) + velocity - arrival(0.0);
+            assert!(difference.abs() < 1e-9, "{k}: {difference}");
+        }
+    }
+
     /// Displacement in b per cycle of a part from rest, over 600 cycles at constant amplitude.
     fn displacement_per_cycle(k: f64, law: Law, restitution: f64, contact: ContactTime) -> f64 {
         let (normal_gravity, angular) = (9.81, 314.0);

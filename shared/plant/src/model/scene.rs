@@ -415,35 +415,92 @@ mod tests {
         assert_eq!(with(0.0, 10.0), Ok(()));
     }
 
+    /// The range in the text of a refusal is accepted with both ends, and no value beyond.
+    fn accepts_its_range(set: impl Fn(&mut Scene, f32)) -> &'static str {
+        let check = |value| {
+            let mut scene = Scene::default();
+            set(&mut scene, value);
+            scene.check()
+        };
+        let OutOfRange {
+            parameter,
+            accepted,
+            ..
+        } = check(f32::NAN).unwrap_err();
+        let range = accepted
+            .split(' ')
+            .next()
+            .and_then(|range| range.split_once(".."));
+        let [low, high] = range.map(|(low, high)| [low, high]).unwrap();
+        let [low, high] = [low, high].map(|end| end.parse::<f32>().unwrap());
+        for value in [low, high] {
+            assert_eq!(check(value), Ok(()), "{parameter} {value}");
+        }
+        for value in [low.next_down(), high.next_up(), f32::INFINITY] {
+            let refused = check(value).unwrap_err();
+            assert_eq!(refused.parameter, parameter, "{value}");
+        }
+        parameter
+    }
+
+    #[test]
+    fn each_number_accepts_its_range_and_nothing_else() {
+        let numbers: [fn(&mut Scene) -> &mut f32; 18] = [
+            |scene| &mut scene.drive.resonance,
+            |scene| &mut scene.drive.quality,
+            |scene| &mut scene.drive.gain,
+            |scene| &mut scene.drive.second_gain,
+            |scene| &mut scene.drive.second_lag,
+            |scene| &mut scene.drive.third_gain,
+            |scene| &mut scene.drive.third_lag,
+            |scene| &mut scene.drive.second_quality,
+            |scene| &mut scene.drive.mains,
+            |scene| &mut scene.drive.ripple,
+            |scene| &mut scene.drive.mass,
+            |scene| &mut scene.drive.current_gain,
+            |scene| &mut scene.sensor.hum,
+            |scene| &mut scene.sensor.noise,
+            |scene| &mut scene.sensor.sensitivity,
+            |scene| &mut scene.sensor.ringing,
+            |scene| &mut scene.sensor.ringing_frequency,
+            |scene| &mut scene.sensor.ringing_decay,
+        ];
+        for number in numbers {
+            accepts_its_range(|scene, value| *number(scene) = value);
+        }
+        accepts_its_range(|scene, value| scene.parts[0] = value);
+        accepts_its_range(|scene, value| scene.scatter = core::iter::once(value).collect());
+        accepts_its_range(|scene, value| {
+            scene.drive.mass = 1e5;
+            scene.masses = core::iter::once(value).collect();
+        });
+        accepts_its_range(|scene, value| scene.friction = Some([value, 10.0]));
+    }
+
     #[test]
     fn each_disturbance_accepts_its_range_and_nothing_else() {
-        type Case = (&'static str, [f32; 2], fn(f32) -> Change);
-        let cases: [Case; 8] = [
-            ("disturbance gain", [0.0, 10.0], Change::Gain),
-            ("disturbance restitution", [-0.5, 1.0], Change::Restitution),
-            ("disturbance scatter", [0.0, 0.5], Change::Scatter),
-            ("disturbance noise", [0.0, 100.0], Change::Noise),
-            ("disturbance sensitivity", [0.0, 10.0], Change::Sensitivity),
-            ("disturbance ripple", [0.0, 0.5], Change::Ripple),
-            ("disturbance dump", [0.0, 1e4], Change::Dump),
-            ("disturbance hum", [0.0, 100.0], Change::Hum),
+        let with = |scene: &mut Scene, at: f64, change| {
+            scene.disturbances = core::iter::once(Disturbance { at, change }).collect();
+        };
+        let changes: [fn(f32) -> Change; 8] = [
+            Change::Gain,
+            Change::Restitution,
+            Change::Scatter,
+            Change::Noise,
+            Change::Sensitivity,
+            Change::Ripple,
+            Change::Dump,
+            Change::Hum,
         ];
+        for change in changes {
+            let parameter = accepts_its_range(|scene, value| with(scene, 1.0, change(value)));
+            assert!(parameter.starts_with("disturbance "));
+        }
         let check = |at: f64, change| {
-            let disturbances = core::iter::once(Disturbance { at, change }).collect();
-            let scene = Scene {
-                disturbances,
-                ..Scene::default()
-            };
+            let mut scene = Scene::default();
+            with(&mut scene, at, change);
             scene.check().map_err(|refused| refused.parameter)
         };
-        for (parameter, [low, high], change) in cases {
-            for value in [low, high] {
-                assert_eq!(check(1.0, change(value)), Ok(()), "{parameter} {value}");
-            }
-            for value in [low.next_down(), high.next_up(), f32::NAN, f32::INFINITY] {
-                assert_eq!(check(1.0, change(value)), Err(parameter), "{value}");
-            }
-        }
         let count = Scene::default().parts.len() as u8;
         assert_eq!(check(1.0, Change::Parts(count)), Ok(()));
         let more = check(1.0, Change::Parts(count + 1));
