@@ -168,10 +168,13 @@ mod tests {
         else {
             panic!("no amplitude of this drive throws the parts so far");
         };
-        let gain = needed / settings.output_maximum * 1.01;
-        let served = with(settings, |it| it.gain = gain);
-        let scale = Scale::from_settings(&served, 50.0);
-        assert!(GearSearch::begin(1, &served, &scale).unwrap().is_ok());
+        for (factor, suffices) in [(0.99, false), (1.01, true)] {
+            let gain = needed / settings.output_maximum * factor;
+            let served = with(settings, |it| it.gain = gain);
+            let scale = Scale::from_settings(&served, 50.0);
+            let begun = GearSearch::begin(1, &served, &scale).unwrap();
+            assert_eq!(begun.is_ok(), suffices, "{factor}");
+        }
     }
 
     #[test]

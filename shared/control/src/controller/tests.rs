@@ -237,6 +237,16 @@ fn target_out_of_reach_moves_nothing() {
 }
 
 #[test]
+fn without_an_amplitude_no_resonance_is_sought() {
+    let settings = with(Settings::default(), |it| it.tracking = 2.0);
+    for (amplitude, sweeps) in [(0.0, false), (0.2, true)] {
+        let mut controller = build(&settings, Target::Amplitude(amplitude));
+        follow_for(3, &mut controller, true);
+        assert_eq!(controller.resonance.is_sweeping(), sweeps, "{amplitude}");
+    }
+}
+
+#[test]
 fn unreachable_speed_is_reported_after_the_search() {
     let (strong, _) = driven(Target::Speed(88.0));
     let b = strong.setpoint() * 1e3;

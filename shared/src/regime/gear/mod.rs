@@ -300,6 +300,19 @@ mod tests {
     use crate::impact::{Tone, Wave};
 
     #[test]
+    fn a_flight_at_the_end_of_the_range_is_out_of_gear() {
+        let mut gear = GearDetector::<i64>::build_in_steps(1).unwrap();
+        for (flight, counts) in [
+            (gear.shortest, false),
+            (gear.longest, false),
+            (1 << 32, true),
+        ] {
+            (0..8).for_each(|_| _ = gear.add_flight(flight));
+            assert_eq!(gear.is_in_gear(), counts, "{flight}");
+        }
+    }
+
+    #[test]
     fn gear_begins_after_eight_flights_and_ends_at_a_rest() {
         let mut gear = GearDetector::build(2).unwrap();
         let period = 2.0 * TAU;

@@ -285,3 +285,33 @@ impl SimulatedPart {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slope_of_the_acceleration_is_its_derivative() {
+        let width = 1 << 22;
+        for tones in [
+            [[0.0; 2]; 2],
+            [[0.2, 2.4], [0.0; 2]],
+            [[0.2, 2.4], [0.05, 5.3]],
+        ] {
+            let track = TrackMap::build(0.4, tones).unwrap();
+            for n in 0..32 {
+                let phase = Phase::from_bits(n << 27);
+                let half = Phase::from_bits(width);
+                let (slope, pulls) = (track.pull(phase).1, [phase - half, phase + half]);
+                let [before, after] = pulls.map(|phase| track.pull(phase).0);
+                let derivative =
+                    (before - after) * Phase::STEPS_PER_RADIAN as f32 / (2 * width) as f32;
+                // The pull falls as A rises. Rounding of f32, and h^2/6 of the third derivative.
+                assert!(
+                    (derivative - slope).abs() < 1e-3,
+                    "{n} {tones:?}: {derivative} {slope}"
+                );
+            }
+        }
+    }
+}

@@ -444,6 +444,38 @@ impl StrikeProfiler {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::regime::Lock;
+
+    /// The lock of the profile against the closed form, to second order in the contact time.
+    #[test]
+    fn lock_of_a_contact_is_that_of_the_closed_form() {
+        for (k, restitution, order) in [
+            (0.4, 0.2, 1),
+            (0.46, 0.2, 1),
+            (0.65, 0.4, 1),
+            (0.23, 0.2, 2),
+        ] {
+            for contact in [0.0, 0.02, 0.05] {
+                let contact = ContactTime::build(contact).unwrap();
+                let exact = Lock::with_contact(k, restitution, order, contact).unwrap();
+                let exact = exact.unwrap().state();
+                let profiler = StrikeProfiler::new(StrikeSettings {
+                    restitution: Restitution::single(restitution).unwrap(),
+                    scatter: 0.05,
+                    order,
+                    k: k as f32,
+                    tones: [[0.0; 2]; 2],
+                    contact,
+                });
+                let (phase, velocity) = profiler.unwrap().find_lock(restitution as f32).unwrap();
+                let bound = 1e-5 + 0.6 * contact.radians() * contact.radians();
+                let error = (phase.radians() - exact.phase).abs();
+                assert!(error < bound, "{k} {contact:?}: phase {error}");
+                let error = (f64::from(velocity) - exact.velocity).abs();
+                assert!(error < bound, "{k} {contact:?}: velocity {error}");
+            }
+        }
+    }
 
     #[test]
     fn stored_result_equals_the_computed_one() {
