@@ -529,6 +529,41 @@ fn resting_k(k: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// Averages that agree with the gear keep their restitution; else the gear's is taken where the
+    /// parts scatter.
+    #[test]
+    fn gear_corrects_averages_that_it_contradicts() {
+        let margin = |restitution, scatter| GearMargin {
+            trace: 0.0,
+            restitution,
+            error: 0.01,
+            scatter,
+            flip: 0.5,
+            to_loss: 1e4,
+        };
+        let fitted = Identified {
+            restitution: 0.3,
+            deviation: 0.004,
+            k: 0.5,
+            scatter: 0.0,
+            hops: 300,
+        };
+        for (restitution, scatter, expected) in [
+            (0.329, 0.05, (0.3, 0.05)),
+            (0.271, 0.05, (0.3, 0.05)),
+            (0.332, 0.05, (0.332, 0.05)),
+            (0.5, 0.01, (0.3, 0.0)),
+        ] {
+            let mut identifier = Identifier::new();
+            let margin = Some(margin(restitution, scatter));
+            identifier.end_gear_check(margin, Identification::Found(fitted));
+            let Identification::Found(found) = identifier.result else {
+                panic!("{restitution}: {:?}", identifier.result);
+            };
+            assert_eq!((found.restitution, found.scatter), expected);
+        }
+    }
+
     #[test]
     fn result_stays_until_the_next_identification() {
         let mut identifier = Identifier::new();
