@@ -189,6 +189,23 @@ fn invert_free_block(matrix: &Covariance, free: &[bool; COMPONENTS]) -> Covarian
     inverse
 }
 
+/// Energy beyond the noise in sectors without predicted impacts, and that of the noise there. The
+/// noise is that of the quietest of these sectors; none has more than 1 % of the largest energy.
+pub fn stray_energy(measured: &SectorEnergy, expected: &SectorEnergy) -> [f32; 2] {
+    let [least, most] =
+        [f32::min, f32::max].map(|of| expected.iter().copied().fold(expected[0], of));
+    let is_quiet = |expected: f32| expected - least <= 0.01 * most;
+    let pairs = measured.iter().zip(expected);
+    let quiet = pairs
+        .filter(|(_, expected)| is_quiet(**expected))
+        .map(|(measured, _)| *measured);
+    let noise = quiet.clone().fold(f32::INFINITY, f32::min);
+    let (sum, count) = quiet.fold((0.0, 0.0), |(sum, count), energy| {
+        (sum + energy, count + 1.0)
+    });
+    [sum - count * noise, count * noise]
+}
+
 /// Half of the sum of absolute differences: energy in other sectors than predicted.
 pub fn unexplained_energy(measured: &SectorEnergy, expected: &SectorEnergy) -> f32 {
     let pairs = measured.iter().zip(expected);

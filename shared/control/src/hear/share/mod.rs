@@ -16,7 +16,7 @@ use super::signal::Cycle;
 use crate::{SAMPLE_RATE, UPPER};
 use fit::{
     COMPONENTS, Covariance, DesignMatrix, NOISE_INDEX, SectorEnergy, fit_mixture, moving_average,
-    predict_energy, residual_sum, unexplained_energy,
+    predict_energy, residual_sum, stray_energy, unexplained_energy,
 };
 use kband::arithmetic::{Phase, square_root_single};
 use kband::regime::gear::{
@@ -44,6 +44,9 @@ const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
 const MAX_UNEXPLAINED: [f32; 2] = [0.15, 0.9];
 /// The same without a profile of parts out of gear: such parts then show only in a poor fit.
 const MAX_UNEXPLAINED_WITHOUT_OUT: [f32; 2] = [0.05, 1.1];
+/// Largest energy between the impacts of regular parts in gear, over that of all impacts, and over
+/// the noise. The bounces of parts that hop and rest have at least 0.05 of it.
+const MAX_STRAY: [f32; 2] = [0.035, 0.3];
 /// Scatter of the restitution below which the profiles are lines, and fit less well.
 const MIN_SCATTER: f32 = 0.01;
 /// Predicted share of time in gear above which READY is credible: in gear it is at least 0.71.
@@ -236,6 +239,8 @@ struct Mixture {
     /// Sum over the sectors of the squared residual over the expected energy.
     residual_sum: f32,
     unexplained_energy: f32,
+    /// Energy between the predicted impacts, and that of the noise there.
+    stray_energy: [f32; 2],
     weights: [f32; COMPONENTS],
     /// Covariance of the weights for a dispersion (reduced chi-square) of 1.
     covariance: Covariance,
@@ -457,6 +462,7 @@ impl ShareEstimator {
             self.update_estimates(&Mixture {
                 residual_sum: residual_sum([&measured_energy, &expected, &expected]),
                 unexplained_energy: unexplained_energy(&measured_energy, &expected),
+                stray_energy: stray_energy(&measured_energy, &expected),
                 weights,
                 covariance,
             });
@@ -479,7 +485,7 @@ impl ShareEstimator {
         let (_, weights, _) = self.fit_weights(&measured_energy, &design_matrix);
         let unexplained_energy =
             unexplained_energy(&measured_energy, &predict_energy(&design_matrix, &weights));
-        let short = self.agreement(&self.short, &weights, unexplained_energy);
+        let short = self.agreement(&self.short, &weights, unexplained_energy, [0.0; 2]);
         if let (Some(evidence), Some(short)) = (&mut self.evidence, short) {
             evidence.short = short;
         }
@@ -506,7 +512,8 @@ impl ShareEstimator {
 
     fn update_estimates(&mut self, mixture: &Mixture) {
         let share = self.estimate_share(mixture);
-        let long = self.agreement(&self.long, &mixture.weights, mixture.unexplained_energy);
+        let (unexplained, stray) = (mixture.unexplained_energy, mixture.stray_energy);
+        let long = self.agreement(&self.long, &mixture.weights, unexplained, stray);
         let fitted = self.profile().zip(long);
         self.evidence = fitted.map(|(profile, long)| GearEvidence {
             predicted: profile.share(),
@@ -584,31 +591,39 @@ impl ShareEstimator {
             && self.fits >= MIN_FITS
     }
 
-    /// Agreement of a histogram with the weights fitted to it and its unexplained energy.
+    /// Agreement of a histogram with the weights fitted to it, its unexplained energy, and its
+    /// [`stray_energy`].
     fn agreement(
         &self,
         histogram: &Histogram,
         weights: &[f32; COMPONENTS],
         unexplained_energy: f32,
+        [stray, quiet]: [f32; 2],
     ) -> Option<Agreement> {
         let profiler = self.profiler.as_ref()?;
         let (settings, profile) = (profiler.settings(), profiler.profile()?);
         let in_gear_weight = weights[..GROUPS].iter().sum::<f32>();
         let out_weight = weights[GROUPS..NOISE_INDEX].iter().sum::<f32>();
         let surplus = (weights[NOISE_INDEX] - histogram.noise / histogram.weight).max(0.0);
-        let unexplained = (unexplained_energy + surplus)
-            / (impact_energy(weights, profile) + surplus).max(f32::MIN_POSITIVE);
-        let [systematic, random] =
-            if has_out_of_gear_profile(profile) || settings.scatter < MIN_SCATTER {
-                MAX_UNEXPLAINED
-            } else {
-                MAX_UNEXPLAINED_WITHOUT_OUT
-            };
+        let energy = impact_energy(weights, profile);
+        let unexplained =
+            (unexplained_energy + surplus) / (energy + surplus).max(f32::MIN_POSITIVE);
+        let has_out = has_out_of_gear_profile(profile);
+        let [systematic, random] = if has_out || settings.scatter < MIN_SCATTER {
+            MAX_UNEXPLAINED
+        } else {
+            MAX_UNEXPLAINED_WITHOUT_OUT
+        };
+        let max_stray = match has_out {
+            true => f32::INFINITY,
+            false => MAX_STRAY[0] * energy + MAX_STRAY[1] * quiet,
+        };
         // Impacts of one part in gear; the number of parts is unknown.
         let impacts = histogram.weight / settings.order as f32;
         Some(Agreement {
             in_gear: in_gear_weight / (in_gear_weight + out_weight).max(f32::MIN_POSITIVE),
-            excess: unexplained - systematic - random / square_root_single(impacts),
+            excess: (unexplained - systematic - random / square_root_single(impacts))
+                .max((stray - max_stray) / energy.max(f32::MIN_POSITIVE)),
         })
     }
 
