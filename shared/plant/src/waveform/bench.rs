@@ -520,3 +520,27 @@ impl Bench {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The converter rounds to the nearest code: over a range of currents the mean error is 0.
+    #[test]
+    fn a_current_is_read_without_bias() {
+        const COUNT: u16 = 1000;
+        let mut scene = Scene::default();
+        scene.settings.current_sensitivity = 0.1;
+        let mut bench = Bench::build(&scene).unwrap();
+        let mut sum = 0.0;
+        for n in 0..COUNT {
+            let output = 0.5 * f32::from(n) / f32::from(COUNT);
+            bench.hold(output, 1 << 24);
+            let exact = bench.zero + output * bench.current_codes;
+            sum += f32::from(bench.current().0) - exact;
+        }
+        let bias = sum / f32::from(COUNT);
+        // The errors are spread over a code: three standard errors of their mean.
+        assert!(bench.current_codes > 100.0 && bias.abs() < 0.03, "{bias}");
+    }
+}
