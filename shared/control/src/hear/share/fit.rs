@@ -189,18 +189,19 @@ fn invert_free_block(matrix: &Covariance, free: &[bool; COMPONENTS]) -> Covarian
     inverse
 }
 
-/// Energy beyond the noise in sectors without predicted impacts, and that of the noise there. The
-/// noise is that of the quietest of these sectors; none has more than 1 % of the largest energy.
+/// Energy of sectors with few predicted impacts beyond the predicted one and the noise, and that of
+/// the noise. A sector has few if at most 1 % of the largest energy is predicted there. The noise is
+/// that of the quietest one.
 pub fn stray_energy(measured: &SectorEnergy, expected: &SectorEnergy) -> [f32; 2] {
-    let [least, most] =
-        [f32::min, f32::max].map(|of| expected.iter().copied().fold(expected[0], of));
-    let is_quiet = |expected: f32| expected - least <= 0.01 * most;
+    let least = expected.iter().copied().fold(f32::INFINITY, f32::min);
+    let most = expected.iter().copied().fold(0.0, f32::max);
     let pairs = measured.iter().zip(expected);
-    let quiet = pairs
-        .filter(|(_, expected)| is_quiet(**expected))
-        .map(|(measured, _)| *measured);
-    let noise = quiet.clone().fold(f32::INFINITY, f32::min);
-    let (sum, count) = quiet.fold((0.0, 0.0), |(sum, count), energy| {
+    let beyond = pairs.filter_map(|(measured, expected)| {
+        let impacts = expected - least;
+        (impacts <= 0.01 * most).then_some(measured - impacts)
+    });
+    let noise = beyond.clone().fold(f32::INFINITY, f32::min).max(0.0);
+    let (sum, count) = beyond.fold((0.0, 0.0), |(sum, count), energy| {
         (sum + energy, count + 1.0)
     });
     [sum - count * noise, count * noise]

@@ -44,8 +44,8 @@ const SHORT_FIT_PERIOD_CYCLES: [f32; 2] = [4.0, 16.0];
 const MAX_UNEXPLAINED: [f32; 2] = [0.15, 0.9];
 /// The same without a profile of parts out of gear: such parts then show only in a poor fit.
 const MAX_UNEXPLAINED_WITHOUT_OUT: [f32; 2] = [0.05, 1.1];
-/// Largest energy between the impacts of regular parts in gear, over that of all impacts, and over
-/// the noise. The bounces of parts that hop and rest have at least 0.05 of it.
+/// Largest stray energy over that of all impacts, and over that of the noise. Parts that land
+/// together, bounce and rest have 0.047 and more beyond the noise.
 const MAX_STRAY: [f32; 2] = [0.035, 0.3];
 /// Scatter of the restitution below which the profiles are lines, and fit less well.
 const MIN_SCATTER: f32 = 0.01;
@@ -149,11 +149,13 @@ pub struct Agreement {
     pub in_gear: f32,
     /// Unexplained share of the energy (total variation distance) less its bound in gear.
     excess: f32,
+    /// Stray energy less its bound.
+    stray: f32,
 }
 
 impl Agreement {
     fn fits(&self) -> bool {
-        self.excess < 0.0
+        self.excess < 0.0 && self.stray <= 0.0
     }
 }
 
@@ -608,22 +610,18 @@ impl ShareEstimator {
         let energy = impact_energy(weights, profile);
         let unexplained =
             (unexplained_energy + surplus) / (energy + surplus).max(f32::MIN_POSITIVE);
-        let has_out = has_out_of_gear_profile(profile);
-        let [systematic, random] = if has_out || settings.scatter < MIN_SCATTER {
-            MAX_UNEXPLAINED
-        } else {
-            MAX_UNEXPLAINED_WITHOUT_OUT
-        };
-        let max_stray = match has_out {
-            true => f32::INFINITY,
-            false => MAX_STRAY[0] * energy + MAX_STRAY[1] * quiet,
-        };
+        let [systematic, random] =
+            if has_out_of_gear_profile(profile) || settings.scatter < MIN_SCATTER {
+                MAX_UNEXPLAINED
+            } else {
+                MAX_UNEXPLAINED_WITHOUT_OUT
+            };
         // Impacts of one part in gear; the number of parts is unknown.
         let impacts = histogram.weight / settings.order as f32;
         Some(Agreement {
             in_gear: in_gear_weight / (in_gear_weight + out_weight).max(f32::MIN_POSITIVE),
-            excess: (unexplained - systematic - random / square_root_single(impacts))
-                .max((stray - max_stray) / energy.max(f32::MIN_POSITIVE)),
+            excess: unexplained - systematic - random / square_root_single(impacts),
+            stray: stray - MAX_STRAY[0] * energy - MAX_STRAY[1] * quiet,
         })
     }
 
@@ -754,6 +752,7 @@ mod tests {
             let [long, short] = shares.map(|in_gear| Agreement {
                 in_gear,
                 excess: -0.1,
+                stray: 0.0,
             });
             let evidence = (GearEvidence {
                 long,
