@@ -261,3 +261,13 @@ fn a_rise_waits_for_heavy_parts_on_two_tones() {
     let result = run_fidelities(&scene, 800).unwrap()[0];
     assert!((0.95..1.05).contains(&result.max_excess), "{result:?}");
 }
+
+/// Eight heavy parts on two tones beat with the load over 60 to 80 cycles, until fault 16.
+#[test]
+fn ready_stays_off_while_heavy_parts_beat() {
+    let mut draw = Draw(Noise::new(9759));
+    let scene = (0..=39).map(|_| feeder(&mut draw)).last().unwrap();
+    let result = run_fidelities(&scene, 600).unwrap()[0];
+    assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
+    assert!(result.swing < MAX_VARIATION[1], "{result:?}");
+}

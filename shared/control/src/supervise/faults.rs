@@ -48,8 +48,11 @@ const OSCILLATION_REVERSALS: u8 = 6;
 const UNSTEADY_REVERSALS: u8 = 2;
 /// Largest amplitude of an oscillation, over the hard limit.
 const PEAK: f32 = 1.04;
-/// Cycles without a reversal after which the amplitude is steady again.
+/// Cycles without a reversal after which the count begins again.
 const STEADY_CYCLES: u8 = 64;
+/// Cycles without a reversal after which READY may return. The load of heavy parts beats over 60 to
+/// 80 cycles.
+const READY_CYCLES: u8 = 160;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
 
@@ -62,6 +65,7 @@ struct ReversalCounter {
     rising: bool,
     count: u8,
     since: u8,
+    unsteady: bool,
 }
 
 impl ReversalCounter {
@@ -90,9 +94,11 @@ impl ReversalCounter {
         } else if reversal < 0.0 {
             self.extreme = measured;
         }
+        self.unsteady |= self.count >= UNSTEADY_REVERSALS;
         if self.since > STEADY_CYCLES {
             self.count = 0;
         }
+        self.unsteady &= self.since <= READY_CYCLES;
         self.count >= OSCILLATION_REVERSALS
             || self.count >= UNSTEADY_REVERSALS && measured > PEAK * ceiling
     }
@@ -254,7 +260,7 @@ impl FaultDetector {
 
     /// Whether the amplitude does not oscillate about its reference.
     pub fn is_steady(&self) -> bool {
-        self.reversals.count < UNSTEADY_REVERSALS
+        !self.reversals.unsteady
     }
 }
 
@@ -493,10 +499,11 @@ mod tests {
                 assert!(!reversals.cycle(swing, 1e-4, 1e-3, 0.0));
             }
             assert!(reversals.count >= UNSTEADY_REVERSALS);
-            for _ in 0..STEADY_CYCLES + 2 {
+            for n in 0..=READY_CYCLES + 1 {
+                assert!(n > READY_CYCLES || reversals.unsteady, "{n}");
                 reversals.cycle(1.08e-4, 1e-4, 1e-3, 0.0);
             }
-            assert_eq!(reversals.count, 0);
+            assert!(reversals.count == 0 && !reversals.unsteady);
         }
     }
 }
