@@ -4,6 +4,8 @@
 //! points of the map. Further fresh runs estimate their shares, because selection biases a share
 //! upwards (winner's curse).
 
+use std::ops::Range;
+
 use kband::feeder::Restitution;
 use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
 use kband::regime::band::{Band, BandError};
@@ -85,28 +87,61 @@ impl Lot {
         restitutions(self.restitution, self.parts)
     }
 
-    /// Simulates every part at one point. The seed depends only on part, run and stage (common
-    /// random numbers), to compare points.
+    fn no_shares(&self) -> Shares {
+        Shares(vec![Share::default(); self.restitutions().len()])
+    }
+
+    /// Simulates every part at one point.
     fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares> {
+        let mut shares = self.no_shares();
+        self.add_runs(&mut shares, wave, k, stage, 0..self.runs * stage.effort())?;
+        Ok(shares)
+    }
+
+    /// Adds these runs of every part. The seed depends only on part, run and stage (common random
+    /// numbers), to compare points.
+    fn add_runs(
+        &self,
+        Shares(shares): &mut Shares,
+        wave: &Wave,
+        k: f64,
+        stage: Stage,
+        runs: Range<usize>,
+    ) -> Result<()> {
         let restitutions = self.restitutions();
-        let runs = self.runs * stage.effort();
-        let mut scatters = Vec::with_capacity(runs * restitutions.len());
+        let mut scatters = Vec::with_capacity(runs.len() * restitutions.len());
         for (part, &restitution) in restitutions.iter().enumerate() {
-            for run in 0..runs {
+            for run in runs.clone() {
                 let number = (stage as u64) << 48 | (part as u64) << 32 | run as u64;
                 let seed = self.seed.rotate_left(20) ^ number;
                 scatters.push(Scatter::build(restitution, self.scatter, seed)?);
             }
         }
         let map = WaveMap::on(*wave, k, restitutions[0])?;
-        let mut shares = vec![Share::default(); restitutions.len()];
-        let add = |n: usize, share: Share| shares[n / runs] = shares[n / runs].plus(&share);
-        shares_from_rest(&map, self.contact, &scatters, self.order, self.periods, add)?;
-        Ok(Shares(shares))
+        let add = |n: usize, share: Share| {
+            let part = n / runs.len();
+            shares[part] = shares[part].plus(&share);
+        };
+        Ok(shares_from_rest(
+            &map,
+            self.contact,
+            &scatters,
+            self.order,
+            self.periods,
+            add,
+        )?)
     }
 
+    /// Mean and smallest share of the parts. If each part was always or never in gear in half of
+    /// the runs, the others are left out.
     pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2]> {
-        let shares = self.simulate(wave, k, Stage::Map)?;
+        let half = self.runs.div_ceil(2);
+        let mut shares = self.no_shares();
+        self.add_runs(&mut shares, wave, k, Stage::Map, 0..half)?;
+        let is_open = |share: &Share| 0.0 < share.share() && share.share() < 1.0;
+        if shares.0.iter().any(is_open) && half < self.runs {
+            self.add_runs(&mut shares, wave, k, Stage::Map, half..self.runs)?;
+        }
         Ok([shares.mean(), shares.min_share()])
     }
 
@@ -145,7 +180,7 @@ impl Survey {
             let wave = *wave;
             Ok(Point { wave, k, shares })
         };
-        let best = |points: std::ops::Range<usize>| {
+        let best = |points: Range<usize>| {
             let mut order: Vec<usize> = points.collect();
             order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]));
             order.truncate(REFINED_POINTS);
