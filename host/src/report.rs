@@ -10,7 +10,9 @@ mod view;
 
 pub use rows::{CsvRows, Rows};
 pub use table::{Column, Table};
-pub use value::{Value, counted, finite, number, numbers, shortest, span, when};
+pub use value::{
+    Value, add_shortest, counted, csv_line, finite, number, numbers, shortest, span, when,
+};
 pub(crate) use view::fields;
 pub use view::{Field, View};
 

@@ -8,6 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
+use crate::report::add_shortest;
 
 /// The SVG document of shapes on a sheet of this size, with title and description. `name` is the
 /// prefix of its ids.
@@ -144,8 +145,10 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 
 /// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
+    let mut text = String::new();
     // Adding 0 removes the sign of -0.
-    ((100.0 * value).round() / 100.0 + 0.0).to_string()
+    add_shortest(&mut text, (100.0 * value).round() / 100.0 + 0.0);
+    text
 }
 
 fn escape(text: &str) -> String {

@@ -5,7 +5,7 @@ use std::io::Write;
 use serde_json::{Value as Json, to_string_pretty};
 
 use super::columns::units_of;
-use super::{Column, Value};
+use super::{Column, Value, csv_line};
 use crate::file::Destination;
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
@@ -49,13 +49,7 @@ impl<'a> CsvRows<'a> {
 
 impl Rows for CsvRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<()> {
-        let mut line = String::new();
-        for value in row {
-            line += &value.csv();
-            line.push(',');
-        }
-        line.pop();
-        writeln!(self.out, "{line}").map_err(|error| write_refusal(&error))
+        writeln!(self.out, "{}", csv_line(row)).map_err(|error| write_refusal(&error))
     }
 }
 

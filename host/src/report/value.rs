@@ -1,5 +1,7 @@
 //! The values of a table, and the conversion of numbers to text, CSV and JSON.
 
+use std::fmt::Display;
+
 use serde_json::Value as Json;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -53,19 +55,21 @@ impl Value {
         }
     }
 
-    pub(crate) fn csv(&self) -> String {
+    /// Appends the value to a line of CSV.
+    fn add_csv(&self, line: &mut String) {
         match self {
-            Self::Number(value) | Self::Short(value) if !value.is_finite() => String::new(),
-            Self::Single(value) if !value.is_finite() => String::new(),
-            Self::Number(value) => number(*value, 17),
-            Self::Short(value) => value.to_string(),
-            Self::Single(value) => value.to_string(),
+            Self::Number(value) | Self::Short(value) if !value.is_finite() => {}
+            Self::Single(value) if !value.is_finite() => {}
+            Self::Number(value) => *line += &number(*value, 17),
+            Self::Short(value) => add_shortest(line, *value),
+            Self::Single(value) => add_shortest(line, *value),
             Self::Text(text) if text.contains([',', '"', '\n']) => {
-                format!("\"{}\"", text.replace('"', "\"\""))
+                *line += &format!("\"{}\"", text.replace('"', "\"\""));
             }
-            Self::Flag(yes) => yes.to_string(),
-            Self::Missing => String::new(),
-            other => other.read(17),
+            Self::Text(text) => *line += text,
+            Self::Flag(yes) => *line += if *yes { "true" } else { "false" },
+            Self::Missing => {}
+            Self::Count(count) => *line += &count.to_string(),
         }
     }
 
@@ -139,6 +143,29 @@ pub fn span(low: f64, high: f64, digits: usize) -> String {
         number(low, digits)
     } else {
         format!("{}..{}", number(low, digits), number(high, digits))
+    }
+}
+
+/// A line of CSV with these values.
+pub fn csv_line(row: &[Value]) -> String {
+    let mut line = String::new();
+    for (n, value) in row.iter().enumerate() {
+        if n > 0 {
+            line.push(',');
+        }
+        value.add_csv(&mut line);
+    }
+    line
+}
+
+/// Appends the fewest digits that give back the same number, without an exponent.
+pub fn add_shortest(text: &mut String, value: impl zmij::Float + Display) {
+    let mut buffer = zmij::Buffer::new();
+    let digits = buffer.format(value);
+    if digits.contains('e') {
+        *text += &value.to_string();
+    } else {
+        *text += digits.strip_suffix(".0").unwrap_or(digits);
     }
 }
 
