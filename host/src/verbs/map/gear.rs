@@ -73,7 +73,7 @@ pub struct Arguments {
     /// Number of restitutions of a lot, its ends included.
     #[arg(long, value_name = "N", default_value = "5", value_parser = arguments::count(2, 101))]
     parts: usize,
-    /// Number of runs of each part at each point; half of them where no part changes.
+    /// Number of runs of each part at each point; half of them where no part gets into gear.
     #[arg(long, value_name = "N", default_value = "8", value_parser = arguments::count(1, 1000))]
     runs: usize,
     /// Duration of a run in drive periods.

@@ -132,14 +132,13 @@ impl Lot {
         )?)
     }
 
-    /// Mean and smallest share of the parts. If each part was always or never in gear in half of
-    /// the runs, the others are left out.
+    /// Mean and smallest share of the parts. If no part was ever in gear in half of the runs, the
+    /// others are left out.
     pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2]> {
         let half = self.runs.div_ceil(2);
         let mut shares = self.no_shares();
         self.add_runs(&mut shares, wave, k, Stage::Map, 0..half)?;
-        let is_open = |share: &Share| 0.0 < share.share() && share.share() < 1.0;
-        if shares.0.iter().any(is_open) && half < self.runs {
+        if shares.mean() > 0.0 {
             self.add_runs(&mut shares, wave, k, Stage::Map, half..self.runs)?;
         }
         Ok([shares.mean(), shares.min_share()])
