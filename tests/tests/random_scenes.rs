@@ -7,6 +7,7 @@ use std::fmt::Arguments;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use kband::feeder::STANDARD_GRAVITY;
+use kband::regime::gear::is_in_gear;
 use kband_control::{Fault, Limits, State, TRANSITIONS, Target};
 use kband_host::desk::Desk;
 use kband_plant::{Change, Disturbance, Moment, PARTS, Scene, Strike};
@@ -179,17 +180,23 @@ struct End {
     wrong: Vec<String>,
 }
 
-/// Impacts of a part over a window: number, and sums of cosine and sine of their phases.
+/// Impacts of a part over a window: number, and sums of cosine and sine of their phases. `in_gear`
+/// has the time in flights of 0.6 to 1.4 times the order, in drive cycles.
 #[derive(Default)]
 struct PhaseSums {
     cycles: u32,
     parts: [(f64, f64, f64); PARTS],
+    in_gear: [f64; PARTS],
 }
 
 impl PhaseSums {
-    fn take(&mut self, strikes: &[Strike]) {
+    fn take(&mut self, strikes: &[Strike], order: u8) {
         self.cycles += 1;
         for strike in strikes {
+            let flight = f64::from(strike.flight);
+            if is_in_gear(flight, order.into()) {
+                self.in_gear[usize::from(strike.part)] += flight;
+            }
             let (count, cosines, sines) = &mut self.parts[usize::from(strike.part)];
             let (sine, cosine) = ((strike.time as u32) as f64 / 4_294_967_296.0 * TAU).sin_cos();
             *count += 1.0;
@@ -199,13 +206,18 @@ impl PhaseSums {
     }
 
     /// Number of parts in lock. With random restitution a part may leave its lock for one or two
-    /// hops in a window, and its phase varies.
+    /// hops in a window, and its phase varies; with more scatter it is in gear for most of the time.
     fn locked(&self, order: u8) -> usize {
         let expected_count = f64::from(WINDOW) / f64::from(order);
-        let is_in_lock = |(count, cosines, sines): &&(f64, f64, f64)| {
+        let is_in_lock = |((count, cosines, sines), in_gear): &(&(f64, f64, f64), &f64)| {
             (count - expected_count).abs() <= 8.0 && cosines.hypot(*sines) > 0.9 * count
+                || **in_gear > 0.7 * f64::from(WINDOW)
         };
-        self.parts.iter().filter(is_in_lock).count()
+        self.parts
+            .iter()
+            .zip(&self.in_gear)
+            .filter(is_in_lock)
+            .count()
     }
 }
 
@@ -279,7 +291,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         }
         before = Some(report.state);
         if report.state == State::Locked && calm {
-            rhythm.take(&strikes);
+            rhythm.take(&strikes, order);
             if rhythm.cycles == WINDOW {
                 let (locked, all) = (rhythm.locked(order), scene.parts.len());
                 let enough = 2 * locked >= all;
