@@ -385,11 +385,12 @@ fn a_feeder_keeps_to_its_rules_under_any_settings() {
     let ends = play(count, number("KBAND_SEED", 1), scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(10 * ends.refused < ends.count, "{} refused", ends.refused);
-    // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. The
-    // largest accepted count is three standard deviations above a rate of 2 %.
+    // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. At a rate
+    // of 2 % one seed of 10 000 exceeds the bound (Poisson).
     let expected = 0.02 * count as f64;
+    let most = expected + 4.0 * expected.sqrt() + 2.0;
     let apart = ends.disagreeing.len();
-    assert!(apart as f64 <= expected + 3.0 * expected.sqrt(), "{apart}");
+    assert!(apart as f64 <= most, "{apart}");
 }
 
 #[test]
