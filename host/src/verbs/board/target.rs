@@ -88,7 +88,10 @@ impl Kind {
             ))
         };
         let number = |unit: &str, example: &str| {
-            value.map(|value| value as f32).ok_or_else(|| {
+            let finite = value
+                .map(|value| value as f32)
+                .filter(|value| value.is_finite());
+            finite.ok_or_else(|| {
                 let cause = format!("{name} needs a number{unit}");
                 Refusal::new(cause, format!("kband target {name} {example}"))
             })
