@@ -206,12 +206,12 @@ impl PhaseSums {
     }
 
     /// Number of parts in lock. With random restitution a part may leave its lock for one or two
-    /// hops in a window, and its phase varies; with more scatter it is in gear for most of the time.
-    fn locked(&self, order: u8) -> usize {
+    /// hops in a window, and its phase varies. One that `scatters` may be in gear for most of the time.
+    fn locked(&self, order: u8, scatters: bool) -> usize {
         let expected_count = f64::from(WINDOW) / f64::from(order);
         let is_in_lock = |((count, cosines, sines), in_gear): &(&(f64, f64, f64), &f64)| {
             (count - expected_count).abs() <= 8.0 && cosines.hypot(*sines) > 0.9 * count
-                || **in_gear > 0.7 * f64::from(WINDOW)
+                || scatters && **in_gear > 0.7 * f64::from(WINDOW)
         };
         self.parts
             .iter()
@@ -227,6 +227,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     let calm = scene.disturbances.is_empty();
     let restarts = |happened: &Disturbance| matches!(happened.change, Change::BrownOut(_));
     let restarts = scene.disturbances.iter().any(restarts);
+    let scatters = scene.scatter.iter().any(|scatter| *scatter > 0.0);
     let ceiling = 1e-3 * settings.amplitude_limit;
     let order = match scene.target {
         Target::Locked { order } => order,
@@ -293,7 +294,7 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         if report.state == State::Locked && calm {
             rhythm.take(&strikes, order);
             if rhythm.cycles == WINDOW {
-                let (locked, all) = (rhythm.locked(order), scene.parts.len());
+                let (locked, all) = (rhythm.locked(order, scatters), scene.parts.len());
                 let enough = 2 * locked >= all;
                 require(enough, format_args!("locked with {locked} of {all}"));
                 rhythm = PhaseSums::default();

@@ -140,8 +140,7 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
         let word = value.as_str()?;
         accepted.iter().find(|name| *name == word).cloned()
     })?;
-    let finite = |value: &toml::Value| real(value).filter(|number| (*number as f32).is_finite());
-    let number = (item.get("value")).map(|_| value(item, lines, "value", "a number", finite));
+    let number = (item.get("value")).map(|_| value(item, lines, "value", "a number", real));
     let number = number.transpose()?;
     if word != "tones" {
         let kind = Kind::from_str(&word, false).map_err(|why| Refusal::new(why, NEXT))?;
@@ -158,7 +157,8 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
             sound.then(|| UpperTone::new(ratio as f32, phase as f32))
         })
     };
-    let k = number.ok_or_else(|| refused(lines, "value", "no number", "k of the first tone"))?;
+    let k = number.filter(|k| (*k as f32).is_finite());
+    let k = k.ok_or_else(|| refused(lines, "value", "no number", "k of the first tone"))?;
     Ok(Target::Tones {
         k: k as f32,
         shape: Shape::new(tone("second_tone")?, tone("third_tone")?),
