@@ -2,7 +2,7 @@
 
 use super::{Controller, Measured};
 use crate::angle::radians_of;
-use crate::drive::{Approach, ImpactPhase, ToneInputs, TrackMotion, absolute};
+use crate::drive::{Approach, DEAD_TIME_CYCLES, ImpactPhase, ToneInputs, TrackMotion, absolute};
 use crate::hear::{DriveState, ImpactEvidence, LoadMeasurement, LoadMeter, MissedImpactDetector};
 use crate::identify::{self, Driven, Step};
 use crate::supervise::{Clearance, Decision, FaultDetector, LimitInputs, Observation, Prediction};
@@ -419,10 +419,14 @@ impl Controller {
 
     /// One cycle of the resonance search, with the output of the safe amplitude at the resonance.
     fn advance_sweep(&mut self, measured: f32, events: &mut Events) {
+        let rise = (measured - self.measured.amplitude).max(0.0);
+        if measured + DEAD_TIME_CYCLES * rise > self.scale.ceiling {
+            self.resonance.halve_sweep();
+        }
         let output = self.sweep_amplitude() / self.scale.full_amplitude;
-        self.output = output.min(self.settings.output_maximum);
+        self.output = self.resonance.sweep_share() * output.min(self.settings.output_maximum);
         self.output_lead = 0.0;
-        self.reference.value = measured;
+        self.reference.value = measured.min(self.scale.ceiling);
         let ended = self.resonance.advance_sweep(measured);
         self.update_scale();
         if ended {

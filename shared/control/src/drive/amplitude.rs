@@ -24,7 +24,7 @@ const CLOSED_LOOP_CYCLES: f32 = 6.0;
 /// Weight of a cycle in the gain estimate: a memory of four closed-loop time constants.
 const GAIN_FORGETTING: f32 = 0.04;
 /// Dead time in cycles: computing 1, driving 1, averaging 0.5.
-pub(super) const DEAD_TIME_CYCLES: f32 = 2.5;
+pub const DEAD_TIME_CYCLES: f32 = 2.5;
 /// Time constant of the gain estimate off the resonance, over dead time plus envelope.
 const GAIN_TIME_CONSTANT_RATIO: f32 = 3.0;
 /// Largest factor between estimated and configured gain; a larger one is a fault or a wrong scale.

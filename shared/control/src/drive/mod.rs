@@ -11,7 +11,7 @@ mod shape;
 mod tone;
 mod tones;
 
-pub use amplitude::AmplitudeLoop;
+pub use amplitude::{AmplitudeLoop, DEAD_TIME_CYCLES};
 pub use envelope::absolute;
 pub use margins::LoopMargins;
 pub use observer::ImpactPhase;

@@ -3,6 +3,7 @@
 //! At the peak a resonance lags its force by a quarter turn: an integral controller moves the
 //! frequency until that phase is measured (phase-locked loop).
 
+use super::DEAD_TIME_CYCLES;
 use crate::saturate::saturate;
 use crate::{SAMPLE_RATE, Settings};
 use core::f32::consts::{FRAC_PI_2, PI};
@@ -31,7 +32,9 @@ pub struct Sweep {
     intervals: u16,
     point: u16,
     cycles: u16,
-    /// Largest amplitude so far in m, and its frequency in Hz.
+    /// Share of the requested output.
+    share: f32,
+    /// Largest amplitude so far in m, over the share, and its frequency in Hz.
     best: (f32, f32),
     /// Whether the drive is back at the peak and settles there.
     returning: bool,
@@ -66,9 +69,26 @@ impl Resonance {
             intervals: intervals.clamp(2, MAX_SWEEP_POINTS),
             point: 0,
             cycles: 0,
+            share: 1.0,
             best: (0.0, self.low),
             returning: false,
         });
+    }
+
+    /// Share of the requested output during a sweep.
+    pub fn sweep_share(&self) -> f32 {
+        self.sweep.map_or(1.0, |sweep| sweep.share)
+    }
+
+    /// Halves the output for the rest of the sweep, at most once per dead time, as with a gain
+    /// configured too low. The point settles again.
+    pub fn halve_sweep(&mut self) {
+        if let Some(sweep) = &mut self.sweep
+            && f32::from(sweep.cycles) > DEAD_TIME_CYCLES
+        {
+            sweep.share *= 0.5;
+            sweep.cycles = 0;
+        }
     }
 
     /// Processes the amplitude (m) of a sweep's cycle. Whether it ended, settled at its peak.
@@ -86,8 +106,9 @@ impl Resonance {
             self.sweep = None;
             return true;
         }
-        if amplitude > sweep.best.0 {
-            sweep.best = (amplitude, self.frequency);
+        let response = amplitude / sweep.share;
+        if response > sweep.best.0 {
+            sweep.best = (response, self.frequency);
         }
         sweep.cycles = 0;
         sweep.point += 1;

@@ -1,6 +1,6 @@
 //! The measured amplitude of drawn machines keeps every limit: a walk through accepted settings.
 
-use super::fidelity::{changes, drive_of, unwatched};
+use super::fidelity::{Loop, changes, drive_of, unwatched};
 use super::lots::number;
 use core::f32::consts::{PI, TAU};
 use kband::arithmetic::Noise;
@@ -136,4 +136,26 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
         }
     }
     assert!(moving > 600, "{moving} of {written}");
+}
+
+/// The drive is twice as strong as configured: the first output of the search would reach 1.6 times
+/// the limit at the resonance.
+#[test]
+fn a_resonance_search_keeps_the_amplitude_limit() {
+    let mut scene = Scene::default();
+    scene.settings.tracking = 2.0;
+    (scene.settings.safe_amplitude, scene.settings.amplitude_limit) = (0.2, 0.25);
+    scene.target = Target::Amplitude(0.2);
+    scene.drive.gain = 2.0 * scene.settings.gain;
+    let limit = 1e-3 * scene.settings.amplitude_limit;
+    for mut looped in Loop::both(&scene) {
+        for _ in 0..600 {
+            let report = looped.cycle().0.report;
+            assert!(report.reference <= limit, "{report:?}");
+            assert!(report.amplitude < 1.02 * limit, "{report:?}");
+        }
+        let report = looped.cycle().0.report;
+        assert!((report.frequency - 50.0).abs() < 0.2, "{report:?}");
+        assert!((report.amplitude - 0.2e-3).abs() < 4e-6, "{report:?}");
+    }
 }
