@@ -48,6 +48,9 @@ pub struct Bench {
     parts: Vec<Part, PARTS>,
     /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
+    /// Time before which no part of the impact map has an event, unless one at rest lifts off.
+    next_event: u64,
+    any_at_rest: bool,
     /// Acceleration by the weight of lying parts in m/s^2, deflection of the spring under all in m.
     pressed: f32,
     sagged: f64,
@@ -125,6 +128,8 @@ impl Bench {
                 .filter(|_| has_mass)
                 .map(|(n, drawn)| Ok(MassivePart::at_rest(drawn?, scene.mass_share(n))))
                 .collect::<Result<_, _>>()?,
+            next_event: 0,
+            any_at_rest: false,
             pressed: 0.0,
             sagged: 0.0,
             hopper: Hopper::new(scene),
@@ -252,13 +257,27 @@ impl Bench {
         if !self.massive.is_empty() {
             self.push_back(before, angular, now);
         }
+        if now >= self.next_event || lifts_off && self.any_at_rest {
+            self.move_parts([x, v], angular, now, lifts_off);
+        }
+    }
+
+    /// Simulates the events up to `now` of the parts that move by the impact map.
+    fn move_parts(&mut self, motion: [f32; 2], angular: f64, now: u64, lifts_off: bool) {
+        (self.next_event, self.any_at_rest) = (u64::MAX, false);
         for index in 0..self.parts.len() {
-            if self.hopper.arrives(index) > now {
+            let arrives = self.hopper.arrives(index);
+            if arrives > now {
+                self.next_event = self.next_event.min(arrives);
                 continue;
             }
             let next = self.parts[index].next();
             if next.map_or(lifts_off, |next| next <= now) {
-                self.settle(index, [x, v], angular, now);
+                self.settle(index, motion, angular, now);
+            }
+            match self.parts[index].next() {
+                Some(next) => self.next_event = self.next_event.min(next),
+                None => self.any_at_rest = true,
             }
         }
     }
@@ -395,6 +414,7 @@ impl Bench {
 
     /// The first `count` parts are on the track from now on; the others are not.
     fn place_parts(&mut self, count: u8) {
+        self.next_event = 0;
         for index in usize::from(count)..self.massive.len() {
             if self.hopper.arrives(index) <= self.time {
                 self.sagged -= self.sag(index);
@@ -514,6 +534,7 @@ impl Bench {
                 let step = f64::from(self.step);
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
                 self.hopper.dump(self.time, turns);
+                self.next_event = 0;
             }
             Change::Parts(count) => self.place_parts(count),
             _ => {}
