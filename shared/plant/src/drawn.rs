@@ -15,8 +15,9 @@ const MAX_EXCESS: f32 = 1.1;
 const MAX_EXCESS_SATURATED: f32 = 1.2;
 /// Largest peak-to-peak amplitude over its reference at READY, without and with heavy parts.
 const MAX_VARIATION: [f32; 2] = [0.1, 0.16];
-/// Largest relative error of the mean amplitude then; 0.04 in 100 feeders.
-const MAX_MEAN_ERROR: f32 = 0.08;
+/// Largest relative error of the mean amplitude then, of a drive as configured and of another one,
+/// whose difference counts as load of the parts. Measured over 1100 feeders: 0.052 and 0.091.
+const MAX_MEAN_ERROR: [f32; 2] = [0.07, 0.12];
 /// Cycles of READY at constant reference over which the variation is measured.
 const VARIATION_CYCLES: usize = 40;
 
@@ -222,10 +223,11 @@ fn violations(scene: &Scene) -> Option<Vec<std::string::String>> {
             MAX_EXCESS
         };
         let steady = MAX_VARIATION[usize::from(scene.has_mass())];
+        let differs = scene.drive.quality != scene.settings.quality;
         result.broken
             || result.max_excess > max_excess
             || result.swing > steady
-            || result.deviation > MAX_MEAN_ERROR
+            || result.deviation > MAX_MEAN_ERROR[usize::from(differs)]
     };
     let mut results = near.flatten()?.into_iter().enumerate().collect::<Vec<_>>();
     results.retain(|(_, result)| exceeds_bounds(result));
@@ -270,4 +272,13 @@ fn ready_stays_off_while_heavy_parts_beat() {
     let result = run_fidelities(&scene, 600).unwrap()[0];
     assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
     assert!(result.swing < MAX_VARIATION[1], "{result:?}");
+}
+
+/// A mode at the second tone of four times the configured quality swings past the requested tone.
+#[test]
+fn a_sharp_mode_keeps_the_acceleration_limit() {
+    let mut draw = Draw(Noise::new(71_008));
+    let scene = (0..=91).map(|_| feeder(&mut draw)).last().unwrap();
+    let results = run_fidelities(&scene, 120).unwrap();
+    assert!((0.9..1.05).contains(&results[0].max_excess), "{results:?}");
 }

@@ -11,7 +11,7 @@ use kband::feeder::{OutOfRange, accept};
 use num_complex::Complex32 as Complex;
 
 /// Acceleration over the hard limit that switches the upper tones off at once.
-const MAX_ACCELERATION_RATIO: f32 = 1.15;
+const MAX_ACCELERATION_RATIO: f32 = 1.06;
 /// Smallest share of the requested tones that does not count as limited.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
