@@ -40,8 +40,6 @@ mod tests;
 pub use anchor::{Single, SingleState};
 pub use contact_time::ContactTime;
 pub(crate) use contact_time::speed_gain;
-#[cfg(test)]
-pub(crate) use contact_time::spring;
 pub use double::Map;
 pub use integer::{Integer, IntegerState};
 pub use kernel::{Impact, Kernel, Landing, PartState, WaveKernel};
