@@ -106,7 +106,6 @@ impl Wave {
         Ok(Self::from_tones(second, third))
     }
 
-    /// The wave of tones within their ranges.
     fn from_tones(second: Tone, third: Tone) -> Self {
         let mixed = [second, third].map(|tone| {
             let angle = tone.angle;
@@ -225,7 +224,6 @@ impl Wave {
         self.third.amplitude == 0.0
     }
 
-    /// Every extremum of A: phase and value, in the order of their phases.
     pub(super) fn extrema(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         self.extrema.iter().take(self.count).copied()
     }
@@ -291,7 +289,6 @@ impl Wave {
     }
 }
 
-/// Refuses a second or third harmonic out of range; the error names it.
 pub(super) fn accept_tones(second: Tone, third: Tone) -> Result<(), OutOfRange> {
     let names = [
         ("second tone, amplitude", "second tone, angle"),
@@ -415,26 +412,17 @@ mod tests {
 
     #[test]
     fn tone_out_of_range_is_named() {
-        let tone = Tone::new;
-        for (second, third, parameter) in [
-            (tone(0.6, 0.0), Tone::default(), "second tone, amplitude"),
-            (tone(-0.1, 0.0), Tone::default(), "second tone, amplitude"),
-            (tone(0.1, 135.0), Tone::default(), "second tone, angle"),
-            (tone(0.1, 2.0), tone(f64::NAN, 0.0), "third tone, amplitude"),
-            (tone(0.1, 2.0), tone(0.1, -7.0), "third tone, angle"),
-            (
-                tone(0.5_f64.next_up(), 0.0),
-                Tone::default(),
-                "second tone, amplitude",
-            ),
-            (
-                tone(0.5, TAU),
-                tone(0.5, TAU.next_up()),
-                "third tone, angle",
-            ),
+        let (size, angle) = (0.5_f64.next_up(), TAU.next_up());
+        for ([e, th, e3, th3], parameter) in [
+            ([size, 0.0, 0.0, 0.0], "second tone, amplitude"),
+            ([-0.1, 0.0, 0.0, 0.0], "second tone, amplitude"),
+            ([0.1, angle, 0.0, 0.0], "second tone, angle"),
+            ([0.1, 2.0, f64::NAN, 0.0], "third tone, amplitude"),
+            ([0.1, 2.0, 0.1, -angle], "third tone, angle"),
         ] {
-            assert_eq!(Wave::build(second, third).unwrap_err().parameter, parameter);
+            let refused = Wave::build(Tone::new(e, th), Tone::new(e3, th3)).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
         }
-        assert!(Wave::build(tone(0.5, TAU), tone(0.5, -TAU)).is_ok());
+        assert!(Wave::build(Tone::new(0.5, TAU), Tone::new(0.5, -TAU)).is_ok());
     }
 }

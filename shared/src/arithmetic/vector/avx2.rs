@@ -164,9 +164,8 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    fn load(values: &[f64], at: usize) -> Self {
-        let values = &values[at..at + Self::WIDTH];
-        // SAFETY: the CPU has AVX2, see the module; the slice is as long as a register.
+    fn from_array(values: [f64; MAX_LANES]) -> Self {
+        // SAFETY: the CPU has AVX2, see the module; the array is longer than a register.
         Self(unsafe { _mm256_loadu_pd(values.as_ptr()) })
     }
     #[inline(always)]

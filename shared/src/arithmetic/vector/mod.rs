@@ -15,8 +15,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 use super::node;
 
-/// Constant whose addition rounds a number below 2^51 to an integer, held in the low bits of the
-/// sum.
+/// Adding it rounds a number below 2^51 to an integer, held in the low bits of the sum.
 pub(crate) const ROUNDING_OFFSET: f64 = 6_755_399_441_055_744.0;
 
 /// Bytes of a register of lane numbers: the largest number of lanes of a register.
@@ -47,8 +46,7 @@ pub(crate) trait Vector:
 
     fn splat(value: f64) -> Self;
     fn sqrt(self) -> Self;
-    /// Square root in f32, for numbers within its range: relative error 6e-8, in a third of the
-    /// time.
+    /// Square root in f32, in a third of the time: relative error 6e-8 within its range.
     fn rough_sqrt(self) -> Self;
     /// `self > other ? self : other`, so that a NaN gives `other`.
     fn max(self, other: Self) -> Self;
@@ -57,7 +55,6 @@ pub(crate) trait Vector:
     fn abs(self) -> Self;
     /// `self < other`; false for NaN.
     fn below(self, other: Self) -> Self::Mask;
-    /// `yes` if the mask holds, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// `self` if the mask holds, else 0.
     fn keep_where(self, mask: Self::Mask) -> Self;
@@ -72,8 +69,8 @@ pub(crate) trait Vector:
     /// Phase of that node within its turn as a sum: its index times [`node::SPACING_HIGH`], and
     /// times [`node::SPACING_LOW`].
     fn within_turn(rounded: Self) -> (Self, Self);
-    /// Loads one value per lane from index `at` on.
-    fn load(values: &[f64], at: usize) -> Self;
+    /// One value per lane, from the first on.
+    fn from_array(values: [f64; MAX_LANES]) -> Self;
     /// Values of a column at the first of these indices.
     fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self;
     /// Bytes at these positions.

@@ -61,8 +61,8 @@ impl Vector for f64 {
         (high, low)
     }
     #[inline(always)]
-    fn load(values: &[f64], at: usize) -> Self {
-        values[at]
+    fn from_array([value, ..]: [f64; MAX_LANES]) -> Self {
+        value
     }
     #[inline(always)]
     fn pick(column: &Column, numbers: [u8; MAX_LANES]) -> Self {
@@ -76,8 +76,7 @@ impl Vector for f64 {
     }
 }
 
-/// Index of a node in the tables, from the low bits of a sum with
-/// [`ROUNDING_OFFSET`](super::ROUNDING_OFFSET).
+/// Index of a node, from the low bits of a [`ROUNDING_OFFSET`](super::ROUNDING_OFFSET) sum.
 #[inline(always)]
 fn index_of_node(rounded: f64) -> usize {
     rounded.to_bits() as usize % node::COUNT

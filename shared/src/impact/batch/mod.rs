@@ -265,7 +265,7 @@ fn decide<V: Vector>(
             grazing.put(lane.into(), grazes);
         }
     }
-    let [flight, phase, arrival] = landings.map(|values| V::load(&values, 0));
+    let [flight, phase, arrival] = landings.map(V::from_array);
     Landing {
         flight,
         phase,

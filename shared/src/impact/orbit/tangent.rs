@@ -48,12 +48,6 @@ impl Tangent {
             by_k: [by_k, r * (d + pull * by_k)],
         })
     }
-
-    /// Determinant of the Jacobian.
-    pub fn determinant(&self) -> f64 {
-        let [[a, b], [c, d]] = self.jacobian;
-        a * d - b * c
-    }
 }
 
 /// Mean growth rate of a tangent vector along an orbit: the largest Lyapunov exponent.
@@ -157,17 +151,18 @@ mod tests {
             let state = Map::state(phase, velocity).unwrap();
             let tangent = Tangent::build(&map, state, &map.impact(state)).unwrap();
             let h = 1e-5;
-            let column =
-                |more: [f64; 2], less: [f64; 2], row: usize| (more[row] - less[row]) / (2.0 * h);
             for row in 0..2 {
-                let by_phase = column(at(k, phase + h, velocity), at(k, phase - h, velocity), row);
-                let by_velocity =
-                    column(at(k, phase, velocity + h), at(k, phase, velocity - h), row);
-                let by_k = column(at(k + h, phase, velocity), at(k - h, phase, velocity), row);
-                // h^2 times third derivatives, which grow like powers of d/s < 10.
-                assert!((tangent.jacobian[row][0] - by_phase).abs() < 1e-5);
-                assert!((tangent.jacobian[row][1] - by_velocity).abs() < 1e-5);
-                assert!((tangent.by_k[row] - by_k).abs() < 1e-5);
+                let [by_phase, by_velocity] = tangent.jacobian[row];
+                for (derivative, [dk, dt, dv]) in [
+                    (tangent.by_k[row], [h, 0.0, 0.0]),
+                    (by_phase, [0.0, h, 0.0]),
+                    (by_velocity, [0.0, 0.0, h]),
+                ] {
+                    let more = at(k + dk, phase + dt, velocity + dv)[row];
+                    let less = at(k - dk, phase - dt, velocity - dv)[row];
+                    // h^2 times third derivatives, which grow like powers of d/s < 10.
+                    assert!(((more - less) / (2.0 * h) - derivative).abs() < 1e-5);
+                }
             }
         }
     }

@@ -63,11 +63,6 @@ impl Tangential {
         })
     }
 
-    /// The settings of this motion.
-    pub fn settings(&self) -> TangentialSettings {
-        self.settings
-    }
-
     /// Distance along the track of a flight, in units of b, positive up the incline.
     ///
     /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
@@ -90,7 +85,6 @@ impl Tangential {
         self.settings.restitution * self.velocity_before_impact(launch, impact, velocity)
     }
 
-    /// Velocity along the track at the end of a flight.
     fn velocity_before_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
         let d = impact.flight;
         let lead = launch.phase + self.settings.phase_lead;
@@ -189,35 +183,6 @@ pub(super) fn sagitta(d: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::double::Map;
-    use crate::impact::kernel::Kernel;
-    use crate::impact::orbit::{Orbit, OrbitEvent};
-
-    const SETTINGS: TangentialSettings = TangentialSettings {
-        restitution: 0.3,
-        amplitude_ratio: 2.0,
-        phase_lead: 0.4,
-        incline_tangent: 0.05,
-    };
-
-    /// The equation of motion `v'' = eta sin(tau + gamma) - k tan(alpha)` integrated by the
-    /// classical Runge-Kutta rule: distance and velocity after `d`.
-    fn integrated(k: f64, t: f64, d: f64, velocity: f64) -> (f64, f64) {
-        let push = |tau: f64| {
-            SETTINGS.amplitude_ratio * libm::sin(tau + SETTINGS.phase_lead)
-                - k * SETTINGS.incline_tangent
-        };
-        let steps = 4000;
-        let h = d / f64::from(steps);
-        let (mut distance, mut speed) = (0.0, velocity);
-        for n in 0..steps {
-            let tau = t + f64::from(n) * h;
-            let (early, middle, late) = (push(tau), push(tau + 0.5 * h), push(tau + h));
-            distance += h * (speed + h * (early + 2.0 * middle) / 6.0);
-            speed += h * (early + 4.0 * middle + late) / 6.0;
-        }
-        (distance, speed)
-    }
 
     #[test]
     fn sagitta_series_meets_the_closed_form() {
@@ -230,26 +195,5 @@ mod tests {
         }
         let (below, above) = (sagitta(0.5 - 1e-9), sagitta(0.5));
         assert!((above / below - 1.0).abs() < 1e-9, "{below} {above}");
-    }
-
-    #[test]
-    fn flight_solves_the_equation_of_motion() {
-        for k in [0.05, 0.43, 0.9] {
-            let map = Map::build(k, 0.6).unwrap();
-            let tangential = Tangential::build(k, SETTINGS).unwrap();
-            let mut launch = Map::state(1.0, 2.0).unwrap();
-            let mut velocity = 0.7;
-            for event in Orbit::new(&map, launch).take(40) {
-                let OrbitEvent::Impact(impact) = event else {
-                    break;
-                };
-                let (distance, speed) = integrated(k, launch.phase, impact.flight, velocity);
-                // The rule's error is of order d^2 (d/4000)^4 < 1e-8 for d up to 130.
-                assert!((tangential.distance(launch, &impact, velocity) - distance).abs() < 1e-6);
-                velocity = tangential.velocity_after_impact(launch, &impact, velocity);
-                assert!((velocity - SETTINGS.restitution * speed).abs() < 1e-6);
-                launch = impact.next;
-            }
-        }
     }
 }
