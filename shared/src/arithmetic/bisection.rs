@@ -1,7 +1,6 @@
 //! Bisection for the edge of an interval in which a condition holds.
 
-/// Halves the interval between a place where `holds` is true and one where it is not, this number
-/// of times; returns both ends.
+/// Halves the interval between a place where `holds` is true and one where it is not.
 pub(crate) fn bisect(
     inside: f64,
     outside: f64,

@@ -112,10 +112,8 @@ impl<const F: u32> Fixed<F, i64> {
 pub struct Velocity(Fixed<26, u32>);
 
 impl Velocity {
-    /// Velocity 0: at rest, if the track does not throw.
     pub(crate) const ZERO: Self = Self(Fixed(0));
 
-    /// Velocity from its bits, in units of 2^-26.
     pub(crate) const fn from_bits(bits: u32) -> Self {
         Self(Fixed(bits))
     }
@@ -133,39 +131,5 @@ impl Velocity {
     /// Velocity in `b w`, exact.
     pub(crate) fn value(self) -> f64 {
         f64::from(self.bits()) * (1.0 / steps(26))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use core::f64::consts::PI;
-
-    use super::*;
-
-    /// Each product and shift agrees with f64, which holds these numbers exactly.
-    #[test]
-    fn binary_places_follow_from_the_type() {
-        let number = |x: Fixed<28>| f64::from(x.0) / steps(28);
-        for a in [-3.7, -0.01, 0.0, 1e-8, 1.0, 3.25] {
-            for b in [-7.9, -1.0, 0.3, 6.0] {
-                let (x, y) = (Fixed::<28>::from_constant(a), Fixed::<28>::from_constant(b));
-                let exact = number(x) * number(y);
-                let upper: Fixed<22> = x.times(y);
-                let expected = libm::floor(exact * steps(22));
-                assert_eq!(f64::from(upper.0), expected, "{a} {b}");
-                let whole: Fixed<56, i64> = x.whole(y);
-                assert_eq!(whole.0 as f64, exact * steps(56), "{a} {b}");
-                let widened = |x: Fixed<28>| Fixed::<28, i64>(i64::from(x.0)).to::<58>();
-                assert_eq!(widened(x).times::<58, 56>(widened(y)), whole, "{a} {b}");
-            }
-            let x = Fixed::<28>::from_constant(a);
-            let expected = libm::floor(number(x) * steps(20));
-            assert_eq!(f64::from(x.to::<20>().0), expected);
-            assert_eq!(x.scaled::<27>().to::<28>(), x + x);
-        }
-        for value in [PI, -PI] {
-            let nearest = Fixed::<28, i64>::nearest(value).0;
-            assert_eq!(i64::from(Fixed::<28>::from_constant(value).0), nearest);
-        }
     }
 }

@@ -145,33 +145,3 @@ const TWOFOLD_NODES: [[Twofold; 2]; COUNT] = {
     }
     table
 };
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nodes_lie_on_the_circle_to_twofold_precision() {
-        for [sine, cosine] in TWOFOLD_NODES {
-            let one = sine.times(sine).plus(cosine.times(cosine));
-            // Each product and sum has a rounding error of about 2^-104.
-            let excess = one.plus(Twofold::from(-1.0));
-            assert!((excess.high + excess.low).abs() < 1e-30);
-        }
-    }
-
-    #[test]
-    fn nodes_agree_with_libm() {
-        for (j, node) in SINE_COSINE_DOUBLE.iter().enumerate() {
-            let angle = j as f64 * SPACING;
-            // Errors: an ulp of libm, and up to 4.5e-16 from the rounding of the angle.
-            assert!((node[0] - libm::sin(angle)).abs() < 7e-16);
-            assert!((node[1] - libm::cos(angle)).abs() < 7e-16);
-            for i in 0..2 {
-                assert!((f64::from(SINE_COSINE_SINGLE[j][i]) - node[i]).abs() <= 3e-8);
-                let exact = sine_cosine(j as u32)[i].0 as f64 / libm::exp2(60.0);
-                assert!((exact - node[i]).abs() <= f64::EPSILON);
-            }
-        }
-    }
-}

@@ -109,28 +109,6 @@ pub(crate) fn sine_cosine_exact(phase: Fixed<48, i64>) -> [Fixed<60, i64>; 2] {
 mod tests {
     use super::*;
 
-    /// Largest and RMS error over 2^20 phases with an odd stride, the nodes, and the midpoints,
-    /// where the polynomial is least accurate.
-    fn errors(evaluate: impl Fn(Phase) -> (f64, f64)) -> (f64, f64) {
-        let spread = (0..1_u32 << 20).map(|i| i.wrapping_mul(2_654_435_769));
-        let corners = (0..512_u32).flat_map(|j| {
-            let middle = j << 23;
-            [middle.wrapping_sub(1), middle, middle + 1]
-        });
-        let (mut largest, mut squares, mut count) = (0.0_f64, 0.0, 0.0);
-        for bits in spread.chain(corners) {
-            let phase = Phase::from_bits(bits);
-            let (sine, cosine) = evaluate(phase);
-            let angle = phase.radians();
-            for error in [sine - libm::sin(angle), cosine - libm::cos(angle)] {
-                largest = largest.max(error.abs());
-                squares += error * error;
-                count += 1.0;
-            }
-        }
-        (largest, libm::sqrt(squares / count))
-    }
-
     #[test]
     fn arcsine_is_within_its_error() {
         for step in 0..=10_000 {
@@ -138,39 +116,5 @@ mod tests {
             let error = f64::from(arcsine_single(x)) - libm::asin(f64::from(x));
             assert!(error.abs() < 3e-7, "{x} {error}");
         }
-    }
-
-    #[test]
-    fn f32_sine_is_within_its_error() {
-        let (largest, rms) = errors(|phase| {
-            let (sine, cosine) = sine_cosine_single(phase);
-            (f64::from(sine), f64::from(cosine))
-        });
-        std::println!("f32: max {largest:e} rms {rms:e}");
-        assert!(largest < 6.1e-8 && rms < 2.2e-8);
-    }
-
-    #[test]
-    fn fine_cosine_is_within_its_error() {
-        let (largest, rms) = errors(|phase| {
-            let cosine = cosine_fine(phase).0 as f64 / libm::exp2(48.0);
-            (libm::sin(phase.radians()), cosine)
-        });
-        std::println!("fine cosine: max {largest:e} rms {rms:e}");
-        // Error bound: 2.2e-11 from half a step of the angle and its arc, 1.5e-11 from the versine,
-        // 5e-15 from the sixth order.
-        assert!(largest < 3.8e-11 && rms < 8e-12);
-    }
-
-    #[test]
-    fn integer_sine_is_within_its_error() {
-        let (largest, rms) = errors(|phase| {
-            let turns = Fixed::<32, i64>(phase.bits().into()).to();
-            let [sine, cosine] = sine_cosine_exact(turns).map(|Fixed(value)| value as f64);
-            (sine / libm::exp2(60.0), cosine / libm::exp2(60.0))
-        });
-        std::println!("integer: max {largest:e} rms {rms:e}");
-        // The errors are those of f64: the angle's and an ulp of libm.
-        assert!(largest < 7e-16 && rms < 2e-16);
     }
 }

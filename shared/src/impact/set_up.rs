@@ -9,7 +9,6 @@ use crate::feeder::{OutOfRange, accept};
 /// 1 in steps of 2^-61.
 const ONE: u64 = 1 << 61;
 
-/// Set-up constants of a track, shared by the microcontroller kernels.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SetUp {
     pub k: Positive,
@@ -140,63 +139,6 @@ fn nodes(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Phase of lift-off; slope there, inverse and tall in f32.
-    type Constants = (u32, [f32; 3]);
-
-    /// The constants in f64, rounded as the kernels round them.
-    fn expected(k: f64) -> Constants {
-        let lift_off = if k < 1.0 {
-            Phase::from_radians(libm::asin(k)).bits()
-        } else {
-            1 << 30
-        };
-        let cosine = libm::sqrt(((1.0 - k) * (1.0 + k)).max(0.0));
-        let tall = 0.01 + if k < 1.0 { 1.0 + k * k } else { 2.0 * k };
-        (
-            lift_off,
-            [cosine, 1.0 / k, tall].map(|constant| constant as f32),
-        )
-    }
-
-    fn computed(k: f64) -> Constants {
-        let set_up = SetUp::build(k).unwrap();
-        let cosine = set_up.lift_off_cosine.single();
-        let tall = set_up.min_tall_speed_squared().single();
-        (set_up.lift_off.bits(), [cosine, set_up.inverse(), tall])
-    }
-
-    /// Counts: all k, those with another phase step than f64, those with another rounding than f64.
-    fn count_differences(ks: impl Iterator<Item = f64>) -> [u32; 3] {
-        let mut counts = [0; 3];
-        for k in ks {
-            let (expected, computed) = (expected(k), computed(k));
-            counts[0] += 1;
-            if expected != computed {
-                let error = expected.0.abs_diff(computed.0);
-                assert!(error <= 1, "{k:e}: {expected:?} {computed:?}");
-                counts[1] += error;
-                counts[2] += u32::from(expected.1 != computed.1);
-            }
-        }
-        counts
-    }
-
-    #[test]
-    fn constants_match_f64() {
-        let random = (0..200_000_u64).map(|n| {
-            let bits = n.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11;
-            0.005 * libm::exp(6.684 * bits as f64 / (1_u64 << 53) as f64)
-        });
-        let single = (0..200_000_u32).map(|n| f64::from(f32::from_bits(0x3ba3_d70b + 402 * n)));
-        let distances = (1..1000).map(|n| f64::EPSILON * f64::from(n));
-        let near_unity = distances.flat_map(|distance| [1.0 - distance, 1.0 + distance]);
-        let ends = [0.005, 0.5, 1.0, 2.0, 4.0];
-        let ks = random.chain(single).chain(near_unity).chain(ends);
-        let [tried, phases, others] = count_differences(ks);
-        assert_eq!([phases, others], [0, 0]);
-        assert!(tried > 400_000);
-    }
 
     #[test]
     fn k_out_of_range_is_refused() {

@@ -211,7 +211,6 @@ impl Cascade {
         self
     }
 
-    /// Distance in k below the last flip at which the next continuation starts.
     fn first_offset(&self) -> f64 {
         match self.flips.as_slice() {
             [.., before, flip] => 0.35 * (before - flip) / FEIGENBAUM,
@@ -221,7 +220,6 @@ impl Cascade {
         }
     }
 
-    /// Continuation of the orbit created at the last of this number of flips.
     fn continuation_after(&self, flips: usize) -> Continuation {
         let impacts = 1_u32 << flips;
         Continuation {
@@ -264,8 +262,7 @@ impl Cascade {
         })
     }
 
-    /// The orbit created at flip `n`, halfway to the next flip; the last gap follows from
-    /// Feigenbaum's constant.
+    /// The orbit created at flip `n`, halfway to the next flip.
     fn window_middle(&self, n: usize) -> Option<(Continuation, f64, PartState)> {
         let gap = match (self.flips.get(n + 1), n.checked_sub(1)) {
             (Some(next), _) => self.flips[n] - next,
@@ -332,8 +329,7 @@ struct Continuation {
 }
 
 impl Continuation {
-    /// The next flip below `flip` and a point of the orbit there; the continuation starts
-    /// `first_offset` below `flip`.
+    /// The next flip and a point of the orbit there, from `first_offset` below `flip` on.
     fn next_flip(
         &self,
         flip: f64,
@@ -408,7 +404,6 @@ impl Continuation {
         Some(state)
     }
 
-    /// The orbit at `k` by Newton's method from `state`.
     fn solve_orbit(&self, k: f64, mut state: PartState) -> Option<PartState> {
         let map = self.track.map_at(k)?;
         let mut last = f64::INFINITY;
@@ -518,7 +513,6 @@ struct ReturnMap {
     /// Closure error in phase (rad) and velocity (`b w`).
     closure_error: [f64; 2],
     jacobian: [[f64; 2]; 2],
-    /// Derivative of the end point by k.
     by_k: [f64; 2],
 }
 
@@ -557,7 +551,6 @@ fn product([[a, b], [c, d]]: [[f64; 2]; 2], [[e, f], [g, h]]: [[f64; 2]; 2]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::impact::Tone;
     use crate::regime::exponent::{ExponentSettings, measure};
 
     #[test]
@@ -634,22 +627,5 @@ mod tests {
                 );
             }
         }
-    }
-
-    /// With several tones a multiplier of the map is -1 at each flip. With one tone the flips agree
-    /// with those of the sine.
-    #[test]
-    fn several_tones_have_feigenbaums_ratios() {
-        let on_tones = |wave, flips| Cascade::on_tones(&wave, 0.2, 1, flips).unwrap().unwrap();
-        let sine = on_tones(Wave::sine(), 5);
-        let one = Cascade::locate(0.2, 1, 5).unwrap();
-        for (a, b) in sine.flips().iter().zip(one.flips()) {
-            assert!((a - b).abs() < 1e-10, "{a} {b}");
-        }
-        let second = Tone::new(0.1, 2.487);
-        let cascade = on_tones(Wave::build(second, Tone::default()).unwrap(), 6);
-        assert_eq!(cascade.end(), CascadeEnd::Complete);
-        let last = cascade.ratios().last().unwrap();
-        assert!((last - FEIGENBAUM).abs() < 0.02, "{last}");
     }
 }

@@ -70,25 +70,3 @@ impl Reach {
         Ok(reach)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn low_restitution_reaches_the_lower_part_of_the_band() {
-        // Locks below 0.41136 except for slivers, in patches up to 0.4179
-        // (docs/theory-capture.md#t7.2). The grid starts above k2, where the convergence is too
-        // slow to detect.
-        let actual = Reach::measure(0.394, 0.42, &[0.2], 1, 2600).unwrap();
-        let edge = actual.edge.unwrap();
-        assert!((edge - 0.409_385).abs() < 1e-6, "{actual:?}");
-        assert!(!locks_from_rest(0.409_395, 0.2, 1).unwrap());
-        let highest = actual.highest.unwrap();
-        assert!((highest - 0.417_865).abs() < 1e-6, "{actual:?}");
-        let solid = Reach::measure(0.394, 0.411_36, &[0.2], 1, 1000).unwrap();
-        assert!(solid.share > 0.998, "{solid:?}");
-        let beyond = Reach::measure(0.411_36, 0.4179, &[0.2], 1, 400).unwrap();
-        assert!(beyond.share < 0.9, "{beyond:?}");
-    }
-}

@@ -59,7 +59,6 @@ impl Conveyed {
         }
     }
 
-    /// Adds a rest of a duration in rad.
     fn add_rest(&mut self, motion: &ContactMotion, time: f64) {
         self.distance += motion.distance;
         self.forward += motion.forward;
@@ -67,7 +66,6 @@ impl Conveyed {
         self.resting += time;
     }
 
-    /// One drive cycle of a part that never leaves the track.
     pub(super) fn from_contact_cycle(cycle: ContactMotion) -> Self {
         let mut conveyed = Self::default();
         conveyed.add_rest(&cycle, core::f64::consts::TAU);

@@ -18,8 +18,7 @@ pub enum WaveLaw {
 }
 
 impl WaveLaw {
-    /// Distance in b and velocity in `b w` after an event, from the state before and the phase of
-    /// the last rest.
+    /// Distance in b and velocity in `b w` after an event; `rested` is the phase of the last rest.
     fn follow(
         &self,
         event: &OrbitEvent,

@@ -99,30 +99,3 @@ impl Observer for PhaseMeans {
 pub fn mean_velocity(k: f64, restitution: f64, mean_interval: f64) -> f64 {
     k * mean_interval * restitution / (1.0 + restitution)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::regime::Lock;
-    use crate::transport::locked::velocity_in_phase;
-    use core::f64::consts::TAU;
-
-    /// A lock is a stationary regime with D = 2 pi r.
-    #[test]
-    fn impact_mean_of_a_lock_is_its_velocity() {
-        let along = TangentialSettings {
-            restitution: 0.3,
-            amplitude_ratio: 1.7,
-            phase_lead: 0.0,
-            incline_tangent: 0.07,
-        };
-        let mean = impact_mean(0.23, 0.2, &along, 2.0 * TAU).unwrap();
-        let velocity = velocity_in_phase(2, 0.23, 0.2, &along);
-        assert!((mean - velocity).abs() < 1e-14);
-        // Half the k is twice the amplitude b: the speed, W b w, is the same.
-        let halved = velocity_in_phase(2, 0.115, 0.2, &along);
-        assert!((halved * 2.0 - velocity).abs() < 1e-15);
-        let psi = Lock::build(0.43, 0.2, 1).unwrap().unwrap().state().velocity;
-        assert!((mean_velocity(0.43, 0.2, TAU) - psi).abs() < 1e-15);
-    }
-}

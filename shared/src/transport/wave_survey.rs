@@ -22,8 +22,7 @@ pub fn measure_on_tones(
     classify_run(ended, conveying.conveyed(), steady, along)
 }
 
-/// Runs the transient, then the measurement; returns whether the velocity along the track has
-/// converged.
+/// Runs transient and measurement; returns whether the velocity along the track has converged.
 fn measure_until_steady(
     orbit: &mut Orbit<'_, WaveMap>,
     conveying: &mut Conveying<Friction>,
@@ -54,10 +53,8 @@ fn measure_until_steady(
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
-    use crate::impact::{ContactTime, FrictionSettings, Kernel, Map, PartState, Tone, Wave};
-    use crate::transport::{Conveyed, measure};
+    use crate::impact::{FrictionSettings, PartState, Tone, Wave};
 
     fn settings(mu: f64) -> FrictionSettings {
         FrictionSettings {
@@ -77,40 +74,6 @@ mod tests {
         settle: 300,
         impacts: 1000,
     };
-
-    #[test]
-    fn one_tone_measurement_matches_the_sine() {
-        let mut motions = [0; 3];
-        let mut exact = 0;
-        for n in 0..60 {
-            let k = 0.36 + 0.013 * f64::from(n);
-            let along = Friction::build(k, settings(0.3)).unwrap();
-            let map = Map::build(k, 0.2).unwrap();
-            // Every third part with contacts that take time.
-            let contact = ContactTime::build(if n % 3 == 0 { 0.1 } else { 0.0 }).unwrap();
-            let orbit = Orbit::from_rest(&map).with_contact(contact);
-            let one = measure(orbit, along, EFFORT, &mut ());
-            let map = WaveMap::build(k, 0.2).unwrap();
-            let orbit = Orbit::from_rest(&map).with_contact(contact);
-            let same = measure_on_tones(orbit, along, EFFORT);
-            assert_eq!(one.motion, same.motion, "{k}");
-            motions[one.motion as usize] += 1;
-            let (one, same) = (one.conveyed, same.conveyed);
-            // For long orbits rounding decides which flights are counted.
-            let long = one.impacts > 50 * one.rests && one.impacts > 0;
-            let tolerance = if long { 2e-3 } else { 1e-9 };
-            let means = |of: &Conveyed| {
-                let time = of.flying + of.resting;
-                [of.distance, of.forward, of.backward].map(|sum| sum / time)
-            };
-            let mut means = means(&one).into_iter().zip(means(&same));
-            let agrees = |(one, same): (f64, f64)| (one - same).abs() < tolerance;
-            assert!(means.all(agrees), "{k}: {one:?} {same:?}");
-            exact += usize::from(!long);
-        }
-        assert!(exact > 20, "{exact}");
-        assert!(motions.iter().all(|count| *count > 4), "{motions:?}");
-    }
 
     /// While a part slides in one direction, v' + c mu u' is independent of the contact force,
     /// through slides and impacts, on any wave.

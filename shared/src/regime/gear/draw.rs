@@ -42,8 +42,7 @@ impl Draw {
     }
 }
 
-/// Mixing function: a bijection of 32 bits in which each input bit affects each output bit (C.
-/// Wellons, hash-prospector, bias 0.17).
+/// Mixes all bits (C. Wellons, hash-prospector, bias 0.17).
 #[inline]
 fn mix_bits(mut z: u32) -> u32 {
     z = (z ^ (z >> 16)).wrapping_mul(0x21f0_aaad);
@@ -56,37 +55,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn draws_have_their_moments_and_are_clipped() {
-        const COUNT: u32 = 400_000;
-        let mut draw = Draw::new(0.5, 0.1, 1);
-        let mut moments = [0.0; 4];
-        for _ in 0..COUNT {
-            let x = f64::from((draw.draw() - 0.5) / 0.1);
-            for (moment, power) in moments.iter_mut().zip(1..) {
-                *moment += libm::pow(x, f64::from(power)) / f64::from(COUNT);
-            }
-        }
-        // Each bound is five standard errors.
-        let expected = [(0.0, 8e-3), (1.0, 1.2e-2), (0.0, 3.1e-2), (3.0, 7.8e-2)];
-        for (moment, (expected, error)) in moments.iter().zip(expected) {
-            assert!((moment - expected).abs() < error, "{moments:?}");
-        }
+    fn draws_are_clipped() {
         let mut wide = Draw::new(0.0, 0.3, 5);
         assert!((0..10_000).all(|_| (0.0..1.0).contains(&wide.draw())));
-        assert_eq!(Draw::new(0.4, 0.0, 9).draw(), 0.4);
-    }
-
-    #[test]
-    fn neighbouring_seeds_are_uncorrelated() {
-        let draws = |seed| {
-            let mut draw = Draw::new(0.3, 0.05, seed);
-            core::array::from_fn::<f64, 1000, _>(|_| f64::from(draw.draw()) - 0.3)
-        };
-        for seed in 0..20 {
-            let (a, b) = (draws(seed), draws(seed + 1));
-            let product: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
-            // Five standard errors of a correlation over 1000 draws are 0.16.
-            assert!((product / (1000.0 * 0.05 * 0.05)).abs() < 0.16, "{seed}");
-        }
     }
 }
