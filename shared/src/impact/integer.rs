@@ -28,7 +28,6 @@ const GRAZING_GAP: Fixed<60, i64> = Fixed(1 << 32);
 /// Longest step in rad.
 const STRIDE: Fixed<60, i64> = Fixed(1 << 60);
 
-/// 1 / (2 pi).
 const TURNS_PER_RADIAN: Fixed<60, i64> =
     Fixed::<60, i64>::from_constant(1.0 / core::f64::consts::TAU);
 

@@ -50,7 +50,6 @@ impl<S> Landing<S> {
         self.steps as f64 * Phase::RADIANS_PER_STEP
     }
 
-    /// The landing of a resting part, which stays.
     #[inline(always)]
     pub(super) fn at_rest(next: S) -> Self {
         let (steps, grazes) = (0, false);
@@ -61,7 +60,6 @@ impl<S> Landing<S> {
         }
     }
 
-    /// The landing with its flight in rad.
     #[inline(always)]
     pub(super) fn impact(self) -> Impact<S> {
         Impact {
@@ -109,7 +107,6 @@ pub trait WaveKernel: Kernel {
 /// Largest accepted launch velocity of the kernels without f64, in `b w`.
 pub(super) const MAX_VELOCITY: f64 = 60.0;
 
-/// Refuses a launch velocity outside 0..60 `b w`.
 pub(super) fn accept_velocity(velocity: f64) -> Result<f64, OutOfRange> {
     let accepted = "0..60 (units of b w)";
     accept_in("velocity", velocity, 0.0..=MAX_VELOCITY, accepted)

@@ -90,7 +90,6 @@ impl TimingAccuracy {
 /// Drive cycles without impact that indicate rest, beyond three times the longest recent interval.
 const MIN_SILENT_CYCLES: u64 = 4;
 
-/// Number of successive rests that must be equidistant.
 const COMPARED_RESTS: usize = 4;
 
 /// Drive cycle in units of the classifier's time.
@@ -245,7 +244,6 @@ impl<const N: usize> Classifier<N> {
         }
     }
 
-    /// Rest, if the time without impact is long enough.
     fn detect_rest(&self, filled: usize) -> Option<Verdict> {
         let silent = self.now - if filled > 0 { self.time(0) } else { self.began };
         if silent <= MIN_SILENT_CYCLES * STEPS_PER_CYCLE {
@@ -277,7 +275,6 @@ impl<const N: usize> Classifier<N> {
         (regular + 1 >= COMPARED_RESTS - 1).then_some(verdict)
     }
 
-    /// Whether `duration` is `cycles` whole cycles, within the tolerance.
     fn is_multiple(&self, duration: u64, cycles: u64) -> bool {
         duration.abs_diff(cycles * STEPS_PER_CYCLE) <= u64::from(self.tolerance)
     }
@@ -361,7 +358,6 @@ mod tests {
     use crate::impact::{Kernel, Map, Orbit, OrbitEvent};
     use crate::regime::exponent;
 
-    /// Classifies an orbit over `events` events after a transient.
     fn verdict(orbit: Orbit<'_>, events: usize) -> Verdict {
         let mut classifier = Classifier::<256>::build(TimingAccuracy::COMPUTED).unwrap();
         for event in orbit.take(3000 + events).skip(3000) {

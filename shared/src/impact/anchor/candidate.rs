@@ -27,15 +27,13 @@ const MAX_CORRECTED_FLIGHT: f32 = 1.0;
 /// then at least a seventh of `a1`.
 const MIN_DISCRIMINANT_RATIO: f32 = 0.02;
 
-/// Smallest squared speed at height 0 for an approach from the fall. Below it the parabola hardly
-/// reaches the middle of the stroke.
+/// Smallest squared speed at height 0 for an approach from the fall.
 pub(super) const MIN_FALL_SPEED_SQUARED: f32 = 0.1;
 
 /// Flight time in rad beyond a turn from lift-off up to which a fall can end. It covers the end of
 /// the hump after the next and the error of the crossing of height 0.
 pub(super) const MAX_FALL_BEYOND_TURN: f32 = 0.5;
 
-/// A possible first impact of a low flight.
 pub(super) enum Candidate {
     /// A short hop: flight in rad and arrival speed, both final.
     Hop { flight: f32, arrival: f32 },

@@ -2,7 +2,6 @@
 
 use crate::arithmetic::{Phase, node, square_root_single};
 
-/// Distance of two nodes in rad.
 pub(super) const SPACING: f32 = node::SPACING as f32;
 pub(super) const NODES_PER_RADIAN: f32 = (1.0 / node::SPACING) as f32;
 pub(super) const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
@@ -119,7 +118,6 @@ pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The place of a Newton step, or the middle of its bracket if the step leaves it.
 #[inline(always)]
 pub(super) fn newton_or_middle(newton: f32, low: f32, high: f32) -> f32 {
     let is_inside = newton > low && newton < high;
@@ -130,7 +128,6 @@ pub(super) fn newton_or_middle(newton: f32, low: f32, high: f32) -> f32 {
     }
 }
 
-/// Square root of `x`, 0 for negative `x`.
 #[inline(always)]
 pub(super) fn root(x: f32) -> f32 {
     if x > 0.0 { square_root_single(x) } else { 0.0 }

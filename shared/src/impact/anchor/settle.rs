@@ -20,8 +20,7 @@ const MAX_CURVATURE_RATIO: f32 = 2e-3;
 /// Largest applied ratio of the cubic correction to Cauchy's step.
 const MAX_CUBIC_CORRECTION: f32 = 0.25;
 
-/// Longest last step of Cauchy's method, in rad. The remaining error is its square over the roots'
-/// distance.
+/// Longest last step of Cauchy's method, in rad: it leaves its square over the roots' distance.
 const MAX_LAST_STEP: f32 = 2e-4;
 
 /// Number of steps after which the current place counts as the root.
@@ -50,8 +49,7 @@ pub(super) fn expand(k: f32, local: &Local, d: f32) -> (f32, f32, f32) {
 }
 
 /// A simple root from `offset` near a node, by one or two steps of Chebyshev's method. `None` if
-/// two steps do not suffice, at an up-crossing (the steps may have led back to launch), or near a
-/// graze.
+/// they do not suffice, at an up-crossing (they may have led back to launch), or near a graze.
 #[inline(always)]
 pub(super) fn settle<T: Track>(k: f32, local: &Local, offset: f32) -> Option<Settled> {
     let (settled, remaining) = settle_once::<T>(k, local, offset);

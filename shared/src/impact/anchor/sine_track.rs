@@ -8,11 +8,9 @@ use crate::arithmetic::node::SINE_COSINE_SINGLE;
 use crate::arithmetic::positive::Positive;
 use crate::impact::set_up::SetUp;
 
-/// Constants of the track for the search, in f32.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SineTrack {
     pub(super) gravity: Gravity,
-    /// Excess of k over 1, at least 0.
     pub(super) excess: f32,
     pub(super) lift_off_cosine: f32,
     pub(super) hump_length: f32,

@@ -20,7 +20,6 @@ pub struct SingleState {
 }
 
 impl SineTrack {
-    /// One flight and the impact that ends it. A resting part stays: flight 0.
     #[inline(always)]
     pub(super) fn land(&self, state: SingleState, restitution: f32) -> Landing<SingleState> {
         let state = SingleState {

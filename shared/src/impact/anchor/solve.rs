@@ -11,8 +11,7 @@ use super::settle::down_crossing;
 // The thresholds decide which steps are accepted. They were measured over 200 000 launches per set:
 // velocities 0..3, near lift-off, and nearly touching a hump. See docs/tuning.md.
 
-/// Smallest slope in `b w` for Householder's step; slower arrivals use the safeguarded search. It
-/// affects cost only.
+/// Smallest slope in `b w` for Householder's step; it affects cost only.
 const MIN_SLOPE: f32 = 0.01;
 
 /// Largest ratio of `b2 u0` to the squared slope for Householder's step. From a quarter on the
@@ -68,9 +67,8 @@ impl Bracket {
     }
 }
 
-/// Approximate root in `bracket`, which holds one down-crossing. So any step that converges within
-/// it has found the root. Householder's method serves simple and near roots, the safeguarded search
-/// all others.
+/// Approximate root in `bracket`, which holds one down-crossing: any step that converges within it
+/// has found the root.
 #[inline(always)]
 pub(super) fn solve<T: Track>(flight: &Ballistic<'_, T>, bracket: &Bracket) -> Found {
     let (track, v) = (flight.track, flight.rise);

@@ -5,7 +5,6 @@ use crate::arithmetic::vector::COLUMN_LANES;
 /// Number of lanes of a block: its columns fit into the first-level cache.
 pub const LANES: usize = COLUMN_LANES;
 
-/// A set of lanes, one bit each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Set([u64; LANES / 64]);
 

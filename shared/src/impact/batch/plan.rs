@@ -22,7 +22,6 @@ impl Kind {
     };
 }
 
-/// The lanes that fly next, by [`Kind`].
 #[derive(Clone, Debug)]
 pub(super) struct Plan(pub [Queue; Kind::ALL.len()]);
 

@@ -18,7 +18,6 @@ pub(crate) struct Gap {
     pub rounding: f64,
 }
 
-/// A flight whose gap can be evaluated at any time.
 pub(crate) trait Path {
     /// Longest flight time in rad for which `d (u/d)` gives the gap and keeps its digits.
     const MAX_SHORT_HOP: f64;

@@ -31,7 +31,6 @@ impl<V: Vector> Track<V> {
         ((one - k) * (one + k)).max(zero).sqrt()
     }
 
-    /// `k/2`.
     #[inline(always)]
     pub(super) fn half(&self) -> V {
         self.k * V::splat(0.5)
@@ -161,10 +160,9 @@ impl<V: Vector> Launch<V> {
     }
 }
 
-/// Remainder in rad of a chatter's duration: largest third order that the closed form omits, half
-/// an ulp of a phase.
+/// Largest third order in rad that a chatter's closed form omits: half an ulp of a phase.
 pub(crate) const MAX_CHATTER_REMAINDER: f64 = 2e-16;
-/// Relative change of the pull: largest during a chatter in closed form. It keeps the rest inside
+/// Largest relative change of the pull during a chatter in closed form. It keeps the rest inside
 /// `sin < k` and the fourth order below the third.
 pub(crate) const MAX_PULL_CHANGE: f64 = 1e-3;
 

@@ -127,7 +127,6 @@ impl<V: Vector> Hump<V> {
         }
     }
 
-    /// Whether the parabola certainly passes over the hump.
     #[inline(always)]
     fn passes_hump(&self) -> V::Mask {
         self.begin_above & self.middle_above & self.end_above & self.clear
@@ -260,7 +259,6 @@ pub(crate) fn find_single_interval<V: Vector>(track: &Track<V>, launch: &Launch<
     }
 }
 
-/// The interval that a low flight ends in.
 #[inline(always)]
 pub(crate) fn find_interval<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Interval<V> {
     search_interval::<V, false>(track, launch)

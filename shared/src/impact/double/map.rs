@@ -27,8 +27,7 @@ impl Map {
         self.track.k
     }
 
-    /// Checks `k` and `restitution` without the set-up of a map. Errors: `OutOfRange` outside k
-    /// 0.001..=1000 or restitution 0..=1.
+    /// Checks `k` and `restitution` without the set-up of a map.
     pub(crate) fn accepts(k: f64, restitution: f64) -> Result<(), OutOfRange> {
         accept_in("k", k, 1e-3..=1e3, "0.001..1000")?;
         accept_in("restitution", restitution, 0.0..=1.0, "0..1")?;

@@ -40,7 +40,6 @@ pub(crate) fn build_impact(
 }
 
 impl<V: Vector> Landing<V> {
-    /// `self` if the mask holds, else `other`.
     #[inline(always)]
     pub(crate) fn or(self, mask: V::Mask, other: Self) -> Self {
         Self {

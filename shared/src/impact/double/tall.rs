@@ -27,7 +27,6 @@ impl<V: Vector> Launch<V> {
     }
 }
 
-/// The landing of a tall flight.
 #[inline(always)]
 pub(crate) fn landing<V: Vector>(track: &Track<V>, launch: &Launch<V>) -> Landing<V> {
     // Phase where the ball falls through height 0, in node spacings, to 2e-8 of the flight; it is

@@ -4,7 +4,6 @@ use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::contact_time::ContactTime;
 use crate::impact::kernel::{Impact, PartState};
 
-/// Refuses a motion out of range: `k`, `eta`, gamma in rad, or the tangent of the incline.
 pub(super) fn accept_motion(
     k: f64,
     amplitude_ratio: f64,
@@ -84,7 +83,6 @@ pub trait Along: Copy {
     /// A contact from `phase` on for `wait` rad.
     fn move_in_contact(&self, phase: f64, wait: f64, velocity: f64) -> ContactMotion;
 
-    /// Whether a steady motion along the track is possible.
     fn can_be_steady(&self) -> bool {
         true
     }

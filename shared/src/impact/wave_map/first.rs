@@ -43,7 +43,6 @@ const MAX_LAST_APPROACH_STEP: f64 = 0.7;
 /// Largest Newton step, in rad of the highest tone, that leaves an error below rounding.
 const MAX_LAST_NEWTON_STEP: f64 = 2e-4;
 
-/// Largest number of steps towards an impact.
 const MAX_APPROACHES: u32 = 4;
 
 /// The interval of the track that certainly holds the first impact, the one root of the gap in it.
@@ -120,7 +119,6 @@ fn land_tall<const N: usize>(track: &Track, launch: &Launch) -> Option<Landing<f
     finish::<N>(track, launch, d, |d| d)
 }
 
-/// Landing in an interval, if it is certain.
 #[inline(always)]
 fn land_in_interval<const N: usize>(
     track: &Track,
@@ -151,8 +149,7 @@ fn land_in_interval<const N: usize>(
     (interval.low < landing.flight && landing.flight < interval.high).then_some(landing)
 }
 
-/// The landing near `d`, by up to three last steps, each from a time that `within` limits; `None`
-/// without certainty.
+/// The landing near `d`, by up to three last steps, each from a time that `within` limits.
 #[inline(always)]
 fn finish<const N: usize>(
     track: &Track,
@@ -182,7 +179,6 @@ struct HumpBegin<'a> {
 }
 
 impl<'a> HumpBegin<'a> {
-    /// The start of `hump`, `time` rad after the launch.
     #[inline(always)]
     fn new(track: &Track, launch: &Launch, hump: &'a Hump, time: f64) -> Self {
         Self {
@@ -193,8 +189,7 @@ impl<'a> HumpBegin<'a> {
         }
     }
 
-    /// The interval `low..high` of the impact. Its first estimate is one step of Householder's
-    /// method from here.
+    /// The interval `low..high`; its first estimate is one step of Householder's method from here.
     #[inline(always)]
     fn find_interval<const N: usize>(
         &self,
@@ -374,9 +369,8 @@ fn approach<const N: usize>(track: &Track, launch: &Launch, d: f64) -> (f64, f64
     (node.distance, node.distance + step, 0.0 < gap)
 }
 
-/// The last step, by Householder's method of order 4 (convergence of order 5). The flag marks steps
-/// so short that the remaining error is below rounding. The phase may be a rounding error below
-/// zero.
+/// The last step, by Householder's method of order 4. The flag marks steps so short that the
+/// remaining error is below rounding. The phase may be a rounding error below zero.
 #[inline(always)]
 fn take_householder_step<const N: usize>(
     track: &Track,

@@ -49,7 +49,6 @@ impl WaveMap {
         })
     }
 
-    /// This map with chatters summed within [`ChatterLimits::COARSE`].
     pub(crate) fn with_coarse_chatter(self) -> Self {
         let chatter = ChatterLimits::COARSE;
         Self { chatter, ..self }

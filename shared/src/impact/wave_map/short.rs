@@ -50,8 +50,7 @@ pub(super) fn landing<const N: usize>(track: &Track, launch: &Launch) -> Option<
     (settled && is_first_impact::<N>(track, launch, &landing)).then_some(landing)
 }
 
-/// Whether a landing is the first. Up to the next hump u is concave, or convex and then concave, so
-/// it has one root there.
+/// Whether a landing is the first, as in [`double::short`](super::super::double).
 #[inline(always)]
 fn is_first_impact<const N: usize>(track: &Track, launch: &Launch, landing: &Landing<f64>) -> bool {
     let d = landing.flight;
@@ -75,8 +74,7 @@ fn take_householder_step(track: &Track, launch: &Launch, d: f64) -> f64 {
     d - householder(w, w1, w2, -(6.0 * third), 0.0)
 }
 
-/// The last step, by Chebyshev's method (third order, Traub 1964). The flag marks steps so short
-/// that the remaining error is below rounding.
+/// The last step; the flag marks steps so short that the remaining error is below rounding.
 #[inline(always)]
 fn take_chebyshev_step<const N: usize>(
     track: &Track,

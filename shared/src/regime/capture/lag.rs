@@ -34,7 +34,6 @@ impl DriveLagSettings {
 pub struct DriveLag {
     decay: f32,
     start: f32,
-    /// Highest amplitude over the target amplitude.
     pub(super) limit: f32,
 }
 

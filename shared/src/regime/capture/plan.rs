@@ -89,8 +89,7 @@ impl ScoredKick {
         f64::from(self.locked) / f64::from(self.tried.max(1))
     }
 
-    /// Expected share on further parts by Laplace's rule of succession, which discounts short
-    /// samples.
+    /// Expected share on further parts by Laplace's rule of succession.
     fn expected(&self) -> f64 {
         f64::from(self.locked + 1) / f64::from(self.tried + 2)
     }
@@ -173,20 +172,16 @@ pub struct Planner {
     done: bool,
 }
 
-/// Number of parts of the screen of a kick.
+/// Parts on which a kick is screened, confirmed and recounted.
 const SCREENED_PARTS: u32 = 16;
+const CONFIRMED_PARTS: u32 = 48;
+const RECOUNTED_PARTS: u32 = 96;
 
 /// Largest number of misses in the screen while fewer than four kicks are kept.
 const MAX_SCREEN_MISSES: u32 = 3;
 
-/// Number of parts on which a kick that passed the screen is confirmed.
-const CONFIRMED_PARTS: u32 = 48;
-
 /// Share of the work spent on the search, in fifths; the rest is for the recount.
 const SEARCH_EFFORT_FIFTHS: u32 = 3;
-
-/// Largest number of parts of the recount of a kick.
-const RECOUNTED_PARTS: u32 = 96;
 
 /// Number of impacts after which a trial counts as missed; it bounds the work of one trial.
 const MAX_TRIAL_IMPACTS: u32 = 6_000;
@@ -204,8 +199,7 @@ const SHORT_DESCENTS: [u16; 2] = [0, 30];
 const SLOW_DESCENTS: [u16; 4] = [60, 120, 240, 400];
 
 /// Upper bound of restitution at which slow descents come first, in order 1. Below, rectangular
-/// kicks are more reliable and shorter; above, neither is reliable and shorter kicks allow more
-/// attempts.
+/// kicks are more reliable; above, neither is, and shorter kicks allow more attempts.
 const SLOW_DESCENT_RESTITUTIONS: core::ops::Range<f64> = 0.35..0.58;
 
 /// Commanded k at the start and end of a slow descent, over the lot's highest flip.
@@ -384,8 +378,7 @@ impl Planner {
         missed > 0 || scored.tried < CONFIRMED_PARTS
     }
 
-    /// Computes one impact of the next part of `scored`; returns the new count once the part's
-    /// outcome is decided.
+    /// Computes one impact of the next part of `scored`; returns the new count at its outcome.
     fn simulate_part(&mut self, mut scored: ScoredKick) -> Result<Poll<ScoredKick>, OutOfRange> {
         let PlanSettings { lot, drive, .. } = &self.settings;
         let (_, trial_run) = self.running.get_or_insert((scored, None));

@@ -40,12 +40,10 @@ const MAX_CYCLES_AFTER_KICK: f32 = 60.0;
 /// Amplitude over target below which rests after the kick are counted.
 const MAX_COUNTED_REST_AMPLITUDE: f32 = 1.02;
 
-/// Distance to the locked orbit, in rad and `b w`, within which the part counts as locked. Orbits
-/// that start within it converge to the lock.
+/// Distance to the locked orbit, in rad and `b w`, from which orbits converge to the lock.
 const LOCK_CAPTURE_DISTANCE: f32 = 0.03;
 
 /// Resolution of the amplitude over target, in steps per unit; each new step sets the map up again.
-/// It is small compared with any drive's error.
 const AMPLITUDE_STEPS: f32 = 128.0;
 
 /// Largest k of the map, at which a part rests for ever; the kernels accept none above.
@@ -169,8 +167,7 @@ impl TrialRun {
         (self.rests > 1).then_some(Outcome::Missed)
     }
 
-    /// The launch after the contact of a part that struck the track in this state; velocity 0 if
-    /// it rests.
+    /// The launch after a contact that begins in this state; velocity 0 if the part rests.
     #[inline(never)]
     fn hold(&self, impact_state: SingleState) -> SingleState {
         let phase = impact_state.phase + self.contact_phase;
@@ -221,8 +218,7 @@ impl TrialRun {
         }
     }
 
-    /// Waits at rest for lift-off; `None` if there is none in this cycle, and time moves to the
-    /// next.
+    /// Waits at rest for lift-off; `None` if there is none up to the next cycle.
     fn lift_off(&mut self) -> Option<SingleState> {
         let cycle = self.time as u32 as f32;
         let mut phase = (self.time - cycle) * TAU;

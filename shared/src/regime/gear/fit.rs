@@ -130,8 +130,7 @@ impl FittedShare {
     }
 }
 
-/// Number of terms of the point, which precede those of the lot; indices of the first coordinate's
-/// square and cube.
+/// Number of terms of the point; indices of the first coordinate's square and cube.
 const POINT_TERMS: usize = 11;
 const SQUARE_TERM: usize = 4;
 const CUBE_TERM: usize = 10;

@@ -113,7 +113,6 @@ impl<T: Copy + Default + PartialOrd + AddAssign> GearDetector<T> {
 pub struct Share {
     /// Time in gear in drive periods.
     pub in_gear: f64,
-    /// Observation time in drive periods.
     observed: f64,
     /// Losses of gear in that time.
     pub losses: u64,
@@ -121,7 +120,6 @@ pub struct Share {
     before: f64,
     /// Time from the start of the simulation to the first gear, or to its end, in drive periods.
     waited: f64,
-    /// Number of parts that reached gear.
     captured: u64,
 }
 

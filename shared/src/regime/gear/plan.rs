@@ -82,8 +82,7 @@ impl SearchPoint {
     }
 }
 
-/// Runs of a candidate of the first round, with one, two and three tones. A candidate with share 0
-/// after two runs gets no third.
+/// Runs of a candidate of the first round, with one, two and three tones; two if they have share 0.
 const RUNS_PER_CANDIDATE: [u16; 3] = [5, 3, 3];
 
 /// Drive periods of a run and of its discarded transient, in the first round and in regions.
@@ -97,14 +96,12 @@ const STAGE_END_EFFORT: [&[f32]; 3] = [
     &[0.36, 0.52, 0.68, 0.87, 0.97],
 ];
 
-/// Predicted share in gear from which the scatter of the simulated parts is multiplied by
-/// [`SATURATED_SCATTER_FACTOR`]. Above it points differ by
-/// less than the error of the fit; more scatter separates them.
+/// Predicted share from which the simulated scatter is multiplied by [`SATURATED_SCATTER_FACTOR`].
+/// Above it points differ by less than the error of the fit; more scatter separates them.
 const SATURATED_SHARE: f32 = 0.985;
 const SATURATED_SCATTER_FACTOR: f32 = 1.5;
 
-/// Weight of a verification run over a selection run in the predicted share. Selection runs are
-/// biased upwards, because they chose the point (winner's curse).
+/// Weight of a verification run over a selection run, which is biased upwards (winner's curse).
 const VERIFICATION_WEIGHT: f32 = 6.0;
 
 /// Half-widths of the first region: in k in candidate spacings, in e over the largest tried, in th
@@ -160,8 +157,7 @@ const MAX_THIRD_TONE: f32 = 0.07;
 const TONE_GRID_POINTS: u8 = 5;
 const K_GRID_POINTS: u8 = 17;
 
-/// Penalty on the share per squared normalized distance from the region's centre. It breaks ties
-/// where the share saturates at 1.
+/// Penalty on the share per squared normalized distance from the centre: it breaks ties at 1.
 const DISTANCE_PENALTY: f32 = 0.03;
 
 /// Amplitude over the first below which a tone counts as absent.
@@ -178,13 +174,10 @@ const RUN_SET_UP_COST: u32 = 30;
 /// A stage of the search, with the results of its runs.
 #[derive(Clone, Debug)]
 enum Stage {
-    /// Runs on the grid over the whole range of k.
     Grid(Vec<Candidate, MAX_CANDIDATES>),
-    /// Runs in the region about the best point.
     Region(Fit),
     /// Maximization of the fitted share on a grid; holds the next row.
     Maximization(u8, FittedShare),
-    /// Verification runs at the chosen point.
     Verification,
 }
 
@@ -259,7 +252,6 @@ pub struct GearPlanner {
     running: Option<(TrackMap, SimulatedPart, Run)>,
     gear: GearDetector<i64>,
     best: Option<(f32, SearchPoint)>,
-    /// Factor on the lot's scatter in the simulated runs.
     scatter_factor: f32,
     /// Sum of the shares of the runs that estimate the result, and their weight. During the search
     /// of a region the weight is its number of runs.
@@ -268,8 +260,7 @@ pub struct GearPlanner {
     impacts: u32,
 }
 
-/// A run in progress: the normalized restitution of its part within the lot, -1..1, and its
-/// normalized point in the region. `None` for a lot of one restitution.
+/// A run: restitution of its part (`None` in a lot of one) and point, normalized to -1..1.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     lot: Option<f32>,
@@ -385,12 +376,10 @@ impl GearPlanner {
         self.plan.is_some_and(|plan| plan.settled)
     }
 
-    /// Selects the entry for the number of upper tones.
     fn by_tone_count<T: Copy>(&self, values: [T; 3]) -> T {
         values[self.upper_tones.min(2)]
     }
 
-    /// Work done over [`MAX_IMPACTS`].
     fn used_effort(&self) -> f32 {
         self.impacts as f32 / self.by_tone_count(MAX_IMPACTS) as f32
     }
@@ -632,9 +621,8 @@ impl GearPlanner {
         self.stage = Stage::Region(Fit::EMPTY);
     }
 
-    /// The candidate with the largest share, smoothed over k with weights 1/4, 1/2, 1/4. Smoothing
-    /// prefers the middle of a range in which no run left gear. If all shares are 0, it is the
-    /// middle of the range of k without tones.
+    /// The candidate with the largest share, smoothed over k: so it is the middle of a range in
+    /// which no run left gear. If all shares are 0, it is the middle of k without tones.
     fn best_candidate(&self, candidates: &[Candidate]) -> (f32, SearchPoint) {
         let share = |candidate: &Candidate| match candidate.runs {
             0 => 0.0,
@@ -802,7 +790,6 @@ impl GearPlan {
     }
 }
 
-/// The same tone with an amplitude of at least 0.
 fn with_positive_amplitude([ratio, angle]: [f32; 2]) -> [f32; 2] {
     if ratio < 0.0 {
         [-ratio, angle - PI]
@@ -811,7 +798,6 @@ fn with_positive_amplitude([ratio, angle]: [f32; 2]) -> [f32; 2] {
     }
 }
 
-/// Tones with their amplitudes multiplied by `part`.
 fn scale_tones(tones: Tones, part: f32) -> Tones {
     tones.map(|[ratio, angle]| [ratio * part, angle])
 }

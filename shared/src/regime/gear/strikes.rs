@@ -20,7 +20,6 @@ pub const GROUPS: usize = 4;
 const SIMULATED_PARTS: u32 = 32;
 /// Simulated parts of a group that start at rest, out of gear.
 const PARTS_FROM_REST_PER_GROUP: f32 = SIMULATED_PARTS as f32 / (2 * GROUPS) as f32;
-/// Simulated drive periods of each part.
 const SIMULATED_PERIODS: u16 = 768;
 /// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
 const MAX_IMPACTS: u32 = 600_000;
@@ -161,7 +160,6 @@ pub struct StrikeProfiler {
     pending: [PendingImpact; MIN_FLIGHTS_IN_GEAR as usize],
     pending_count: usize,
     was_in_gear: bool,
-    /// Drive periods in gear of the current part.
     periods: f32,
     /// Number of flights in [`StrikeProfile::launch_accelerations`], by group.
     launch_counts: [f32; GROUPS],

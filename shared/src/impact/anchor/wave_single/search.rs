@@ -33,23 +33,20 @@ const HEIGHT_ROUNDING_PER_RADIAN: f32 = 4e-6;
 /// Half the pull in `b w^2` below which a step of the phase decides whether the track throws.
 const MAX_LEVEL_HALF_PULL: f32 = 1e-7;
 
-/// Longest flight time in rad that starts from the quadratic near launch. Beyond it the track's
-/// later turns dominate.
+/// Longest flight time in rad from the quadratic near launch; beyond it later turns dominate.
 const MAX_START_FROM_LAUNCH: f32 = 2.0;
 
 /// First guess in rad for a part that the track throws and whose parabola soon falls through
 /// height 0. The track has sunk by then, so the part meets it later.
 const FIRST_GUESS_AFTER_THROW: f32 = 2.0;
 
-/// Smallest time in rad from launch to a hump's begin at which a hump is passed without a search.
-/// Earlier heights lose digits.
+/// Smallest time in rad from launch to a hump that is passed; earlier heights lose digits.
 const MIN_TIME_TO_HUMP: f32 = 0.2;
 
 /// Flight time in rad up to which the quadratic near launch gives the start.
 const MAX_FLIGHT_FROM_LAUNCH: f32 = 0.6;
 
-/// A candidate from the flight near launch or from the fall of the parabola, with its validity
-/// limits.
+/// A candidate from the flight near launch or from the fall of the parabola, with its limits.
 #[inline(always)]
 pub(super) fn candidate(track: &Track, launch: &Launch) -> Option<(Candidate, Limits)> {
     let (phase, height, rise) = (launch.phase, launch.height, launch.rise);
@@ -113,8 +110,7 @@ impl Limits {
         self.first <= steps && (steps <= self.last || self.contain_beyond(track, launch, steps))
     }
 
-    /// The same beyond the hump of [`Track::limits`]: the flight is above the track's reach or
-    /// clears the humps.
+    /// The same beyond the hump of [`Track::limits`].
     #[inline(never)]
     fn contain_beyond(&self, track: &Track, launch: &Launch, steps: i64) -> bool {
         let limit = track.limit_from_above(launch.phase, launch.height, launch.rise, self.clear);
@@ -395,9 +391,8 @@ impl<'a> Edges<'a> {
         }
     }
 
-    /// Minimum of the gap over the hump from `begin` to `end`, with a start at a share of it.
-    /// Returns a bracket that ends there if the minimum is below the track, and whether it is
-    /// within rounding.
+    /// Minimum of the gap over a hump, with a start at a share of it. Returns a bracket that ends
+    /// there if the minimum is below the track, and whether it is within rounding.
     #[inline(never)]
     fn find_minimum(&self, begin: f32, end: f32, share: f32) -> (Option<Bracket>, bool) {
         let (mut low, mut high) = (begin, end);
