@@ -213,10 +213,7 @@ impl<'a> Task<'a> {
             };
             let settings = self.point(Over::Throw, 1.0)?.settings;
             // A part that lies on the track slides above it, up or down.
-            let threshold = |upwards: bool| match self.wave.is_sine() {
-                true => settings.sliding_throw_number(upwards),
-                false => settings.sliding_throw_number_on(&self.wave, upwards),
-            };
+            let threshold = |upwards: bool| settings.sliding_throw_number(&self.wave, upwards);
             let hops = 1.0 / self.wave.highest_throw();
             let thresholds = [
                 (threshold(true), "slides forward"),

@@ -65,26 +65,21 @@ impl FrictionSettings {
         }
     }
 
-    /// Throw number (1/k) above which a part at rest on a sinusoidal track slides up, or down.
+    /// Throw number (1/k) above which a part at rest slides up, or down; `None` if it never slides.
     ///
-    /// `(mu_s + T)/|mu_s + eta e^(i gamma)|` and `(mu_s - T)/|mu_s - eta e^(i gamma)|`, at
-    /// gamma = 0 Boothroyd's limits. `None` if it never slides.
-    pub fn sliding_throw_number(&self, upwards: bool) -> Option<f64> {
+    /// `(mu_s +- T)` over the maximum of `mu_s A(tau) +- eta A(tau + gamma)`. On a sine that is
+    /// `|mu_s +- eta e^(i gamma)|`, at gamma = 0 Boothroyd's limits.
+    pub fn sliding_throw_number(&self, wave: &Wave, upwards: bool) -> Option<f64> {
         let c = if upwards { 1.0 } else { -1.0 };
-        let (sine, cosine) = libm::sincos(self.phase_lead);
         let eta = c * self.amplitude_ratio;
-        let push = libm::hypot(self.sticking + eta * cosine, eta * sine);
-        let hold = self.sticking + c * self.incline_tangent;
-        (push > 0.0).then(|| (hold / push).max(0.0))
-    }
-
-    /// The same on a track of several tones: `(mu_s +- T)` over the maximum of
-    /// `mu_s A(tau) +- eta A(tau + gamma)`.
-    pub fn sliding_throw_number_on(&self, wave: &Wave, upwards: bool) -> Option<f64> {
-        let c = if upwards { 1.0 } else { -1.0 };
-        let along = Push::new(wave, c * self.amplitude_ratio, self.phase_lead, 0.0);
-        let normal = Push::new(wave, 1.0, 0.0, 0.0);
-        let push = along.plus(self.sticking, &normal).maximum();
+        let push = if wave.is_sine() {
+            let (sine, cosine) = libm::sincos(self.phase_lead);
+            libm::hypot(self.sticking + eta * cosine, eta * sine)
+        } else {
+            let along = Push::new(wave, eta, self.phase_lead, 0.0);
+            let normal = Push::new(wave, 1.0, 0.0, 0.0);
+            along.plus(self.sticking, &normal).maximum()
+        };
         let hold = self.sticking + c * self.incline_tangent;
         (push > 0.0).then(|| (hold / push).max(0.0))
     }
@@ -263,9 +258,7 @@ impl Friction {
         motion
     }
 
-    /// One drive cycle of a part that is never thrown, once its motion repeats.
-    ///
-    /// `None` if friction cannot hold the incline and if the track throws.
+    /// One drive cycle once the motion repeats; `None` if the part slides off or is thrown.
     pub fn steady_contact_cycle(&self) -> Option<ContactMotion> {
         /// Drive cycles before the motion counts as unsteady. A slide that stops erases the
         /// history; one that never stops settles by its own damping.
@@ -378,13 +371,14 @@ mod tests {
         let backward = (mu - tangent) / (eta - mu);
         assert!((forward - 0.336_647).abs() < 1e-6 && (backward - 0.802_094).abs() < 1e-6);
         for (upwards, closed) in [(true, forward), (false, backward)] {
-            assert!((case.sliding_throw_number(upwards).unwrap() - closed).abs() < 1e-15);
+            let from = case.sliding_throw_number(&Wave::sine(), upwards);
+            assert!((from.unwrap() - closed).abs() < 1e-15);
         }
         // With a phase lead: against the contact itself.
         for lead in [-1.0, 0.5, 2.0] {
             let mut led = case;
             led.phase_lead = lead;
-            let from = led.sliding_throw_number(true).unwrap();
+            let from = led.sliding_throw_number(&Wave::sine(), true).unwrap();
             assert_eq!(cycle(from - 1e-6, led).forward, 0.0, "{lead}");
             assert!(cycle(from + 1e-4, led).forward > 0.0, "{lead}");
         }
