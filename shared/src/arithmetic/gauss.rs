@@ -15,7 +15,6 @@ pub(crate) trait Arithmetic:
     + Neg<Output = Self>
 {
     fn from_constant(constant: f64) -> Self;
-    fn size(self) -> Self;
     /// Natural logarithm of a normal number above 0, with the same rounding on every machine.
     fn logarithm(self) -> Self;
 }
@@ -24,11 +23,6 @@ impl Arithmetic for f64 {
     #[inline]
     fn from_constant(constant: f64) -> Self {
         constant
-    }
-
-    #[inline]
-    fn size(self) -> Self {
-        self.abs()
     }
 
     /// Within 3e-16 or an ulp.
@@ -59,11 +53,6 @@ impl Arithmetic for f32 {
         constant as f32
     }
 
-    #[inline]
-    fn size(self) -> Self {
-        self.abs()
-    }
-
     /// Of a number in 0..1, within 2e-6.
     fn logarithm(self) -> Self {
         let bits = self.to_bits();
@@ -88,7 +77,8 @@ pub(crate) fn gauss<F: Arithmetic>(mut uniform: impl FnMut() -> F) -> F {
         // Width 2 sqrt(2/e), which contains the region v^2 <= -4 u^2 ln u.
         let v = from_constant(1.7156) * (uniform() - from_constant(0.5));
         let x = u - from_constant(0.449_871);
-        let y = v.size() + from_constant(0.386_595);
+        let size = if v < from_constant(0.0) { -v } else { v };
+        let y = size + from_constant(0.386_595);
         let q = x * x + y * (from_constant(0.196) * y - from_constant(0.254_72) * x);
         let inside = q < from_constant(0.275_97);
         if inside
