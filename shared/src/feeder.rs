@@ -58,9 +58,7 @@ pub(crate) fn accept_in(
     accept(parameter, value, range.contains(&value), accepted)
 }
 
-/// Restitution of the part normal to the track (symbol R), an interval within 0..=1.
-///
-/// Parts of one lot differ, so plans for a lot use the interval. A single part has `low == high`.
+/// Restitution normal to the track (symbol R) of the parts of a lot: an interval within 0..=1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Restitution {
     low: f64,

@@ -39,9 +39,7 @@ impl Phase {
         self.0
     }
 
-    /// Nearest phase to any finite angle in rad, modulo 2 pi.
-    ///
-    /// The error is at most half a step (7.4e-10 rad) for angles in -2 pi..2 pi.
+    /// Nearest phase to a finite angle in rad, modulo 2 pi; within half a step in -2 pi..2 pi.
     pub fn from_radians(angle: f64) -> Self {
         let turns = angle / TAU;
         let fraction = turns - libm::floor(turns);

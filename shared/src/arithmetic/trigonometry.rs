@@ -23,9 +23,7 @@ fn nearest(phase: Phase) -> (usize, i32) {
     ((node & 255) as usize, bits.wrapping_sub(node << 24) as i32)
 }
 
-/// Sine and cosine of a phase in f32.
-///
-/// Measured over 2^20 spread phases and all nodes: error at most 6.0e-8, RMS 2.1e-8.
+/// Sine and cosine of a phase in f32; error at most 6.0e-8, RMS 2.1e-8.
 #[inline(always)]
 pub fn sine_cosine_single(phase: Phase) -> (f32, f32) {
     let (index, distance) = nearest(phase);
@@ -56,8 +54,7 @@ pub(crate) fn arcsine_single(x: f32) -> f32 {
     core::f32::consts::FRAC_PI_2 - super::square_root_single(1.0 - x) * sum
 }
 
-/// Cosine of a phase, by products of 32 bits into 64. Measured over 2^20 spread phases and all
-/// nodes: error at most 3.2e-11, RMS 6.4e-12.
+/// Cosine of a phase, by products of 32 bits into 64; error at most 3.2e-11, RMS 6.4e-12.
 #[inline(always)]
 pub(crate) fn cosine_fine(phase: Phase) -> Fixed<48, i64> {
     let (index, distance) = nearest(phase);

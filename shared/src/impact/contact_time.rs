@@ -67,11 +67,8 @@ impl ContactTime {
         self.radians == 0.0
     }
 
-    /// State after the contact of a part that touched the track in the state `impact_state`. The
-    /// state holds the phase, and R s as the velocity. `k` is the track's; without a `wave` the
-    /// track moves sinusoidally.
-    ///
-    /// The velocity is 0 if the part rests.
+    /// State after the contact of a part that touched the track in `impact_state`, with R s as its
+    /// velocity; velocity 0 if it rests. `k` is the track's; without a `wave` it is a sine.
     pub fn launch(
         self,
         restitution: f64,
@@ -85,11 +82,8 @@ impl ContactTime {
         PartState::new(phase, speed)
     }
 
-    /// `impact`, which ends at the touch, with its contact, on a track with this k (`None`: a
-    /// sine).
-    ///
-    /// The flight then includes the contact, and the next state is the launch after it. A part that
-    /// rests (flight 0) has none.
+    /// `impact`, which ends at the touch, with its contact; the track is as in
+    /// [`ContactTime::launch`]. A part that rests (flight 0) has no contact.
     #[inline]
     pub fn hold(self, restitution: f64, impact: Impact, k: f64, wave: Option<&Wave>) -> Impact {
         if self.is_instant() || impact.flight <= 0.0 {
@@ -139,7 +133,7 @@ mod tests {
     use super::*;
     use crate::impact::Tone;
 
-    /// Gains of the integrated contact for R = 0.05, 0.1 ... 0.95, from a weak constant acceleration
+    /// Gains of the integrated contact for R = 0.05, 0.1 ... 0.95, from a weak acceleration
     /// (docs/theory-real-parts.md#t10.6).
     const EXACT_GAINS: [f32; 19] = [
         0.752_83, 0.630_52, 0.545_22, 0.479_19, 0.424_76, 0.378_51, 0.337_98, 0.301_40, 0.268_17,

@@ -112,9 +112,7 @@ pub(super) fn accept_velocity(velocity: f64) -> Result<f64, OutOfRange> {
     accept_in("velocity", velocity, 0.0..=MAX_VELOCITY, accepted)
 }
 
-/// Refuses a phase in rad whose last digit is coarser than 2^-32 turns.
-///
-/// Beyond 2^21 turns (2^53 steps) the phase is undefined, and each arithmetic would use another.
+/// Refuses a phase in rad whose last digit is coarser than 2^-32 turns: it is undefined.
 pub(super) fn accept_phase(phase: f64) -> Result<f64, OutOfRange> {
     const MAX_PHASE: f64 = (1_u32 << 21) as f64 * core::f64::consts::TAU;
     let accepted = "-1.3e7..1.3e7 rad: 2^21 turns, 2^53 steps of the phase";

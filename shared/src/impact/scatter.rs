@@ -18,9 +18,8 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Restitutions with a `mean` in -1..=1 before clipping, a standard deviation (symbol s) in
-    /// 0..=0.5 and a seed; an error names the one out of range. With a mean below 0 most impacts do
-    /// not bounce, as of bodies that tumble.
+    /// Restitutions with a `mean` in -1..=1 before clipping, below 0 for bodies that tumble, and a
+    /// standard deviation (symbol s) in 0..=0.5; an error names the one out of range.
     pub fn build(mean: f64, deviation: f64, seed: u64) -> Result<Self, OutOfRange> {
         let scatter = Self {
             mean,

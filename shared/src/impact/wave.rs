@@ -186,8 +186,6 @@ impl Wave {
     }
 
     /// Largest acceleration of the track, max |S''|, in units of `b w^2`, within 1e-14.
-    ///
-    /// Divided by k it is in units of `g cos(alpha)`.
     pub fn peak_acceleration(&self) -> f64 {
         let peaks = self.extrema().map(|[_, push]| push.abs());
         peaks.fold(0.0, f64::max)

@@ -10,7 +10,6 @@ use crate::feeder::{OutOfRange, Restitution};
 use crate::impact::ContactTime;
 
 /// k of the saddle-node bifurcation that creates the period-1 orbit (symbol k1, equation 15).
-///
 /// Restitution 0..1 (1 excluded), order 1..=100. Error within 4 ulp.
 pub fn birth(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let r = accept_order(order)?;
@@ -19,7 +18,6 @@ pub fn birth(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
 }
 
 /// k of the flip bifurcation of the period-1 orbit of `order` (symbol k2, equation 17a).
-///
 /// Restitution 0..1 (1 excluded), order 1..=100. Error within 4 ulp.
 pub fn flip(restitution: f64, order: u32) -> Result<f64, OutOfRange> {
     let r = accept_order(order)?;
@@ -230,9 +228,7 @@ impl Band {
         Self::common_with_contact(restitution, order, ContactTime::INSTANT)
     }
 
-    /// [`Band::common`] with impacts that take time.
-    ///
-    /// The bounds of restitution in the error neglect the contact time.
+    /// [`Band::common`] with impacts that take time, which the bounds in the error neglect.
     pub fn common_with_contact(
         restitution: Restitution,
         order: u32,

@@ -134,13 +134,11 @@ fn accept_doublings(doublings: usize) -> Result<f64, OutOfRange> {
 }
 
 impl Cascade {
-    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 without 1 and an order of
-    /// 1..=100.
+    /// Locates `doublings` flips (1..=10) for a restitution of 0..1 without 1 and an order 1..=100.
     ///
-    /// The first flip is equation (17a). Each further orbit is found by Newton's method with the
-    /// tangent map and continued along k. Its flip is the root of `1 + trace + R^(2N) = 0`, where a
-    /// multiplier is -1. The error against 40-digit references for R = 0.2 and 0.5 is within 2e-14
-    /// of k.
+    /// The first flip is equation (17a). Each further orbit is found by Newton's method and
+    /// continued along k to the root of `1 + trace + R^(2N) = 0`, where a multiplier is -1. The
+    /// error against 40-digit references for R = 0.2 and 0.5 is within 2e-14 of k.
     pub fn locate(restitution: f64, order: u32, doublings: usize) -> Result<Self, OutOfRange> {
         accept_order(order)?;
         accept_restitution(restitution)?;
@@ -232,11 +230,9 @@ impl Cascade {
     /// Largest relative scatter of restitution (standard deviation over the mean, symbol sigma) at
     /// which each doubling is detectable in the phases. `None` if its orbit was lost.
     ///
-    /// The orbit is taken in the middle of its window; the last window's width follows from
-    /// Feigenbaum's constant. Each phase has a standard deviation in proportion to sigma. The
-    /// doubling is detectable while two phases that it separated differ by more than the sum of
-    /// their standard deviations. Each further doubling has a limit lower by 6.62 (Crutchfield,
-    /// Nauenberg and Rudnick 1981).
+    /// The orbit is taken in the middle of its window. The doubling is detectable while two phases
+    /// that it separated differ by more than the sum of their standard deviations. Each further
+    /// doubling has a limit lower by 6.62 (Crutchfield, Nauenberg and Rudnick 1981).
     pub fn max_visible_scatters(&self) -> impl Iterator<Item = Option<f64>> + '_ {
         (0..self.flips.len()).map(|n| {
             let (continuation, k, state) = self.window_middle(n)?;

@@ -6,10 +6,8 @@ use super::exponent::{self, Dynamics, ExponentSettings};
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::{Kernel, Map};
 
-/// Band of k below the cascade in which parts hop without rest, mostly chaotically.
-///
-/// The band is measured: no rest within the simulated impacts. Below it the hopping is transient,
-/// and parts rest and relaunch.
+/// Band of k below the cascade in which parts hop without rest within the simulated impacts, mostly
+/// chaotically. Below it the hopping is transient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChaoticBand {
     /// Lowest k without a rest.
@@ -27,9 +25,7 @@ const MAX_STEPS_WITH_REST: u32 = 3;
 
 impl ChaoticBand {
     /// Scans down from k_infinity in steps of `step` (fraction of k, 1e-5..=0.1) with `impacts`
-    /// (320..=1e9) each.
-    ///
-    /// The scan ends after three successive steps with a rest. `None` if no step is without rest.
+    /// (320..=1e9) each, up to three successive ones with a rest. `None` if each has one.
     pub fn measure(
         restitution: f64,
         order: u32,

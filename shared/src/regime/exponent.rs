@@ -59,9 +59,7 @@ impl Dynamics {
     }
 }
 
-/// Largest Lyapunov exponent of one orbit.
-///
-/// If the part came to rest, the values are those of the flight before.
+/// Largest Lyapunov exponent of one orbit; of the flights before the rest if it came to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exponent {
     /// Exponent per impact, with its standard error.
@@ -75,8 +73,6 @@ pub struct Exponent {
 }
 
 /// Measures the largest Lyapunov exponent of the orbit of `map` from `start`.
-///
-/// The sum of both exponents is `2 ln R` per impact exactly (`det J = R^2 psi / psi'`).
 pub fn measure(
     map: &Map,
     start: PartState,
@@ -307,8 +303,7 @@ struct Batch {
 ///
 /// The autocorrelation time is `tau = 1 + 2 sum rho(t)` over the smallest window of at least
 /// `5 tau` (automatic windowing: Madras and Sokal 1988; Wolff 2004). The bias of a finite series is
-/// corrected. For the exponent at k = 0.34, R = 0.2, the spread of 48 runs of 20 000 impacts is 0.9
-/// to 1.2 times the estimate.
+/// corrected. The spread of 48 runs at k = 0.34, R = 0.2 is 0.9 to 1.2 times the estimate.
 fn standard_error(count: usize, value: impl Fn(usize) -> f64) -> f64 {
     if count < 2 {
         return f64::INFINITY;

@@ -34,9 +34,7 @@ impl Conveyed {
     }
 
     /// Impact mean of the velocity in units of `b w`: the mean of W over flights, the paper's
-    /// `<W>`.
-    ///
-    /// `None` if the part came to rest, because infinitely many short hops then dominate the mean.
+    /// `<W>`. `None` after a rest, whose infinitely many short hops would dominate it.
     pub fn impact_mean(&self) -> Option<f64> {
         (self.impacts > 0 && self.rests == 0).then(|| self.velocities / self.impacts as f64)
     }

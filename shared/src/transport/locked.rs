@@ -9,8 +9,6 @@ use crate::regime::Lock;
 /// Velocity along the track of a locked part in units of `b w` (equation 20):
 /// `W = eta cos(t0 + gamma) - pi r k tan(alpha) (1 + Rt)/(1 - Rt)`.
 ///
-/// All flights are equal, so time mean and impact mean agree.
-///
 /// With a contact time (docs/theory-real-parts.md#t10.6) it is the mean over flight and contact.
 /// The velocity relative to the track changes evenly during the contact. It grows if the track
 /// accelerates the part along itself after the contact's force has ended.

@@ -5,12 +5,8 @@ use crate::regime::cascade::Estimate;
 /// Relative change of the speed over relative change of the amplitude, `(dV/V)/(db/b)`, with its
 /// standard error.
 ///
-/// With `V = W b w` and b proportional to 1/k it is `1 - d ln W / d ln k`. It is 1 if W does not
-/// depend on k. It is 0 if W is proportional to k, as in lock at gamma = 0: there the speed does
-/// not depend on b.
-///
-/// Inputs are the velocities W (in `b w`, with standard errors) at two values of k, `low < high`.
-/// `None` if they differ in sign.
+/// With `V = W b w` and b proportional to 1/k it is `1 - d ln W / d ln k`. Inputs are k, W in `b w`
+/// and its standard error at two values of k, `low < high`. `None` if the signs of W differ.
 pub fn sensitivity(
     (low, at_low, low_error): (f64, f64, f64),
     (high, at_high, high_error): (f64, f64, f64),

@@ -5,11 +5,9 @@ use crate::impact::{Impact, Observer, PartState, TangentialSettings};
 
 /// Impact mean of the velocity along the track in units of `b w`, at gamma = 0 (equation 34).
 ///
-/// It is `<W> = (k D/2) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }`. Parts hop without rest at
-/// a mean interval D in rad.
-///
-/// It is exact in any stationary state, because the means of psi, phi and cos t are equal before
-/// and after an impact. `None` if gamma is not 0, as the mean then depends on more than D.
+/// It is `<W> = (k D/2) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }` of parts that hop without
+/// rest at a mean interval D in rad, because the means of psi, phi and cos t are equal before and
+/// after an impact. `None` if gamma is not 0, as the mean then depends on more than D.
 pub fn impact_mean(
     k: f64,
     restitution: f64,

@@ -116,11 +116,8 @@ impl Block {
         })
     }
 
-    /// Whether the orbit in a lane waits: its part rests, or has a closed chatter, see
-    /// [`Map::time_to_rest`].
-    ///
-    /// It waits until it is cleared or replaced. [`Block::advance`] tests each lane at the start of
-    /// the call and after each impact.
+    /// Whether the orbit in a lane waits until it is cleared or replaced: its part rests, or has a
+    /// closed chatter, see [`Map::time_to_rest`]. [`Block::advance`] tests it before each impact.
     #[inline]
     pub fn rests(&self, lane: usize) -> bool {
         self.resting.contains(lane)

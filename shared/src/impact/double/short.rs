@@ -182,7 +182,7 @@ fn take_chebyshev_step<V: Vector>(
     finish_hop(launch.phase, d, &at, third, MAX_LAST_NEWTON_STEP)
 }
 
-/// Chebyshev's step from `d`, and whether it is at most `longest` of the flight. `third` is `-u'''`.
+/// Chebyshev's step from `d`, and whether it is at most `longest` of it. `third` is `-u'''`.
 #[inline(always)]
 pub(in crate::impact) fn finish_hop<V: Vector>(
     launch_phase: V,

@@ -8,10 +8,8 @@ use crate::impact::kernel::PartState;
 use crate::impact::wave::in_turn;
 
 impl Map {
-    /// Duration in rad of the infinitely many hops that end at rest, if its closed form is exact to
-    /// f64.
-    ///
-    /// `None` otherwise: the part continues to hop.
+    /// Duration in rad of the infinitely many hops that end at rest; `None` if its closed form is
+    /// not exact to f64, and the part continues to hop.
     ///
     /// Let `A = k - sin t`, `c = cos t` and `z = psi / (A (1 - R))`. The duration is
     /// `2 z + (4/3) (c/A) z^2`. The third order is `(2/9) z^3 (8 (c/A)^2 (1 + 3R/2 + R^2) - 3 (s/A)
@@ -40,9 +38,7 @@ impl Map {
         Some(2.0 * z + 4.0 / 3.0 * slope * z * z)
     }
 
-    /// Time in rad from rest at `phase` to lift-off, 0 if the track throws the part at once.
-    ///
-    /// `None` if it rests for ever.
+    /// Time in rad from rest at `phase` to lift-off, 0 if at once; `None` if it rests for ever.
     pub fn wait(&self, phase: f64) -> Option<f64> {
         let lift_off = self.lift_off()?;
         let elapsed = in_turn(phase - lift_off);

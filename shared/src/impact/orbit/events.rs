@@ -92,10 +92,8 @@ enum Stage {
 }
 
 impl Orbit<'_> {
-    /// This orbit with a restitution drawn by `scatter` at each impact, about that of the map.
-    ///
-    /// A chatter's closed form uses the map's restitution. Errors: `OutOfRange` for a mean
-    /// restitution below 1e-6.
+    /// This orbit with a restitution drawn by `scatter` at each impact; a chatter's closed form
+    /// uses the map's. Errors: `OutOfRange` for a mean restitution below 1e-6.
     pub fn scattering(self, scatter: Scatter) -> Result<Self, OutOfRange> {
         let mean = scatter.mean();
         let accepted = "0.000001..1 where it scatters: what is left of no speed cannot be drawn";
@@ -152,10 +150,8 @@ impl<'a, M: OrbitMap> Orbit<'a, M> {
         }
     }
 
-    /// This orbit with impacts that take time.
-    ///
-    /// The flight of an impact then includes its contact, and its next state is the launch after
-    /// that. A chatter's closed form neglects the contacts.
+    /// This orbit with impacts that take time, see [`ContactTime::hold`]; a chatter's closed form
+    /// neglects them.
     pub fn with_contact(self, contact: ContactTime) -> Self {
         Self { contact, ..self }
     }

@@ -30,9 +30,7 @@ pub trait Observer {
     /// The part left the track with `launch`, flew and struck it again.
     fn impact(&mut self, _launch: PartState, _impact: &Impact) {}
 
-    /// The part chattered to rest in `chatter` rad; it rests from `phase` on.
-    ///
-    /// `last` is the state after the last computed impact.
+    /// The part chattered to rest in `chatter` rad after its `last` impact, from `phase` on.
     fn rest(&mut self, _last: PartState, _chatter: f64, _phase: f64) {}
 
     /// After `wait` rad at rest the track threw the part off at `phase`.

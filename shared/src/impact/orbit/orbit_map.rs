@@ -112,9 +112,7 @@ impl OrbitMap for WaveMap {
 }
 
 impl WaveMap {
-    /// The release of an elastic part that the track throws at `phase`, see [`WaveMap::throw`].
-    ///
-    /// `None` if the map finds no flight there.
+    /// The release of an elastic part thrown at `phase`; `None` if the map finds no flight there.
     pub fn release(&self, phase: f64) -> Option<Release<PartState>> {
         // Rounding may put the edge before the crossing that the map finds, where the part still
         // rests. On the flat top of a very short window the difference exceeds an ulp.
@@ -155,7 +153,6 @@ pub const LIFT_OFF_DELAY: f64 = 1e-4;
 
 impl<S: Copy> Release<S> {
     /// The release `delay` rad (0, or [`LIFT_OFF_DELAY`]) after `lift_off`, `arcsin k` in rad.
-    ///
     /// `None` if the kernel finds no flight there.
     pub fn build<K: Kernel<State = S>>(kernel: &K, lift_off: f64, delay: f64) -> Option<Self> {
         let launch = K::state(lift_off + delay, 0.0).ok()?;

@@ -50,9 +50,7 @@ impl Tangent {
     }
 }
 
-/// Mean growth rate of a tangent vector along an orbit: the largest Lyapunov exponent.
-///
-/// The vector restarts at lift-off, which erases the history of an orbit.
+/// Largest Lyapunov exponent: mean growth rate of a tangent vector, which restarts at lift-off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth<'a> {
     map: &'a Map,

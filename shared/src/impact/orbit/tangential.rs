@@ -9,9 +9,7 @@ use crate::impact::wave::Wave;
 /// Parameters of the motion along the track besides k.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TangentialSettings {
-    /// Restitution along the track (symbol Rt, R_par in the paper), 0..1, without 1.
-    ///
-    /// A part that keeps its speed at every impact never reaches a steady speed on an incline.
+    /// Restitution along the track (symbol Rt, R_par in the paper), 0..1; at 1 no speed is steady.
     pub restitution: f64,
     /// Amplitude parallel to the track over the amplitude normal to it (symbol eta), 0..=100.
     pub amplitude_ratio: f64,

@@ -110,15 +110,11 @@ impl Launch {
         self.velocity <= 0.0 && self.pull(track) >= rounding
     }
 
-    /// Duration in rad of the infinitely many hops that end at rest, if its closed form holds
-    /// within `limits` (docs/theory-impacts.md#t4.1).
+    /// Duration in rad of the infinitely many hops that end at rest; `None` if its closed form does
+    /// not hold within `limits`, and the part continues to hop.
     ///
-    /// `None` otherwise: the part continues to hop. It is the form of
-    /// [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A for the sine and A'
-    /// for the cosine. Let
-    /// `P = k - A` be the pull and `z = psi / (P (1 - R))`. The duration is
-    /// `2 z + (4/3) (A'/P) z^2`. The third order is at most `z^3 (2.1 (A'/P)^2 + 0.9 |A''|/P)`. A
-    /// velocity of 0 rests at once if the track does not throw the part.
+    /// It is the form of [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A
+    /// for the sine and A' for the cosine: `z = psi / (P (1 - R))` with the pull `P = k - A`.
     #[inline(always)]
     pub fn time_to_rest(
         &self,

@@ -108,9 +108,7 @@ impl WaveMap {
         Hop::Impact(build_impact(1.0, state, landing))
     }
 
-    /// Time in rad from rest at `phase` to lift-off, 0 if the track throws at once, and its phase.
-    ///
-    /// `None` if the part rests for ever.
+    /// Time in rad from rest at `phase` to lift-off, and its phase; `None` if it rests for ever.
     pub fn throw(&self, phase: f64) -> Option<(f64, f64)> {
         self.track.throw(phase)
     }

@@ -139,17 +139,14 @@ impl Share {
         (after > 0.0 && self.captured > 0).then(|| (self.in_gear / after).clamp(0.0, 1.0))
     }
 
-    /// Mean time from the start to the first gear, in drive periods; `None` without gear.
-    ///
-    /// It is the waiting time of all parts over the number of captures, which counts the parts that
-    /// were not captured.
+    /// Mean time from the start to the first gear, in drive periods; `None` without gear. It is the
+    /// waiting time of all parts, captured or not, over the number of captures.
     pub fn time_to_capture(&self) -> Option<f64> {
         (self.captured > 0).then(|| self.waited / self.captured as f64)
     }
 
-    /// Mean time in gear before a loss, in drive periods; `None` without a loss.
-    ///
-    /// Its relative standard error is 1 over the root of the losses, which are a Poisson process.
+    /// Mean time in gear before a loss, in drive periods; `None` without a loss. Its relative error
+    /// is 1 over the root of the losses, which are a Poisson process.
     pub fn time_to_loss(&self) -> Option<f64> {
         (self.losses > 0).then(|| self.in_gear / self.losses as f64)
     }

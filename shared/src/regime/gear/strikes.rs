@@ -94,9 +94,8 @@ impl StrikeProfile {
     /// three standard deviations below the mean of a group, the smallest of all groups.
     ///
     /// A part goes in and out of gear as a two-state Markov process. Its share over a time `T` has
-    /// the variance `2 p (1 - p) t/T`. The correlation time is `t = p d`, with the mean duration
-    /// `d` out of gear. The bound is 0 while a part may still wait for its first capture (one in a
-    /// thousand).
+    /// the variance `2 p (1 - p) t/T`, with `t = p d` and the mean duration `d` out of gear. The
+    /// bound is 0 while one part in a thousand may still wait for its first capture.
     pub fn min_credible_share(&self, periods: f32) -> f32 {
         (0..GROUPS).fold(1.0, |minimum, group| {
             let [in_gear, out_of_gear] = self.periods.map(|periods| periods[group]);
@@ -112,9 +111,7 @@ impl StrikeProfile {
     }
 }
 
-/// Result of a completed count, with its inputs and its number of steps.
-///
-/// A count is deterministic, so a stored result replaces a repetition.
+/// A completed count, which replaces a repetition with the same inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct StrikeCount {
     /// Inputs of the count.
