@@ -6,8 +6,8 @@ use crate::impact::{Impact, Observer, PartState, TangentialSettings};
 /// Impact mean of the velocity along the track in units of `b w`, at gamma = 0 (equation 34).
 ///
 /// It is `<W> = (k D/2) { eta (1-R)/(1+R) - tan(alpha) (1+Rt)/(1-Rt) }` of parts that hop without
-/// rest at a mean interval D in rad, because the means of psi, phi and cos t are equal before and
-/// after an impact. `None` if gamma is not 0, as the mean then depends on more than D.
+/// rest at a mean interval D in rad. The means of psi, phi and cos t are then equal before and after
+/// an impact. `None` if gamma is not 0, as the mean then depends on more than D.
 pub fn impact_mean(
     k: f64,
     restitution: f64,

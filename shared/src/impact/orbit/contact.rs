@@ -8,7 +8,7 @@ use crate::impact::kernel::PartState;
 use crate::impact::wave::in_turn;
 
 impl Map {
-    /// Duration in rad of the infinitely many hops that end at rest; `None` if its closed form is
+    /// Duration in rad of the infinitely many hops that end at rest. `None` if its closed form is
     /// not exact to f64, and the part continues to hop.
     ///
     /// Let `A = k - sin t`, `c = cos t` and `z = psi / (A (1 - R))`. The duration is

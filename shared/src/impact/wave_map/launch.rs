@@ -110,7 +110,7 @@ impl Launch {
         self.velocity <= 0.0 && self.pull(track) >= rounding
     }
 
-    /// Duration in rad of the infinitely many hops that end at rest; `None` if its closed form does
+    /// Duration in rad of the infinitely many hops that end at rest. `None` if its closed form does
     /// not hold within `limits`, and the part continues to hop.
     ///
     /// It is the form of [`Map::time_to_rest`](crate::impact::Map::time_to_rest) with the push A
