@@ -19,7 +19,6 @@ fn keypair() -> Keypair {
     Keypair::from(&[7; 32])
 }
 
-/// The program of the image, as content of an update.
 fn program(rig: &Rig) -> Vec<u8> {
     let kind = rig.chip.board.kind;
     let end = (symbol(&feeder_on(kind), "_image_end") - START) as usize + 4;

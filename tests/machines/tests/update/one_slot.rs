@@ -131,29 +131,6 @@ fn an_invalid_update_is_refused_before_the_old_image_is_erased() {
 }
 
 #[test]
-fn a_truncated_image_never_starts_and_the_next_one_does() {
-    let mut rig = in_loader();
-    let other = other_program(&rig);
-    let header = Header::from_image(&other);
-    assert_eq!(rig.update(&header.request()), Ok(()));
-    assert_eq!(send(&mut rig, &other[..4096]), Ok(()));
-    let end = rig.update(&UpdateRequest::End(&[]));
-    assert_eq!(end, Err(UpdateRefusal::Order(4096)));
-    rig.run_for(12.0);
-    assert!(waits(&mut rig), "after silence");
-    restart(&mut rig, 0.5);
-    assert!(waits(&mut rig), "after power-on");
-    assert!(rig.faults_after(rig.time() - 0.6).is_some());
-    // Another image of the same key.
-    let old = program(&rig_with_key(KIND));
-    assert_eq!(rig.update(&Header::from_image(&old).request()), Ok(()));
-    assert_eq!(send(&mut rig, &old), Ok(()));
-    assert_eq!(rig.update(&UpdateRequest::End(&[])), Ok(()));
-    await_image(&mut rig);
-    assert!(!runs_other(&mut rig) && drives(&mut rig));
-}
-
-#[test]
 fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let mut rig = rig_with_key(KIND);
     let image = program(&rig);
