@@ -137,7 +137,6 @@ impl Board {
         (0..count).for_each(|_| drop(self.cycle()));
     }
 
-    /// What a start would load now.
     fn saved(&mut self) -> LoadedSettings {
         block_on(self.service.store.load())
     }
@@ -377,21 +376,6 @@ fn telemetry_that_the_line_cannot_carry_is_refused() {
         board.done(&Request::Telemetry(fewest));
         board.done(&Request::Telemetry(0));
     }
-}
-
-#[test]
-fn telemetry_rate_is_as_requested() {
-    let mut board = Board::new();
-    board.done(&Request::Telemetry(3));
-    let sent: Vec<bool> = (0..9).map(|_| board.cycle().is_some()).collect();
-    assert_eq!(sent.iter().filter(|sent| **sent).count(), 3);
-    board.done(&Request::Telemetry(1));
-    let frame = board.cycle().unwrap();
-    let cycle = board.station.report().cycle;
-    let sent = open(&frame);
-    assert!(matches!(sent, (0, Response::Telemetry(telemetry)) if telemetry.cycle == cycle));
-    board.done(&Request::Telemetry(0));
-    assert!(board.cycle().is_none());
 }
 
 #[test]

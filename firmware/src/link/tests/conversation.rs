@@ -8,14 +8,12 @@ use super::*;
 
 /// Checksum of a conversation with each seed. Copy the printed ones after an intended change.
 const CHECKSUMS: [u32; 4] = [0x5c12_44eb, 0xe699_6d03, 0xcc15_1a42, 0x10bb_a9ca];
-/// Number of requests in a conversation.
 const REQUESTS: u32 = 6_000;
 
 /// A linear congruential generator (Knuth's MMIX).
 struct Random(u64);
 
 impl Random {
-    /// A number in `0..limit`.
     fn below(&mut self, limit: u64) -> u64 {
         self.0 = (self.0.wrapping_mul(6_364_136_223_846_793_005))
             .wrapping_add(1_442_695_040_888_963_407);
@@ -135,7 +133,6 @@ impl Board {
     }
 }
 
-/// Checksum of a conversation.
 fn converse(seed: u64) -> u32 {
     let (mut random, mut board) = (Random(seed), Board::new());
     let (mut inputs, mut output) = (Inputs::default(), 0.0);

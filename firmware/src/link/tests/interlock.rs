@@ -184,6 +184,12 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
             end: None,
         },
         Request::Lock(None),
+        Request::SetRecipe {
+            number: 1,
+            recipe: None,
+        },
+        Request::SaveRecipes,
+        Request::UseRecipe(1),
     ];
     let mut board = Board::new();
     board.done(&Request::Lock(Some(pin)));

@@ -121,32 +121,6 @@ fn a_running_drive_uses_recipes_and_changes_none() {
 }
 
 #[test]
-fn a_locked_link_refuses_to_change_and_to_use_recipes() {
-    let mut board = board();
-    board.done(&Request::Lock(Pin::parse("0420")));
-    for request in [
-        set(2, recipe("M3", Target::K(0.4), 0.3)),
-        delete(1),
-        Request::SaveRecipes,
-        Request::UseRecipe(1),
-    ] {
-        board.refused(&request, Refusal::ReadOnly(Access::Locked));
-    }
-    assert_ne!(stored(&mut board, 1), Stored::None);
-    // The inputs are at the machine.
-    board.station.follow_inputs(1);
-    assert_eq!(in_use(&board).2, 1);
-}
-
-#[test]
-fn recipes_are_saved_with_valid_settings_alone() {
-    let mut board = Board::with(LOADED(Condition::Lost));
-    board.done(&set(1, recipe("caps", Target::K(0.4), 0.3)));
-    board.refused(&Request::SaveRecipes, Refusal::NoSettings);
-    assert_eq!(saved_recipes(&mut board), Recipes::default());
-}
-
-#[test]
 fn inputs_select_when_they_change() {
     let mut board = board();
     board.station.follow_inputs(1);

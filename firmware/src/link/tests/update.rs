@@ -25,7 +25,6 @@ struct Flash {
     restarts: u32,
     full: bool,
     requested: Option<[u8; 32]>,
-    /// Name of the function that fails.
     fails: &'static str,
 }
 
