@@ -40,9 +40,7 @@ pub enum StoreFailed {
 /// Result of an access to the memory.
 pub(crate) type Result<T = (), E = StoreFailed> = core::result::Result<T, E>;
 
-/// Size of a record's number, bytes.
 const NUMBER: usize = 4;
-/// Size of a record's checksum (CRC-32), bytes.
 const CHECK: usize = 4;
 /// Size of a record's seal, bytes: the largest word that a board's flash programs at once.
 const SEAL: usize = 8;
@@ -60,10 +58,8 @@ const SLOTS_PER_SLICE: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     Blank,
-    /// The mark of a completely erased bank.
     Mark,
     Cut,
-    /// A valid record and its number.
     Whole(u32),
     /// A sealed record whose checksum fails.
     Damaged,
@@ -116,13 +112,6 @@ struct Survey {
 }
 
 impl Survey {
-    fn blank(slots: u32) -> Self {
-        Self {
-            slots,
-            ..Self::default()
-        }
-    }
-
     fn take(&mut self, place: Place, slot: Slot) {
         let Place { bank, index } = place;
         if slot != Slot::Blank {
@@ -254,7 +243,10 @@ impl<const SLOT: usize> Journal<SLOT> {
     }
 
     async fn survey_banks<F: NorFlash>(&mut self, flash: &mut F) -> Result<Survey> {
-        let mut survey = Survey::blank(self.slots());
+        let mut survey = Survey {
+            slots: self.slots(),
+            ..Survey::default()
+        };
         let mut buffer = [0; SLOT];
         for bank in 0..2 {
             for index in 0..survey.slots {
@@ -382,7 +374,6 @@ impl<const SLOT: usize> Journal<SLOT> {
         Ok(())
     }
 
-    /// Erases a bank and marks it.
     async fn prepare(&self, flash: &mut impl NorFlash, bank: usize, survey: &mut Survey) -> Result {
         let from = self.offset(Place { bank, index: 0 });
         // The mark is cleared first, because it could survive an interrupted erasure.
@@ -416,21 +407,19 @@ mod tests {
     use super::*;
     use crate::storage::store::tests::Nor;
     use embassy_futures::block_on;
-    use std::vec::Vec;
 
     const SLOT: usize = 256;
 
-    fn open<const PAGE: usize>(nor: &Nor<PAGE>) -> Journal<SLOT> {
-        Journal::new(nor, 0..2 * PAGE as u32, 1).unwrap()
+    fn open(nor: &Nor<2048>) -> Journal<SLOT> {
+        Journal::new(nor, 0..4096, 1).unwrap()
     }
 
     fn open_faults(nor: &Nor<2048>) -> Journal<40> {
         Journal::new(nor, 0..4096, 32).unwrap()
     }
 
-    /// A journal of pages of `PAGE` bytes with the given number of records.
-    fn filled<const PAGE: usize>(records: u32) -> Nor<PAGE> {
-        let mut nor = Nor::<PAGE>::new();
+    fn filled(records: u32) -> Nor<2048> {
+        let mut nor = Nor::new();
         let mut journal = open(&nor);
         for record in 0..records {
             block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
@@ -458,7 +447,7 @@ mod tests {
     #[test]
     fn a_mark_does_not_outlive_an_erasure_that_is_cut_short() {
         // The erasure of the first bank follows the record and changes no bit.
-        let mut nor = filled::<2048>(7);
+        let mut nor = filled(7);
         nor.refuses_erasures = true;
         let mut journal = open(&nor);
         block_on(journal.append(&mut nor, b"new")).unwrap();
@@ -498,75 +487,10 @@ mod tests {
         assert!(Journal::<SLOT>::new(&nor, 0..4096, 7).is_err());
     }
 
-    /// Flips each single bit of both banks. The newest record stays, or is reported as damaged; no
-    /// older record replaces it. A flip changes the state of one slot, and each state is tested
-    /// with all other slots. Returns the number of flips that damage the newest record.
-    fn flips<const PAGE: usize>(records: u32) -> u64 {
-        let slots = PAGE / SLOT;
-        let nor = filled::<PAGE>(records);
-        let of_bank = |bank: &[u8]| {
-            let (mark, records) = bank.split_at(MARK_SLOT);
-            let records = records.chunks_exact(SLOT).map(<[u8]>::to_vec);
-            [mark.to_vec()]
-                .into_iter()
-                .chain(records)
-                .collect::<Vec<_>>()
-        };
-        let banks = nor.bytes[..2 * PAGE].chunks_exact(PAGE);
-        let chunks: Vec<Vec<u8>> = banks.flat_map(of_bank).collect();
-        assert_eq!(chunks.len(), 2 * slots);
-        let kinds: Vec<Slot> = chunks.iter().map(|chunk| Slot::read(chunk)).collect();
-        let survey = |changed: usize, kind: Slot| {
-            let mut survey = Survey::blank(slots as u32);
-            for (at, &slot) in kinds.iter().enumerate() {
-                let (bank, index) = (at / slots, (at % slots) as u32);
-                let slot = if at == changed { kind } else { slot };
-                survey.take(Place { bank, index }, slot);
-            }
-            survey
-        };
-        let intact = survey(usize::MAX, Slot::Blank);
-        let newest = intact.newest.map(|(place, _)| place);
-        assert!(!intact.may_have_lost_newest());
-        let mut damaged = 0;
-        for (at, chunk) in chunks.iter().enumerate() {
-            let mut outcomes: Vec<(Slot, bool)> = Vec::new();
-            let mut bytes = chunk.clone();
-            for bit in 0..8 * chunk.len() {
-                bytes[bit / 8] ^= 1 << (bit % 8);
-                let kind = Slot::read(&bytes);
-                bytes[bit / 8] ^= 1 << (bit % 8);
-                let outcome = outcomes.iter().find(|(slot, _)| *slot == kind).copied();
-                let (_, doubtful) = outcome.unwrap_or_else(|| {
-                    let flipped = survey(at, kind);
-                    let doubtful = flipped.may_have_lost_newest();
-                    let holds = doubtful || flipped.newest.map(|(place, _)| place) == newest;
-                    assert!(holds, "slot {at}, bit {bit}: {kind:?}");
-                    outcomes.push((kind, doubtful));
-                    (kind, doubtful)
-                });
-                damaged += u64::from(doubtful);
-            }
-        }
-        damaged
-    }
-
-    #[test]
-    fn no_single_bit_brings_an_older_record_back() {
-        let bits = 8 * (SLOT as u64 - SEAL as u64);
-        // The bits of the newest record except its seal.
-        for records in [1, 2, 6, 7, 8, 14, 15] {
-            assert_eq!(flips::<2048>(records), bits, "{records} records");
-        }
-        for records in [3, 511, 512] {
-            assert_eq!(flips::<{ 128 * 1024 }>(records), bits, "{records} records");
-        }
-    }
-
     #[test]
     fn a_blank_bank_without_mark_is_erased_before_use() {
         // A full bank; the other reads as blank after a cut erasure.
-        let mut nor = filled::<2048>(7);
+        let mut nor = filled(7);
         nor.bytes[2048..4096].fill(0xff);
         nor.weak[1] = true;
         let mut journal = open(&nor);
@@ -574,6 +498,6 @@ mod tests {
         assert!(nor.bytes[2048 + MARK_SLOT + 4..].starts_with(b"new"));
         assert_eq!(nor.erasures, [1, 1, 0, 0]);
         // On a new chip no bank is erased until the first one is full.
-        assert_eq!(filled::<2048>(7).erasures, [0; 4]);
+        assert_eq!(filled(7).erasures, [0; 4]);
     }
 }

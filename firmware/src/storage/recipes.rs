@@ -23,7 +23,6 @@ const NAME: usize = 14;
 const HEAD: usize = NAME + 22;
 /// Number of settings that fit in a recipe.
 const ROOM: usize = 8;
-/// Size of a recipe, bytes.
 const RECIPE: usize = HEAD + ROOM * PAIR;
 /// Size of all recipes, bytes.
 pub const SIZE: usize = COUNT * RECIPE;

@@ -25,7 +25,6 @@ const CONTENT: usize = SLOT - OVERHEAD;
 const FAULT_SLOT: usize = 40;
 /// Number of faults kept.
 pub const STORED_FAULTS: u32 = 32;
-/// Size of the content of a fault record, bytes.
 const FAULT_CONTENT: usize = FAULT_SLOT - OVERHEAD;
 const _: () = assert!(FAULT_CONTENT == RECORD_SIZE);
 
@@ -87,7 +86,6 @@ pub struct Records<F, W> {
     faults: Journal<FAULT_SLOT>,
     waiting: W,
     supply_settled: fn() -> bool,
-    /// Rate limit of the desk's saves.
     pub(crate) saves: Saves,
 }
 

@@ -15,7 +15,6 @@ use std::vec::Vec;
 
 /// Page size of the STM32G474, bytes.
 pub const G4_PAGE: usize = 2 * 1024;
-/// Page size of the STM32F405, bytes.
 const F4_PAGE: usize = 16 * 1024;
 /// Number of four-byte words in a record; an erasure clears a page word by word.
 const SLOT_WORDS: usize = SLOT / 4;
@@ -235,54 +234,41 @@ fn saving_the_same_again_writes_nothing() {
     assert!(block_on(store.save(&changed(0.95), Target::K(0.5), None)).is_err());
 }
 
-/// Settings, target and PIN that a memory loads, and its recipes.
-type Content = (LoadedSettings, Recipes);
-
-fn content<const PAGE: usize>(store: &mut Memory<PAGE>) -> Content {
-    (block_on(store.load()), block_on(store.recipes()))
-}
-
-/// Cuts a change of the memory after each of these numbers of words. The memory then holds the
-/// content before or after the change. A second cut, after one of the numbers in `second`, adds no
-/// other content, and later changes succeed. `change` makes the change of this number.
-fn cut_everywhere<const PAGE: usize>(
-    base: &Nor<PAGE>,
-    open: fn(Nor<PAGE>) -> Memory<PAGE>,
-    change: impl Fn(&mut Memory<PAGE>, u8) -> Result,
-    words: impl Iterator<Item = usize>,
-    second: &[usize],
-) {
-    let old = content(&mut open(base.clone()));
-    let new: [Content; 5] = core::array::from_fn(|number| {
-        let mut uncut = open(base.clone());
-        change(&mut uncut, number as u8).unwrap();
-        content(&mut uncut)
+/// Cuts a save after each of these numbers of words. The memory then holds the content before or
+/// after it. A second cut, after one of the numbers in [`SECOND`], adds no other content, and later
+/// saves succeed.
+fn cut_everywhere<const PAGE: usize>(base: &Nor<PAGE>, words: impl Iterator<Item = usize>) {
+    let old = loaded_from(base);
+    let new: [LoadedSettings; 5] = core::array::from_fn(|number| {
+        let mut uncut = records(base.clone());
+        save(&mut uncut, number as u8).unwrap();
+        block_on(uncut.load())
     });
     let (mut olds, mut news) = (0, 0);
     for power in words {
-        let mut cut = open(base.powered(power));
-        let done = change(&mut cut, 0).is_ok();
+        let mut cut = records(base.powered(power));
+        let done = save(&mut cut, 0).is_ok();
         let nor = cut.flash.powered(usize::MAX);
-        let found = content(&mut open(nor.clone()));
+        let found = loaded_from(&nor);
         let holds = found == new[0] || found == old && !done;
         assert!(holds, "{power}: {found:?}");
         olds += u32::from(found == old);
         news += u32::from(found == new[0]);
-        for &second in second {
-            let mut cut = open(nor.powered(second));
-            let done = change(&mut cut, 1).is_ok();
-            let last = content(&mut open(cut.flash.powered(usize::MAX)));
+        for second in SECOND {
+            let mut cut = records(nor.powered(second));
+            let done = save(&mut cut, 1).is_ok();
+            let last = loaded_from(&cut.flash);
             // Without any mark yet, the remains of an erasure count as damaged settings.
-            let was_empty = found.0.condition == Condition::Never;
-            let lost = was_empty && last.0.condition == Condition::Lost;
+            let was_empty = found.condition == Condition::Never;
+            let lost = was_empty && last.condition == Condition::Lost;
             let holds = last == new[1] || !done && (last == found || lost);
             assert!(holds, "{power}, {second}: {last:?}");
         }
-        let mut store = open(nor);
-        for (number, expected) in (0..).zip(&new).skip(1) {
-            change(&mut store, number).unwrap();
-            store = open(store.flash);
-            assert_eq!(content(&mut store), *expected, "{power}");
+        let mut store = records(nor);
+        for (number, expected) in (0..).zip(new).skip(1) {
+            save(&mut store, number).unwrap();
+            store = records(store.flash);
+            assert_eq!(block_on(store.load()), expected, "{power}");
         }
     }
     assert!(olds > 0 && news > 0, "{olds}, {news}");
@@ -316,13 +302,13 @@ fn a_cut_after_any_word_leaves_old_or_new() {
     // A page holds two records: the save has an erasure before it, after it, or none.
     for saves in 0..6 {
         let words = 0..=2 * (G4_PAGE / 4) + SLOT_WORDS;
-        cut_everywhere(&base::<G4_PAGE>(saves), records, save, words, &SECOND);
+        cut_everywhere(&base::<G4_PAGE>(saves), words);
     }
     // A full sector: the next record starts the other one, and this one is erased after it.
     for saves in [1, 15, 16, 17] {
         let erasure = (SLOT_WORDS..F4_PAGE / 4).step_by(97);
         let words = (0..=SLOT_WORDS).chain(erasure).chain([2 * F4_PAGE]);
-        cut_everywhere(&base::<F4_PAGE>(saves), records, save, words, &SECOND);
+        cut_everywhere(&base::<F4_PAGE>(saves), words);
     }
 }
 
@@ -552,25 +538,6 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
         block_on(store.load()),
         LoadedSettings::none(Condition::Lost)
     );
-}
-
-#[test]
-fn a_cut_save_of_recipes_leaves_old_or_new() {
-    // Banks with and without room.
-    let mut bases = Vec::new();
-    let mut store = records(Nor::<G4_PAGE>::new());
-    for n in 0..2 {
-        block_on(store.save(&changed(0.9 + 0.01 * n as f32), TARGETS[2], None)).unwrap();
-        block_on(store.save_recipes(&some_recipes(n))).unwrap();
-        bases.push(store.flash.clone());
-    }
-    for base in bases {
-        let change = |store: &mut Memory<G4_PAGE>, number| {
-            block_on(store.save_recipes(&some_recipes(9 + number)))
-        };
-        let words = 0..=G4_PAGE / 2 + SLOT_WORDS;
-        cut_everywhere(&base, records, change, words, &SECOND);
-    }
 }
 
 #[test]
