@@ -136,37 +136,3 @@ fn a_lot_with_poor_gear_is_reported_once_at_the_best_setpoint() {
         assert_eq!(Telemetry::from(&report).expected_in_gear, plan.share);
     }
 }
-
-/// READY is on while the parts are in gear. It turns on within 10 s of gear, off within 10 s of its
-/// loss, and on again. The estimator has a memory of 5 s.
-#[test]
-fn the_ready_lamp_follows_gear_of_one_part_and_of_a_crowd() {
-    for parts in [1, 6] {
-        let mut scene = scene(0.2, 0.05, 0.0);
-        scene.parts = std::iter::repeat_n(0.2, parts).collect();
-        scene.scatter = std::iter::repeat_n(0.05, parts).collect();
-        let mut closed = EnvelopeLoop::build(&scene).unwrap();
-        // The first plan is made, improved and verified by measurement.
-        for (cycles, restitution, lit) in
-            [(1000, 0.2, true), (1000, 0.75, false), (1000, 0.2, true)]
-        {
-            // Lots change on an empty track. Until then, parts that do not fit the lot activate
-            // limit 9.
-            closed.apply(Change::Parts(0));
-            for _ in 0..100 {
-                closed.advance();
-            }
-            closed.apply(Change::Parts(parts as u8));
-            closed.apply(Change::Restitution(restitution));
-            let mut lamp = [0_u32; 2];
-            for cycle in 0..cycles {
-                closed.advance();
-                if cycle >= cycles / 2 {
-                    lamp[usize::from(closed.controller().is_ready())] += 1;
-                }
-            }
-            let wrong = lamp[usize::from(!lit)];
-            assert_eq!(wrong, 0, "{parts} parts of {restitution}: {lamp:?}");
-        }
-    }
-}
