@@ -24,10 +24,6 @@ pub struct Tally {
     pub flagged: u64,
     /// Touches that are undecided within the oracle's rounding.
     pub undecided: u64,
-    /// Number of parts at rest.
-    pub rests: u64,
-    /// Largest deviation of an f64 impact, in units of the rounding times the condition number.
-    pub worst: f64,
 }
 
 impl Tally {
@@ -36,8 +32,6 @@ impl Tally {
             launches: self.launches + other.launches,
             flagged: self.flagged + other.flagged,
             undecided: self.undecided + other.undecided,
-            rests: self.rests + other.rests,
-            worst: self.worst.max(other.worst),
         }
     }
 }
@@ -111,12 +105,7 @@ fn block(launches: &[Launch], report: &impl Fn(&str)) -> Tally {
         match judged {
             Ok(judged) => {
                 tally.flagged += judged.flagged;
-                match judged.verdict {
-                    Verdict::First(deviation) => tally.worst = tally.worst.max(deviation),
-                    Verdict::Flagged => {}
-                    Verdict::Undecided => tally.undecided += 1,
-                    Verdict::Rests => tally.rests += 1,
-                }
+                tally.undecided += u64::from(judged.verdict == Verdict::Undecided);
             }
             Err(cause) => report(&cause),
         }

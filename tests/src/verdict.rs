@@ -31,12 +31,10 @@ impl Proof {
 /// The oracle's verdict on one impact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// The first root, with its deviation in units of the rounding times the condition number.
-    First(f64),
+    /// The first root, or a rest where the part rests.
+    First,
     /// Another root, which the kernel flags as uncertain within rounding.
     Flagged,
-    /// The part rests, correctly.
-    Rests,
     /// Undecided within the oracle's rounding. The root is later than the oracle's, whose touch is
     /// within rounding, or it is an earlier touch within rounding. Or another root, because the
     /// rounding of `A - k` decides between a hop and a throw.
@@ -127,12 +125,12 @@ pub(crate) fn judge<K: Tried>(
     let [_, _, pushes, jerk, _] = launch.track.sums();
     let level = 4.0 * f64::EPSILON * pushes + step * jerk;
     if d == 0.0 && velocity == 0.0 {
-        let rests = (excess <= level).then_some(Verdict::Rests);
+        let rests = (excess <= level).then_some(Verdict::First);
         return rests.ok_or("rests though it is thrown".into());
     }
     if velocity < 1e-22 && excess.abs() <= level && surge.abs() < 5e-5 {
         // At the flat top of the track only rounding decides whether the part is thrown.
-        return Ok(Verdict::Rests);
+        return Ok(Verdict::First);
     }
     let turns = (phase + d - next.phase) / TAU;
     if (turns - turns.round()).abs() > 2.0 * f64::EPSILON * (2.0 + d) {
@@ -156,12 +154,9 @@ pub(crate) fn judge<K: Tried>(
     let off = height.abs() / slope.abs();
     let simple = slope < 0.0 && off * curvature.abs() < 0.1 * slope.abs();
     let nothing = 64.0 * step;
-    let deviation = if nothing > 0.0 && d <= nothing && launch.gap(nothing)[0] <= 0.0 {
-        // A hop of a few steps of the flight time.
-        0.0
-    } else if simple && off <= 64.0 * moved && (d - truth).abs() <= 64.0 * moved {
-        off / moved
-    } else {
+    // A hop of a few steps of the flight time.
+    let hops = nothing > 0.0 && d <= nothing && launch.gap(nothing)[0] <= 0.0;
+    if !(hops || simple && off <= 64.0 * moved && (d - truth).abs() <= 64.0 * moved) {
         let (.., moved) = near(d, truth);
         let deviation = (d - truth).abs() / moved;
         if deviation > 64.0 {
@@ -186,12 +181,11 @@ pub(crate) fn judge<K: Tried>(
             let off = format!("off by {deviation:e}");
             return Err(format!("wrong root, expected flight {truth:e}, {off}"));
         }
-        deviation
-    };
+    }
     if nothing > 0.0 && d <= nothing {
         let fastest = velocity + nothing * (excess.abs() + nothing * jerk);
         let is_plausible = next.velocity <= restitution * fastest + velocity_step;
-        let verdict = is_plausible.then_some(Verdict::First(deviation));
+        let verdict = is_plausible.then_some(Verdict::First);
         return verdict.ok_or("velocity after a hop of nothing".into());
     }
     let speed = restitution * (-slope).max(0.0);
@@ -200,5 +194,5 @@ pub(crate) fn judge<K: Tried>(
     if (next.velocity - speed).abs() > tolerance {
         return Err(format!("velocity, expected {speed:e} within {tolerance:e}"));
     }
-    Ok(Verdict::First(deviation))
+    Ok(Verdict::First)
 }
