@@ -115,7 +115,6 @@ impl Browser {
         self.command("/actions", &json!({ "actions": [pointer] }));
     }
 
-    /// Sets the size of the window, pixels.
     pub fn resize(&self, width: u32, height: u32) {
         self.command("/window/rect", &json!({"width": width, "height": height}));
     }

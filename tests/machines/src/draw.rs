@@ -27,7 +27,6 @@ impl Draw {
         low * (high / low).powf(self.unit())
     }
 
-    /// An integer below `limit`.
     pub fn below(&mut self, limit: u32) -> u32 {
         self.0.bits() % limit
     }
@@ -76,7 +75,6 @@ pub fn settled(settings: &Settings) -> f64 {
     f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
 }
 
-/// A machine with a failing sensor.
 #[derive(Clone, Debug)]
 pub struct Failure {
     /// The machine and its target.

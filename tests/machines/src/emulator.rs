@@ -16,7 +16,6 @@ pub enum Machine {
 }
 
 impl Machine {
-    /// Rust target of the machine.
     pub fn target(self) -> &'static str {
         match self {
             Self::CortexM4F => "thumbv7em-none-eabihf",

@@ -33,7 +33,6 @@ pub struct Hazard {
     pub until: f64,
 }
 
-/// Result of a scenario.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// Largest displacement of the track after the failure, mm.
@@ -46,7 +45,6 @@ pub struct Outcome {
     pub fault: Option<f64>,
     /// Time at which the lamp READY is first on, s.
     pub ready: Option<f64>,
-    /// The board at the end.
     pub rig: Rig,
 }
 
@@ -80,7 +78,6 @@ impl Hazard {
         self
     }
 
-    /// Sets the end, s.
     pub fn end(mut self, seconds: f64) -> Self {
         self.until = seconds;
         self
@@ -205,7 +202,6 @@ fn cached_rig(name: String, make: impl FnOnce() -> Rig) -> Rig {
     place.get_or_init(make).clone()
 }
 
-/// A change of track or sensor at a time in s.
 pub fn plant(time: f64, change: Change) -> (f64, Act) {
     (time, Act::Plant(change))
 }

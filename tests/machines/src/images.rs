@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, PoisonError};
@@ -59,11 +60,8 @@ fn cache_image(package: &str, bin: &str, machine: Machine, features: Option<&str
     cached
 }
 
-/// Address of a symbol of an image.
 pub fn symbol(image: &Path, name: &str) -> u32 {
-    let range = symbols(image, |full| full == name).into_iter().next();
-    let range = range.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
-    range.start
+    find(image, name, |full, _| full == name).start
 }
 
 /// Content of an image's flash: segments in order of their addresses.
@@ -83,28 +81,23 @@ pub fn segments(image: &Path) -> Vec<(u32, Vec<u8>)> {
 }
 
 /// Addresses of a static of an image's program, by its name without modules.
-pub fn place(image: &Path, name: &str) -> std::ops::Range<u32> {
-    let range = places(image, name).into_iter().next();
-    range.unwrap_or_else(|| panic!("no {name} in {}", image.display()))
-}
-
-/// Addresses of the statics or functions of this name; a generic function has several.
-pub fn places(image: &Path, name: &str) -> Vec<std::ops::Range<u32>> {
+pub fn place(image: &Path, name: &str) -> Range<u32> {
     // A mangled name contains the length of each part before the part.
     let part = format!("{}{name}", name.len());
-    let mut ranges = symbols(image, |full| full.contains(&part));
-    ranges.retain(|addresses| !addresses.is_empty());
-    ranges
+    find(image, name, |full, size| full.contains(&part) && size > 0)
 }
 
-fn symbols(image: &Path, is_selected: impl Fn(&str) -> bool) -> Vec<std::ops::Range<u32>> {
+/// Addresses of the first symbol that is selected by its full name and its size.
+fn find(image: &Path, name: &str, is_selected: impl Fn(&str, u64) -> bool) -> Range<u32> {
     let bytes = std::fs::read(image).expect("the image is read");
     let file = object::File::parse(&*bytes).expect("an ELF file");
-    let selected = (file.symbols()).filter(|symbol| symbol.name().is_ok_and(&is_selected));
-    let ranges = selected.map(|symbol| symbol.address()..symbol.address() + symbol.size());
-    ranges
-        .map(|range| range.start as u32..range.end as u32)
-        .collect()
+    let mut symbols = file.symbols();
+    let found = symbols.find(|symbol| {
+        let name = symbol.name();
+        name.is_ok_and(|name| is_selected(name, symbol.size()))
+    });
+    let found = found.unwrap_or_else(|| panic!("no {name} in {}", image.display()));
+    found.address() as u32..(found.address() + found.size()) as u32
 }
 
 fn toolchain(target: &str) -> Option<String> {
@@ -153,7 +146,6 @@ fn compiles_for(toolchain: &[&str], target: &str) -> bool {
         && files.any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
 }
 
-/// The build folder of cargo.
 pub fn target_folder() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").map_or("target".into(), PathBuf::from))
 }

@@ -17,7 +17,6 @@ pub mod terminal;
 
 use std::path::{Path, PathBuf};
 
-/// Root folder of the workspace.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .ancestors()

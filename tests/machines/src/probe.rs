@@ -32,7 +32,6 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// Starts a probe in front of a chip.
     pub fn before(chip: Chip) -> Self {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port of this machine");
         listener.set_nonblocking(true).expect("a port can be asked");

@@ -1,15 +1,4 @@
-//! Test rig for a board: the flashed image on its chip, the track on its bridge, and actions on
-//! them.
-//!
-//! ```no_run
-//! use kband_machines::chip::kind::Kind;
-//! use kband_machines::rig::{Act, Rig};
-//!
-//! let mut rig = Rig::boot_on(Kind::Stm32f405);
-//! rig.at(0.5, Act::Enable(true)).at(3.0, Act::Converts(false));
-//! rig.run(4.0);
-//! assert!(rig.opening_after(3.0).unwrap() < 0.005);
-//! ```
+//! Test rig for a board: the flashed image on its chip, the track on its bridge, and actions.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -29,7 +18,6 @@ use crate::chip::world::{Event, World};
 use crate::chip::{Chip, Hang, flash};
 use crate::images;
 
-/// Actions on a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Act {
     /// The enable input (PB0), wired to 3.3 V or to 0 V.
@@ -40,19 +28,15 @@ pub enum Act {
     OverCurrent(bool),
     /// Any pin: port, number, level.
     Wire(usize, usize, Wire),
-    /// A change of track or sensor.
     Plant(Change),
     /// Whether conversions are triggered.
     Converts(bool),
     CrystalStops,
-    /// The supply, V.
     Volts(f64),
-    /// The desk sends these bytes.
     Link(Vec<u8>),
     /// A master on the fieldbus sends these bytes.
     Bus(Vec<u8>),
     Hang(Hang),
-    /// A debugger halts the core.
     Halt,
     /// Continues the program at another address.
     Jump(u32),
@@ -123,12 +107,10 @@ impl Rig {
         self
     }
 
-    /// Time since the start, s.
     pub fn time(&self) -> f64 {
         self.chip.board.now as f64 / TICKS as f64
     }
 
-    /// Runs to a time in s.
     pub fn run(&mut self, seconds: f64) -> &mut Self {
         let end = ticks(seconds);
         while self.chip.board.now < end {
@@ -144,7 +126,6 @@ impl Rig {
         self
     }
 
-    /// Runs for a time in s.
     pub fn run_for(&mut self, seconds: f64) -> &mut Self {
         self.run(self.time() + seconds)
     }
@@ -164,7 +145,6 @@ impl Rig {
         }
     }
 
-    /// Executes an action now.
     pub fn act(&mut self, act: &Act) -> &mut Self {
         let board = &mut self.chip.board;
         let high = |on: bool| if on { Wire::High } else { Wire::Low };

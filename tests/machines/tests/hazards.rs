@@ -574,17 +574,9 @@ fn set_pair(rig: &mut Rig, values: [f32; 2]) {
     }
 }
 
-fn operations_of_a_save(rig: &mut Rig) -> u64 {
-    set_pair(rig, [0.7, 0.9]);
-    let mut whole = rig.clone();
-    whole.request_done(&Request::Save);
-    whole.chip.operations() - rig.chip.operations()
-}
-
-/// Cuts the power at some operations of a save of these settings. Returns the number of boards with
-/// the old settings, and with the new ones.
-fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
-    let mut old_or_new = [0; 2];
+/// Cuts the power at some operations of a save of these settings. Counts the boards with the old
+/// settings, and with the new ones.
+fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64, old_or_new: &mut [u32; 2]) {
     for cut in (1..=operations).filter(|n| n % 8 == 1 || n + 11 > operations) {
         let mut rig = rig.clone();
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
@@ -605,7 +597,6 @@ fn cut_saves(rig: &Rig, old: [u32; 2], operations: u64) -> [u32; 2] {
             assert_eq!(after, (SavedSettings::InUse, [1100, 1300]));
         }
     }
-    old_or_new
 }
 
 fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
@@ -617,10 +608,12 @@ fn a_cut_save_keeps_the_old_or_the_new_settings(kind: Kind) {
         let mut rig = with_records(kind, records);
         assert_eq!(rig.stored(), SavedSettings::InUse, "{records}");
         let old = pair(&mut rig);
-        let operations = operations_of_a_save(&mut rig);
+        set_pair(&mut rig, [0.7, 0.9]);
+        let mut whole = rig.clone();
+        whole.request_done(&Request::Save);
+        let operations = whole.chip.operations() - rig.chip.operations();
         assert_eq!(operations, RECORD as u64 / word + erasure);
-        let [olds, news] = cut_saves(&rig, old, operations);
-        old_or_new = [old_or_new[0] + olds, old_or_new[1] + news];
+        cut_saves(&rig, old, operations, &mut old_or_new);
     }
     println!("cut saves, old and new settings: {old_or_new:?}");
     assert!(old_or_new.iter().all(|count| *count > 2), "{old_or_new:?}");

@@ -14,10 +14,10 @@ use super::serial::Serial;
 use super::system::{NMI, System, WriteEffect};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
-use super::world::{CURRENT_CHANNEL, Event, STEP, World};
+use super::world::{Event, STEP, World};
 use super::{set_word, word};
+use kband::arithmetic::Noise;
 
-/// First address of the RAM.
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
 const COUPLED: u32 = 0x1000_0000;
@@ -43,10 +43,8 @@ const BREAK_BY_LOCKUP: u32 = 1;
 const BREAK_BY_MONITOR: u32 = 1 << 2;
 const BREAK_BY_FLASH: u32 = 1 << 3;
 
-/// The chip without its core.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// Which chip it is.
     pub kind: Kind,
     /// Time since the start, ticks.
     pub now: u64,
@@ -65,9 +63,7 @@ pub struct Board {
     pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
-    /// A pending reset.
     pub reset: Option<Cause>,
-    /// Whether the supply is present.
     pub supplied: bool,
     /// Identity of the chip, and its flash size in KiB.
     pub identity: (u32, u32),
@@ -77,12 +73,9 @@ pub struct Board {
     pub converts: bool,
     /// Number of the flash operation, from 1, at which the supply fails.
     pub cut_at: Option<u64>,
-    /// Clocks.
     pub clocks: Clocks,
     power: Power,
-    /// Flash.
     pub flash: Flash,
-    /// RAM.
     pub ram: Vec<u8>,
     coupled: Vec<u8>,
     /// Ports A to I.
@@ -106,12 +99,10 @@ pub struct Board {
     monitor: bool,
     configuration: [u32; 8],
     stops: [u32; 3],
-    /// The chip's surroundings.
     pub world: World,
 }
 
 impl Board {
-    /// Builds a chip with an erased flash.
     pub fn new(kind: Kind) -> Self {
         Self {
             kind,
@@ -183,12 +174,9 @@ impl Board {
 
     /// Fills the RAM with noise, as after a loss of the supply.
     pub fn scramble(&mut self, seed: u64) {
-        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+        let mut noise = Noise::new(seed);
         for byte in self.ram.iter_mut().chain(&mut self.coupled) {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            *byte = (state >> 24) as u8;
+            *byte = noise.bits() as u8;
         }
     }
 
@@ -294,7 +282,6 @@ impl Board {
         self.next = next;
     }
 
-    /// Executes the events that are due.
     pub(super) fn run_due(&mut self) {
         if self.next <= self.now {
             self.run_events();
@@ -324,7 +311,7 @@ impl Board {
                 self.trigger(triggers, due);
                 self.drive(due);
             } else {
-                self.convert(due);
+                self.convert();
             }
         }
         if !self.supplied {
@@ -343,16 +330,12 @@ impl Board {
         self.refresh();
     }
 
-    fn convert(&mut self, at: u64) {
-        let (reading, others) = (self.world.reading, self.world.analogue);
-        let reference = (1.21 / self.power.volts * 4096.0) as u16;
-        let [accelerometer, current, referenced] = self.kind.facts().channels;
-        self.converter.end(at, |channel| match channel {
-            channel if channel == accelerometer => reading,
-            channel if channel == current => others[CURRENT_CHANNEL],
-            16 => (0.76 / 3.3 * 4096.0) as u16,
-            channel if channel == referenced => reference.min(4095),
-            channel => others.get(channel as usize).copied().unwrap_or(0),
+    fn convert(&mut self) {
+        let [accelerometer, current] = self.kind.facts().channels;
+        self.converter.end(|channel| match channel {
+            channel if channel == accelerometer => self.world.reading,
+            channel if channel == current => self.world.current,
+            _ => 0,
         });
     }
 
@@ -416,7 +399,6 @@ impl Board {
         self.break_input(self.is_break(BREAK_BY_LOCKUP));
     }
 
-    /// Stops the crystal.
     pub fn crystal_stops(&mut self) {
         let detected = self.clocks.crystal_stops(self.now);
         self.clock_tree();
@@ -437,7 +419,6 @@ impl Board {
         self.break_input(false);
     }
 
-    /// Sets the supply, V.
     pub fn set_volts(&mut self, volts: f64) {
         self.power.volts = volts;
         self.power.update();
@@ -453,7 +434,6 @@ impl Board {
         self.refresh();
     }
 
-    /// Advances the time by core cycles.
     #[inline]
     pub fn spend(&mut self, cycles: u32) {
         let cycles = u64::from(cycles + std::mem::take(&mut self.stall));
@@ -564,7 +544,7 @@ impl Board {
         let Some((block, offset)) = self.reach(at, "writes") else {
             return;
         };
-        let (now, lower, upper) = (self.now, self.lower(), self.upper());
+        let (now, lower) = (self.now, self.lower());
         let operations = self.flash.operations;
         match block {
             Block::Window => self.window.write(offset, value, now, lower),
@@ -580,7 +560,7 @@ impl Board {
                 self.trigger(triggers, now);
                 self.break_input(false);
             }
-            Block::Converter => self.converter.write(offset, value, now, upper),
+            Block::Converter => self.converter.write(offset, value),
             Block::Configuration => {
                 set_word(&mut self.configuration, offset, value);
                 self.break_input(false);

@@ -147,7 +147,6 @@ impl Bridge {
 
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
-            0x14 => 0,
             0x24 => self.place(now),
             0x00 => self.word(0) & !0x10 | u32::from(self.down && self.is_centred()) << 4,
             offset => word(&self.registers, offset),
@@ -168,9 +167,6 @@ impl Bridge {
                     self.update();
                     (self.count, self.down, self.since) = (0, false, now);
                     self.registers[0x10 / 4] |= UPDATE;
-                }
-                if value & 0x80 != 0 {
-                    self.fail(BREAK);
                 }
                 return value & 1 != 0 && matches!(self.word(4) >> 4 & 7, 0 | 2);
             }

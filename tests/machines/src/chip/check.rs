@@ -6,22 +6,17 @@ const POLYNOMIAL: u32 = 0x04c1_1db7;
 #[derive(Clone, Debug)]
 pub struct Check {
     sum: u32,
-    spare: u32,
 }
 
 impl Default for Check {
     fn default() -> Self {
-        Self { sum: !0, spare: 0 }
+        Self { sum: !0 }
     }
 }
 
 impl Check {
     pub fn read(&self, offset: u32) -> u32 {
-        match offset {
-            0x00 => self.sum,
-            0x04 => self.spare,
-            _ => 0,
-        }
+        if offset == 0 { self.sum } else { 0 }
     }
 
     pub fn write(&mut self, offset: u32, value: u32) {
@@ -33,7 +28,6 @@ impl Check {
                     self.sum = self.sum << 1 ^ carry.wrapping_neg() & POLYNOMIAL;
                 }
             }
-            0x04 => self.spare = value & 0xff,
             0x08 if value & 1 == 1 => self.sum = !0,
             _ => {}
         }

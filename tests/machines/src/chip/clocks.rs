@@ -84,9 +84,7 @@ pub enum Cause {
     Pin,
     /// The firmware or a debugger, through the core's register.
     Software,
-    /// The independent watchdog.
     Watchdog,
-    /// The window watchdog.
     Window,
 }
 
@@ -106,7 +104,6 @@ impl Cause {
     }
 }
 
-/// The registers, and the crystal.
 #[derive(Clone, Debug)]
 pub struct Clocks {
     /// Frequency of the crystal, Hz; 0: it does not oscillate.
@@ -159,7 +156,6 @@ impl Clocks {
         };
     }
 
-    /// Sets the flags of a reset's cause.
     pub fn note(&mut self, cause: Cause) {
         self.status |= cause.flags(self.kind);
     }

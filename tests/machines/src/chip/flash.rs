@@ -9,10 +9,8 @@ use super::kind::Kind;
 
 mod pages;
 
-/// First address of the flash.
 pub const START: u32 = 0x0800_0000;
 const SIZE: usize = 1024 * 1024;
-/// Addresses of the flash.
 pub const RANGE: Range<u32> = START..START + SIZE as u32;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
@@ -117,14 +115,12 @@ impl Lines {
 /// The flash, erased at first.
 #[derive(Clone, Debug, Default)]
 pub struct Flash {
-    /// Content.
     pub bytes: Vec<u8>,
     kind: Kind,
     /// Address and mask of bits that stay 1 when programmed, on the STM32F405.
     pub worn: Option<(u32, u32)>,
     /// Number of words programmed and sectors erased.
     pub operations: u64,
-    /// Number of erased sectors.
     pub erasures: u32,
     /// Whether operations take the longest time of the data sheet instead of the typical one.
     pub slow: bool,
@@ -132,7 +128,6 @@ pub struct Flash {
     pub erases_in: Option<u64>,
     /// Sectors with an incomplete last erasure. They may read as erased, but not reliably.
     pub weak: BTreeSet<usize>,
-    /// Whether a weak sector was programmed.
     pub programmed_weak: bool,
     /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
     /// bank may then corrupt the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
@@ -148,7 +143,6 @@ pub struct Flash {
     control: u32,
     status: u32,
     option_control: u32,
-    /// The option bytes in force.
     pub options: u32,
     /// Tick until which the controller is busy.
     pub busy: u64,
@@ -164,7 +158,6 @@ pub struct Flash {
 }
 
 impl Flash {
-    /// Builds the erased flash of a chip.
     pub fn new(kind: Kind) -> Self {
         let mut flash = Self {
             bytes: vec![0xff; kind.facts().identity.1 as usize * 1024],
@@ -181,7 +174,6 @@ impl Flash {
         flash
     }
 
-    /// Resets the controller.
     pub fn reset(&mut self) {
         (self.keys, self.control, self.status) = (0, LOCKED, 0);
         (self.option_keys, self.option_control) = (0, self.options | OPTIONS_LOCKED);
@@ -212,7 +204,6 @@ impl Flash {
         self.options & by_software == 0
     }
 
-    /// Offset of the status register.
     pub fn status_offset(&self) -> u32 {
         match self.kind {
             Kind::Stm32f405 => 0x0c,
@@ -243,7 +234,6 @@ impl Flash {
         self.option_control = options | OPTIONS_LOCKED;
     }
 
-    /// Number of wait states.
     pub fn latency(&self) -> u32 {
         self.access & 7
     }
@@ -305,7 +295,6 @@ impl Flash {
         }
     }
 
-    /// Writes a register.
     pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
         match offset {
             0x00 => {

@@ -9,29 +9,22 @@ pub enum Wire {
     /// Open: the chip's pull-up or pull-down decides.
     #[default]
     Open,
-    /// 0 V.
     Low,
-    /// 3.3 V.
     High,
 }
 
-/// Configuration of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// Input.
     Input,
     /// Output of its bit.
     Output,
     /// Alternate function with this number.
     Function(u8),
-    /// Analogue.
     Analogue,
 }
 
-/// Registers of a port.
 #[derive(Clone, Debug)]
 pub struct Port {
-    /// External level at each pin.
     pub wires: [Wire; 16],
     registers: [u32; 10],
     /// Mode and pull after a reset; ports A and B have the pins of the debugger.
@@ -51,14 +44,12 @@ impl Port {
         port
     }
 
-    /// Resets the registers.
     pub fn reset(&mut self) {
         self.registers = [0; 10];
         self.registers[0] = self.first[0];
         self.registers[3] = self.first[1];
     }
 
-    /// Reads a register.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x10 => (0..16).map(|pin| u32::from(self.level(pin)) << pin).sum(),
@@ -67,7 +58,6 @@ impl Port {
         }
     }
 
-    /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x10 => {}
@@ -77,7 +67,6 @@ impl Port {
         }
     }
 
-    /// Configuration of a pin.
     pub fn mode(&self, pin: usize) -> Mode {
         match self.registers[0] >> (2 * pin) & 3 {
             0 => Mode::Input,

@@ -5,7 +5,6 @@
 
 use std::ops::Range;
 
-/// A chip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// STM32F405RG (RM0090, DS8626).
@@ -15,7 +14,6 @@ pub enum Kind {
     Stm32g474,
 }
 
-/// Numeric differences between the chips.
 #[derive(Debug)]
 pub struct Facts {
     /// Feature of the firmware's package that replaces the default ones.
@@ -40,8 +38,8 @@ pub struct Facts {
     pub brown_out: &'static [f64],
     /// Alternate function of the pins of TIM1.
     pub timer_function: u8,
-    /// Converter channels: accelerometer (PA1), current sensor (PC0), reference.
-    pub channels: [u32; 3],
+    /// Converter channels: accelerometer (PA1), current sensor (PC0).
+    pub channels: [u32; 2],
     /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
     pub ports: [[u32; 2]; 3],
     /// Bits of the prescaler in the window watchdog's configuration.
@@ -75,7 +73,7 @@ const STM32F405: Facts = Facts {
     levels: &[1.98, 2.13, 2.25, 2.39, 2.54, 2.65, 2.78, 2.88],
     brown_out: &[2.83, 2.44, 2.19, 0.0],
     timer_function: 1,
-    channels: [1, 10, 17],
+    channels: [1, 10],
     ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
     window_prescaler: 3 << 7,
     // DS8626, table 40.
@@ -103,7 +101,7 @@ const STM32G474: Facts = Facts {
     levels: &[2.05, 2.2, 2.36, 2.52, 2.64, 2.81, 2.9],
     brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
     timer_function: 6,
-    channels: [2, 6, 18],
+    channels: [2, 6],
     ports: [
         [0xabff_ffff, 0x6400_0000],
         [0xffff_febf, 0x100],
@@ -146,7 +144,6 @@ pub enum Block {
     Check,
     /// RCC.
     Clocks,
-    /// Controller of the flash.
     Flash,
 }
 
@@ -172,7 +169,6 @@ const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
 ];
 
 impl Kind {
-    /// The numbers of this chip.
     pub fn facts(self) -> &'static Facts {
         match self {
             Self::Stm32f405 => &STM32F405,
@@ -203,26 +199,5 @@ impl Kind {
         let block = blocks.find(|(_, count, [first, _])| same.wrapping_sub(*first) < count * SIZE);
         let (.., first) = block.expect("a block of both chips");
         same - first[0] + first[self as usize]
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn each_block_has_one_place_on_each_chip() {
-        for (_, count, first) in BLOCKS {
-            for offset in [0, count * SIZE - 4] {
-                let [same, other] = first.map(|first| first + offset);
-                let place = Kind::Stm32f405.place(same);
-                assert_eq!(Kind::Stm32g474.place(other), place);
-                assert_eq!(Kind::Stm32g474.address(same), other);
-                assert_eq!(place.map(|(_, offset)| offset), Some(offset % SIZE));
-            }
-        }
-        assert_eq!(Kind::Stm32g474.place(0x4000_2000), None, "CRS has no model");
-        let bridge = Kind::Stm32f405.place(0x4001_0044);
-        assert_eq!(bridge, Some((Block::Bridge, 0x44)));
     }
 }

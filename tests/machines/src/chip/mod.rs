@@ -83,27 +83,19 @@ enum Runs {
 /// Run time of an exception's handler in core cycles, including handlers that preempt it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Handler {
-    /// Number of calls.
     pub count: u64,
-    /// Sum over all calls, entry and exit included.
-    pub sum: u64,
-    /// Longest call.
     pub longest: u64,
     entered: u64,
 }
 
-/// The emulated chip.
 #[derive(Clone, Debug)]
 pub struct Chip {
     /// Number of flash operations after which the supply fails.
     pub fails_after: Option<u64>,
     /// Whether the bridge was driven while a debugger changed the flash or ran a loader.
     pub driven_while_halted: bool,
-    /// Whether the core was ever halted.
     pub was_halted: bool,
-    /// The chip without its core.
     pub board: Board,
-    /// The core.
     pub core: Core,
     runs: Runs,
     /// Whether it still runs the unspecified older firmware.
@@ -139,7 +131,6 @@ pub enum Hang {
     Thread,
     /// The sample interrupt's handler stops advancing once entered.
     Samples,
-    /// Everything stops advancing.
     Everything,
 }
 
@@ -192,12 +183,10 @@ impl Chip {
         }
     }
 
-    /// Content of the flash.
     pub fn flash(&self) -> &[u8] {
         &self.board.flash.bytes
     }
 
-    /// Content of the flash for writing.
     pub fn flash_mut(&mut self) -> &mut [u8] {
         &mut self.board.flash.bytes
     }
@@ -237,7 +226,6 @@ impl Chip {
         }
     }
 
-    /// Switches the supply off.
     pub fn power_off(&mut self) {
         self.board.supplied = false;
         self.board.flash.supply_goes(self.board.now);
@@ -302,7 +290,6 @@ impl Chip {
         Some(())
     }
 
-    /// Runs the chip for this time.
     pub fn run_for(&mut self, time: std::time::Duration) {
         if self.runs == Runs::Core && self.is_supplied() {
             let passed = (time.as_secs_f64() * TICKS as f64) as u64;
@@ -436,7 +423,6 @@ impl Chip {
         self.stop(1);
     }
 
-    /// Resets the chip.
     pub fn reset(&mut self, cause: Cause) {
         self.was_reset = true;
         self.older = false;
@@ -454,7 +440,6 @@ impl Chip {
         }
     }
 
-    /// Runs to tick `until`.
     pub fn run(&mut self, until: u64) {
         while self.board.now < until {
             if let Some(cause) = self.board.reset {
@@ -575,7 +560,6 @@ impl Chip {
             if let Some(handler) = self.handlers.get_mut(usize::from(from)) {
                 let duration = self.board.cycles - handler.entered;
                 handler.count += 1;
-                handler.sum += duration;
                 handler.longest = handler.longest.max(duration);
             }
         }

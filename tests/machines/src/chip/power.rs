@@ -25,10 +25,8 @@ pub enum Supply {
     Gone,
 }
 
-/// The registers and the supply.
 #[derive(Clone, Debug)]
 pub struct Power {
-    /// The supply, V.
     pub volts: f64,
     kind: Kind,
     /// CR of the STM32F405; CR2 of the STM32G474.
@@ -99,7 +97,6 @@ impl Power {
         self.kind.facts().fastest[usize::from(self.others[2] & NORMAL_RANGE_1 != 0)]
     }
 
-    /// Updates the monitor.
     pub fn update(&mut self) {
         let (on, level) = match self.kind {
             Kind::Stm32f405 => (self.control & MONITOR, self.control >> 5 & 7),

@@ -3,7 +3,6 @@
 
 pub const NMI: u16 = 2;
 pub const HARD_FAULT: u16 = 3;
-const SERVICE: u16 = 14;
 const SYSTICK: u16 = 15;
 const INTERRUPTS: u16 = 16;
 /// Priority below any other: no exception is active.
@@ -212,7 +211,6 @@ impl System {
                 (self.tick_due.saturating_sub(now) / self.tick_step(cycle).max(1)) as u32
                     & 0xff_ffff
             }
-            0xe000_e01c => 0,
             0xe000_e100..0xe000_e110 | 0xe000_e180..0xe000_e190 => {
                 bits(self.enabled, address & 0xf)
             }
@@ -249,7 +247,6 @@ impl System {
         let pending = |number: u16, at: u32| ((self.pending >> number & 1) as u32) << at;
         u32::from(handled)
             | pending(SYSTICK, 26)
-            | pending(SERVICE, 28)
             | pending(NMI, 31)
             | u32::from(self.pending >> INTERRUPTS != 0) << 22
     }
@@ -318,8 +315,8 @@ impl System {
                 if value >> 31 == 1 {
                     self.pend(NMI);
                 }
-                let clears = (value >> 25 & 1) << SYSTICK | (value >> 27 & 1) << SERVICE;
-                let sets = (value >> 26 & 1) << SYSTICK | (value >> 28 & 1) << SERVICE;
+                let clears = (value >> 25 & 1) << SYSTICK;
+                let sets = (value >> 26 & 1) << SYSTICK;
                 self.pending = self.pending & !u128::from(clears) | u128::from(sets);
             }
             0xe000_ed08 => self.vectors = value & !0x7f,
@@ -343,7 +340,6 @@ impl System {
             0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
             0xe000_eda0 => self.regions[self.region].1 = value,
             0xe000_edfc => self.trace = value,
-            0xe000_ef00 => self.pend(INTERRUPTS + (value & 0x7f) as u16),
             0xe000_ef34 => self.float_context = value,
             _ => {}
         }

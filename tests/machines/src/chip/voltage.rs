@@ -3,7 +3,6 @@
 #[derive(Clone, Debug, Default)]
 pub struct Voltage {
     control: u32,
-    held: u32,
     out: u32,
 }
 
@@ -15,23 +14,17 @@ impl Voltage {
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,
-            0x08 | 0x20 => self.held,
-            0x2c => self.out,
+            0x08 | 0x2c => self.out,
             _ => 0,
         }
     }
 
-    /// Writes a register. Without a trigger the held value is applied at once.
+    /// Writes a register. A value is applied at once; triggers are not modelled.
     pub fn write(&mut self, offset: u32, value: u32) {
         match offset {
             0x00 => self.control = value,
-            0x04 if self.control & 4 != 0 && value & 1 != 0 => self.out = self.held,
-            0x08 | 0x20 => self.held = value & 0xfff,
-            0x10 => self.held = (value & 0xff) << 4,
+            0x08 => self.out = value & 0xfff,
             _ => {}
-        }
-        if self.control & 4 == 0 {
-            self.out = self.held;
         }
     }
 

@@ -114,7 +114,6 @@ pub struct Window {
     prescaler: u32,
     control: u32,
     configuration: u32,
-    /// Whether its early warning is due.
     pub early: bool,
     since: u64,
     /// Whether a write has caused its reset: too early, or below 0x40.
@@ -215,7 +214,6 @@ impl Window {
         (self.since / step + u64::from(counts)) * step
     }
 
-    /// Whether its interrupt is pending.
     pub fn interrupts(&self) -> bool {
         self.early && self.configuration >> 9 & 1 == 1
     }

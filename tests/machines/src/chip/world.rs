@@ -13,32 +13,22 @@ pub const STEP: u64 = TICKS / kband_control::SAMPLE_RATE as u64;
 /// output, a duty of 93 %.
 const FULL_OUTPUT_DUTY: f32 = 0.86;
 
-/// Index of the current sensor's reading (PC0): its channel on the STM32F405.
-pub const CURRENT_CHANNEL: usize = 10;
-
 /// Events observed from outside the chip.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// The bridge is driven (`true`) or open.
     Bridge(bool),
-    /// Level of the output "drive on".
     DriveOn(bool),
-    /// Level of the lamp READY.
     Ready(bool),
-    /// Level of the lamp FAULT.
     Fault(bool),
-    /// Level of the fieldbus's driver enable.
     BusDriver(bool),
-    /// The chip was reset.
     Reset(Cause),
     /// The core has stopped: a fault within a fault (lock-up).
     LockedUp,
 }
 
-/// The track, and the trace of events.
 #[derive(Clone, Debug)]
 pub struct World {
-    /// The simulated track with its sensor.
     pub bench: Bench,
     step: u32,
     angular: f32,
@@ -52,14 +42,13 @@ pub struct World {
     pub min_edge_distance: u32,
     /// Sensor reading, counts of a converter of 12 bits.
     pub reading: u16,
-    /// Readings of the converter's other channels, counts.
-    pub analogue: [u16; 19],
+    /// Reading of the current sensor, counts.
+    pub current: u16,
     held: f32,
     since: u64,
     sum: f64,
     /// Last levels of bridge, "drive on", READY, FAULT and the fieldbus's driver enable.
     last: [bool; 5],
-    /// Trace of events with their ticks.
     pub trace: Vec<(u64, Event)>,
     /// Largest displacement of the track since its last reset, m.
     pub peak: f32,
@@ -76,7 +65,6 @@ impl Default for World {
 }
 
 impl World {
-    /// Builds the surroundings for a scene.
     pub fn new(scene: &Scene) -> Result<Self, kband::feeder::OutOfRange> {
         let Settings { frequency, .. } = scene.settings;
         Ok(Self {
@@ -88,7 +76,7 @@ impl World {
             sensor_offset: 0.0,
             min_edge_distance: u32::MAX,
             reading: 2048,
-            analogue: [0; 19],
+            current: 0,
             held: 0.0,
             since: 0,
             sum: 0.0,
@@ -106,7 +94,6 @@ impl World {
         (self.held, self.since) = (output, now);
     }
 
-    /// Advances the track by a step.
     pub fn advance(&mut self) {
         self.drive(self.held, self.due);
         let mean = (self.sum / STEP as f64) as f32;
@@ -115,7 +102,7 @@ impl World {
         let reading = f32::from(self.bench.sample().0);
         let drift = self.sensor_offset * (4096.0 / 3.3);
         self.reading = (reading * self.sensor_supply + drift) as u16;
-        self.analogue[CURRENT_CHANNEL] = self.bench.current().0;
+        self.current = self.bench.current().0;
         self.bench.forget_strikes();
         let [x, _] = self.bench.motion();
         self.peak = self.peak.max(x.abs());
@@ -128,7 +115,6 @@ impl World {
         x.hypot(v / self.angular)
     }
 
-    /// Adds an event to the trace.
     pub fn record(&mut self, now: u64, event: Event) {
         self.trace.push((now, event));
     }

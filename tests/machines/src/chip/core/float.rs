@@ -38,7 +38,6 @@ impl Core {
         first.or_else(any).map_or(NAN, |bits| bits | QUIET)
     }
 
-    /// An instruction of the floating-point unit.
     pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
         let double = match bits(second, 8, 4) {
             0b1010 => false,

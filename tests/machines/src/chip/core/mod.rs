@@ -28,7 +28,6 @@ pub trait Bus {
 /// Reason for which an instruction was not executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// Undefined instruction.
     Undefined,
     /// Branch to an address without Thumb code.
     State,
@@ -40,7 +39,6 @@ pub enum Fault {
     Unaligned,
     /// The floating-point unit is off.
     NoCoprocessor,
-    /// A breakpoint instruction.
     Breakpoint,
     /// Invalid exception return.
     Return,
@@ -52,12 +50,9 @@ type Cycles = Result<u32, Fault>;
 /// Event for which a core waits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WaitState {
-    /// None.
     #[default]
     Not,
-    /// An event.
     Event,
-    /// An interrupt.
     Interrupt,
 }
 
@@ -72,7 +67,6 @@ pub const LINK: usize = 14;
 /// Register number of the program counter, the address of the next instruction.
 pub const COUNTER: usize = 15;
 
-/// Registers and state of the core.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
@@ -100,15 +94,11 @@ pub struct Core {
     pub exception: u16,
     /// Whether the floating-point unit is on (CPACR).
     pub float: bool,
-    /// The event register.
     pub event: bool,
-    /// Event for which the core waits.
     pub waits: WaitState,
     /// Whether the chip must check the core: it waits, a mask was cleared, or an exception ends.
     pub attention: bool,
-    /// The pending exception return.
     pub returning: Option<u32>,
-    /// Number of executed instructions.
     pub instructions: u64,
     exclusive: bool,
     next: u32,
@@ -130,7 +120,6 @@ impl Core {
         self.r[COUNTER] = entry & !1;
     }
 
-    /// Continues at another address.
     pub fn set_next_instruction(&mut self, address: u32) {
         self.r[COUNTER] = address & !1;
         self.block = 0;
