@@ -148,9 +148,7 @@ pub struct Station {
     inputs: Cell<Inputs>,
     /// Longest control of a drive cycle, core cycles.
     pub(crate) longest: Cell<u32>,
-    /// Signals the end of each drive cycle.
     pub(crate) tick: Mailbox<NoopRawMutex, ()>,
-    /// Number of samples since the start.
     samples: Cell<u64>,
     /// A fault that the store does not hold yet.
     pub(crate) unsaved_fault: Cell<Option<FaultRecord>>,

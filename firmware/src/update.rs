@@ -94,7 +94,6 @@ enum Progress {
     Marked(u16),
 }
 
-/// The board's side of an update.
 pub(crate) struct Update {
     slot: Option<Slot>,
     progress: Progress,

@@ -12,7 +12,6 @@ pub enum Watched {
     Cycle = 2,
 }
 
-/// Bits of all tasks.
 const ALL: u32 = Watched::Samples as u32 | Watched::Cycle as u32;
 
 /// Record of the tasks that have checked in since the last feed, one bit each.

@@ -41,7 +41,6 @@ struct Broken {
 }
 
 impl Broken {
-    /// The loop of a scene at time 0.
     fn build(scene: &Scene, injected: Break) -> Self {
         let mut assumed = scene.clone();
         if let Break::Misconfigured(falsify_settings) = injected {
@@ -65,7 +64,6 @@ impl Broken {
         }
     }
 
-    /// Runs to the end of the next drive cycle.
     fn cycle(&mut self) -> Moment {
         Plans::share(&mut self.controller);
         self.bench.forget_strikes();

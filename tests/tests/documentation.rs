@@ -280,7 +280,6 @@ fn ends_a_sentence(word: &str) -> bool {
         && !ABBREVIATIONS.split(' ').any(|short| short == word)
 }
 
-/// The sentences of a page, as their words.
 fn sentences(page: &str) -> Vec<Vec<String>> {
     let mut items = Vec::new();
     for paragraph in paragraphs(page) {

@@ -43,7 +43,6 @@ fn number(text: &str) -> f64 {
     text.parse().unwrap()
 }
 
-/// Fields of each row, after the class.
 fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
     let rows = table.lines().skip(1);
     rows.map(|line| line.split(',').skip(1).collect())

@@ -22,7 +22,6 @@ const WRITE: u32 = 0x05;
 const EXIT: u32 = 0x18;
 const PASSED: u32 = 0x2_0026;
 
-/// Output of an image on the core of the emulated chip.
 fn run_on_chip(image: &Path) -> String {
     let mut chip = chip_of(Kind::Stm32f405, image);
     chip.power_on();

@@ -80,7 +80,6 @@ fn scene(random: &mut Random) -> Scene {
     scene
 }
 
-/// An unreasonable target; some are refused.
 fn random_target(random: &mut Random) -> Target {
     match random.bits() % 9 {
         0 => Target::Locked {

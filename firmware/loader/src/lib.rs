@@ -21,7 +21,6 @@ use embedded_storage::nor_flash::{
 
 /// Size of a page, bytes: 14 words of `embassy-boot` for slots of three sectors, and the last one.
 pub const PAGE: u32 = 64;
-/// Size of a word, bytes.
 const WORD: u32 = 4;
 /// Offset in a page of the word that ends it.
 const END: u32 = PAGE - WORD;

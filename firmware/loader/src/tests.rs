@@ -6,7 +6,6 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
-/// Size of a modelled sector, bytes.
 const SECTOR: usize = 64;
 /// Offsets of the areas: slots of three and four sectors, and pages of the state.
 const ACTIVE: u32 = 0;

@@ -9,7 +9,6 @@ use kband_control::{Settings, Target};
 /// Words of requests.
 pub const WORDS: &str = "\x03\0\0\0\x0a|\x10\0\0\0\x04\x08|\x2b\x0e\x01\0";
 
-/// Unit of the board.
 const UNIT: u8 = 17;
 
 /// A drive that checks the commands of the server.

@@ -47,7 +47,6 @@ impl<'a> Mutator<'a> {
         }
     }
 
-    /// A part of an input.
     fn stretch(&mut self, input: &'a [u8]) -> &'a [u8] {
         let from = self.below(input.len() + 1);
         let max = (input.len() - from).min(64);

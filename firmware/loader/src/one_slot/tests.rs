@@ -18,7 +18,6 @@ struct Cells {
     torn: Vec<usize>,
     power: usize,
     used: usize,
-    /// Address of a word that keeps a bit.
     stuck_word: Option<u32>,
 }
 

@@ -58,7 +58,6 @@ fn begin(timer: &mut SYST) {
     timer.enable_counter();
 }
 
-/// Number of ticks of `work`.
 fn lap(work: &mut dyn FnMut()) -> u32 {
     let before = SYST::get_current();
     work();

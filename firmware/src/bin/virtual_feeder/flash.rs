@@ -3,7 +3,6 @@
 use cortex_m_semihosting::{nr, syscall};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// Size of an erasable page, bytes.
 const PAGE: usize = 4096;
 const FAILED: usize = usize::MAX;
 

@@ -20,7 +20,6 @@ const ERASE_PAGE: u32 = 1 << 1;
 const SECOND_BANK: u32 = 1 << 11;
 /// Error bits of the status register, cleared by writing 1. A set bit prevents an erasure.
 const ERRORS: u32 = 0xc3fa;
-/// Exception number of the NMI.
 const NMI: i16 = -14;
 
 /// Whether the program reads these pages, and whether a word with two wrong bits was read.
