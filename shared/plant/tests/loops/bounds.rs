@@ -144,7 +144,10 @@ fn the_measured_amplitude_of_any_machine_keeps_every_limit() {
 fn a_resonance_search_keeps_the_amplitude_limit() {
     let mut scene = Scene::default();
     scene.settings.tracking = 2.0;
-    (scene.settings.safe_amplitude, scene.settings.amplitude_limit) = (0.2, 0.25);
+    (
+        scene.settings.safe_amplitude,
+        scene.settings.amplitude_limit,
+    ) = (0.2, 0.25);
     scene.target = Target::Amplitude(0.2);
     scene.drive.gain = 2.0 * scene.settings.gain;
     let limit = 1e-3 * scene.settings.amplitude_limit;
