@@ -607,9 +607,7 @@ impl GearEstimator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::with;
     use kband::impact::{Kernel, Tone, WaveKernel, WaveMap};
-    use kband::regime::Lock;
 
     #[test]
     fn flight_from_rest_is_that_of_the_map() {
@@ -632,51 +630,6 @@ mod tests {
                 let error = phase_error.abs() + (f64::from(flight.arrival) - next.velocity).abs();
                 assert!(error < 1e-4, "{k}: {flight:?} {next:?}");
             }
-        }
-    }
-
-    /// An estimator after 1000 drive cycles, each with an impact at this phase. The energy is 3 in
-    /// gear, and 3000 in the cycles before.
-    fn heard(mut estimator: GearEstimator, [k, strike]: [f64; 2]) -> GearEstimator {
-        let drive_state = DriveState {
-            lead: Phase::from_radians(-1.2),
-            order: 1,
-            k: k as f32,
-            ..DriveState::default()
-        };
-        for count in 0..1000 {
-            let impact = DetectedImpact {
-                phase: Phase::from_radians(strike) - drive_state.lead,
-                strength: 4.0,
-            };
-            let mut cycle = Cycle::default();
-            cycle.impacts.extend([impact]);
-            cycle.sectors.first = (count as usize % QUARTERS * SECTORS_PER_CYCLE) as u8;
-            let is_in_gear = usize::from(estimator.flights) > usize::from(MIN_FLIGHTS_IN_GEAR);
-            let energy = if is_in_gear { 3.0 } else { 3000.0 };
-            cycle.sectors.energy = [energy / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
-            estimator.cycle(&cycle, &with(drive_state, |it| it.count = count));
-        }
-        estimator
-    }
-
-    #[test]
-    fn estimates_of_a_lock_are_its_closed_forms() {
-        for (k, restitution) in [(0.43, 0.2), (0.56, 0.35), (0.31, 0.01)] {
-            let lock = Lock::build(k, restitution, 1).unwrap().unwrap();
-            let r = restitution as f32;
-            let estimator = GearEstimator::new([r - 0.01, r + 0.01], 0.05, ContactTime::INSTANT);
-            let estimator = heard(estimator, [k, lock.state().phase]);
-            let margin = estimator.margin().unwrap();
-            let factor = (1.0 + restitution) * (1.0 + restitution) / k;
-            let trace = 1.0 + restitution * restitution - factor * libm::sin(lock.state().phase);
-            assert!((margin.restitution - r).abs() < 1e-3, "{margin:?}");
-            let holds = (margin.trace - trace as f32).abs() < 1e-3;
-            assert!(holds, "{margin:?} {trace}");
-            assert!((0.99..=1.0).contains(&estimator.long_share()) && estimator.share() > 0.99);
-            let arrival = lock.state().velocity / restitution;
-            let energy = f64::from(estimator.energy_per_squared_speed().unwrap());
-            assert!((energy * arrival * arrival / 3.0 - 1.0).abs() < 1e-2);
         }
     }
 }

@@ -303,17 +303,8 @@ mod tests {
     use kband::regime::Lock;
     use kband::transport::locked;
 
-    fn settings() -> Settings {
-        Settings {
-            track_mass: 10.0,
-            track_length: 500.0,
-            tangential_restitution: 0.0,
-            ..Settings::default()
-        }
-    }
-
-    /// Cycle of a track at k with a locked load of this share of its mass, in closed form.
-    fn measured(settings: &Settings, k: f32, share: f32) -> (LoadMeasurement, Complex) {
+    /// Cycle of a track at k with a locked load of a twentieth of its mass, in closed form.
+    fn measured(settings: &Settings, k: f32) -> LoadMeasurement {
         let square = (TAU * 50.0) * (TAU * 50.0);
         let normal_gravity = settings.gravity * libm::cosf(settings.incline * (PI / 180.0));
         let amplitude = normal_gravity / (k * square);
@@ -322,16 +313,15 @@ mod tests {
         let cosine = PI * k * loss_factor;
         let sine = libm::sqrtf(1.0 - cosine * cosine);
         // (w0^2 - w^2 + i w w0/Q) x = w0^2 F u - 2 (m/M) g i e^(-i t0) x/b, at the resonance.
-        let impulse = Complex::new(sine, cosine) * (-2.0 * share * k);
+        let impulse = Complex::new(sine, cosine) * (-0.1 * k);
         let response = Complex::new(0.0, 1.0 / settings.quality) - impulse;
         let force = settings.gain * 1e-3 / settings.quality;
         let output = libm::sqrtf(response.norm_sqr()) * amplitude / force;
         let hold_delay = Complex::new(libm::cosf(PI / 400.0), -libm::sinf(PI / 400.0));
         let motion = hold_delay * (output * force) * response.inv();
         // The acceleration between the impacts lacks their impulse: -a/w^2 = x + C/w^2.
-        let between = motion * (Complex::new(1.0, 0.0) + impulse);
-        let measured = LoadMeasurement {
-            motion: between,
+        LoadMeasurement {
+            motion: motion * (Complex::new(1.0, 0.0) + impulse),
             output: Complex::new(output, 0.0),
             square,
             frequency: 50.0,
@@ -343,8 +333,7 @@ mod tests {
             has_impact: true,
             settled: true,
             ..LoadMeasurement::default()
-        };
-        (measured, motion)
+        }
     }
 
     /// At a contact of 2 % of the cycle `<cos t>` over the force, hence the mass, changes by 0.6 %.
@@ -358,11 +347,12 @@ mod tests {
                     restitution_low: r,
                     restitution_high: r,
                     tangential_restitution: tangential,
-                    ..settings()
+                    track_mass: 10.0,
+                    ..Settings::default()
                 };
                 let speed = |settings: &Settings| {
                     let mut meter = LoadMeter::build(settings).unwrap();
-                    let (measured, _) = measured(settings, k, 0.05);
+                    let measured = measured(settings, k);
                     for _ in 0..400 {
                         meter.cycle(&measured);
                     }
@@ -385,56 +375,5 @@ mod tests {
                 assert!(holds, "{k} {contact}: {contact_speed} {expected}");
             }
         }
-    }
-
-    #[test]
-    fn a_lock_s_closed_form_is_weighed_to_half_a_percent() {
-        for quality in [10.0, 25.0, 50.0] {
-            for share in [0.02, 0.05, 0.1, 0.2] {
-                let settings = with(settings(), |it| (it.quality, it.gain) = (quality, 5.0));
-                let mut meter = LoadMeter::build(&settings).unwrap();
-                let (measured, motion) = measured(&settings, 0.4, share);
-                let mut corrected = measured.motion;
-                for cycle in 0..400 {
-                    corrected = meter.cycle(&measured);
-                    assert_eq!(meter.load.is_some(), cycle >= 63);
-                }
-                let load = meter.load.unwrap();
-                let expected = share * 1e4;
-                let holds = (load.mass / expected - 1.0).abs() < 5e-3;
-                assert!(holds, "{quality} {share} {load:?}");
-                assert!((corrected - motion).norm_sqr() < 1e-6 * motion.norm_sqr());
-                // pi (g/w) { eta (1-R)/(1+R) - T }.
-                let speed =
-                    PI * measured.normal_gravity / (TAU * 50.0) * (1.5 * 0.8 / 1.2 - 0.052_408);
-                let holds = (load.speed * 1e-3 / speed - 1.0).abs() < 1e-4;
-                assert!(holds, "{load:?} {speed}");
-                assert!((load.flow - load.mass * load.speed / 500.0).abs() < 1e-3);
-            }
-        }
-    }
-
-    /// The empty track corrects an error of the gain of a tenth; parts out of gear are not weighed.
-    #[test]
-    fn empty_track_is_tare_and_parts_weigh_only_in_gear() {
-        let settings = settings();
-        let mut meter = LoadMeter::build(&settings).unwrap();
-        let (mut empty, _) = measured(&settings, 0.4, 0.0);
-        (empty.has_impact, empty.in_gear) = (false, 0.0);
-        empty.output *= 1.1;
-        for _ in 0..400 {
-            meter.cycle(&empty);
-        }
-        let (mut loaded, _) = measured(&settings, 0.4, 0.05);
-        loaded.output *= 1.1;
-        for _ in 0..400 {
-            meter.cycle(&loaded);
-        }
-        let mass = meter.load.unwrap().mass;
-        assert!((mass / 500.0 - 1.0).abs() < 0.01, "{mass}");
-        loaded.in_gear = 0.6;
-        meter.cycle(&loaded);
-        assert_eq!(meter.load, None);
-        assert!(LoadMeter::build(&Settings::default()).is_none());
     }
 }

@@ -593,8 +593,7 @@ impl ShareEstimator {
             && self.fits >= MIN_FITS
     }
 
-    /// Agreement of a histogram with the weights fitted to it, its unexplained energy, and its
-    /// [`stray_energy`].
+    /// Agreement of a histogram with its fitted weights, unexplained energy and [`stray_energy`].
     fn agreement(
         &self,
         histogram: &Histogram,
@@ -723,23 +722,6 @@ fn round_k(k: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hear::SECTORS_PER_CYCLE;
-
-    /// Each sector comes in every fourth cycle, so its sum is a geometric series.
-    #[test]
-    fn histogram_forgets_four_cycles_at_a_time() {
-        let mut histogram = Histogram::default();
-        for n in 0..400 {
-            let sectors = Sectors {
-                first: (n % 4 * SECTORS_PER_CYCLE) as u8,
-                energy: [0.7; SECTORS_PER_CYCLE],
-            };
-            histogram.add(&sectors, 0.3, 8.0);
-        }
-        for energy in histogram.energy {
-            assert!((energy * (1.0 - 0.875_f32.powi(4)) / 0.7 - 1.0).abs() < 1e-5);
-        }
-    }
 
     #[test]
     fn evidence_for_ready_needs_both_histograms() {
