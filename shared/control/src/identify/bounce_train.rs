@@ -82,24 +82,3 @@ impl BounceTrain {
         self.landing + self.rest < TAU + self.lift_off
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn chatter_follows_the_map_to_rest() {
-        for (k, restitution, interval) in [(0.6, 0.3, 0.579), (0.75, 0.6, 0.654), (0.5, 0.2, 0.601)]
-        {
-            let bounces = BounceTrain::simulate(k, restitution, ContactTime::INSTANT).unwrap();
-            // Intervals from an independent root search in double precision, to the digits given.
-            let (second, _) = bounces.impacts[1];
-            let holds = (second - interval).abs() < 1e-3;
-            assert!(holds, "{k} {restitution}: {second}");
-            assert!(bounces.rests());
-        }
-        let hopping = BounceTrain::simulate(0.45, 0.3, ContactTime::INSTANT).unwrap();
-        assert!(!hopping.rests());
-        assert_eq!(BounceTrain::simulate(1.0, 0.3, ContactTime::INSTANT), None);
-    }
-}

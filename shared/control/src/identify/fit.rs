@@ -433,35 +433,7 @@ fn interpolate_minimum(values: &[f32]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::angle::phase_step;
-    use crate::hear::OnsetDetector;
-    use crate::testing::with;
-    use kband::arithmetic::Noise;
     use std::vec::Vec;
-
-    /// Chatter of several parts at k in noise over one cycle; the ringing lasts `lasting` samples.
-    fn average(k: f64, restitutions: &[f32], lasting: f32, noise: f32, seed: u64) -> Vec<f32> {
-        let (mut detector, mut source) = (OnsetDetector::new(0.01), Noise::new(seed));
-        let per_radian = 20_000.0 / (TAU * 50.0);
-        let train = |r: &f32| BounceTrain::simulate(k, *r, ContactTime::INSTANT).unwrap();
-        let trains: Vec<_> = restitutions.iter().map(train).collect();
-        let mut filtered = |n: i32| {
-            let time = n as f32;
-            let mut sum = 12.0 * libm::sinf(0.0157 * time + 2.0) + noise * source.gauss();
-            for (at, speed) in trains.iter().flat_map(|train| train.impacts) {
-                // A landing a few samples late, as after an error of k.
-                let since = time - (LANDING_OFFSET + at) * per_radian - 4.0;
-                if since >= 0.0 {
-                    sum += 4.0 * speed * libm::expf(-since / lasting) * libm::sinf(0.754 * since);
-                }
-            }
-            detector.residual(sum)
-        };
-        for n in -400..0 {
-            filtered(n);
-        }
-        (0..200).map(filtered).collect()
-    }
 
     #[test]
     fn interpolated_minimum_is_the_vertex_of_a_parabola() {
@@ -474,57 +446,5 @@ mod tests {
         assert_eq!(interpolate_minimum(&[1.0, 2.0, 3.0]), Some(0.0));
         assert_eq!(interpolate_minimum(&[3.0, 2.0, f32::INFINITY]), Some(1.0));
         assert_eq!(interpolate_minimum(&[]), None);
-    }
-
-    fn compared(fit: &mut Fit, k: f64, averaged: &[f32]) -> Verdict {
-        for (n, bins) in averaged.chunks(BINS_PER_CYCLE).enumerate() {
-            fit.store(n * BINS_PER_CYCLE, bins.try_into().unwrap());
-        }
-        // Gravity so large that the ringing adds nothing to the measured amplitude.
-        fit.begin(k, 1e6, phase_step(50.0));
-        let mut slices = 0;
-        while fit.step() {
-            slices += 1;
-        }
-        assert!(slices < 1200 && !fit.busy());
-        fit.verdict
-    }
-
-    #[test]
-    fn a_chatter_in_noise_is_found_whatever_its_ringing() {
-        for (k, restitution) in [
-            (0.45, 0.1),
-            (0.47, 0.15),
-            (0.56, 0.3),
-            (0.68, 0.5),
-            (0.85, 0.8),
-        ] {
-            for lasting in [20.0, 40.0] {
-                let mut fit = Fit::EMPTY;
-                fit.set_grid((k * 1.05, 0.8 * k));
-                let averaged = average(k, &[restitution], lasting, 0.04, 1);
-                let verdict = compared(&mut fit, k, &averaged);
-                let Verdict::Restitution(actual) = verdict else {
-                    panic!("{k} {lasting}: {verdict:?}");
-                };
-                // Errors: noise, and half a sample of the onset (0.004 in R).
-                let holds = (actual - restitution).abs() < 0.005;
-                assert!(holds, "{k} {lasting}: {actual}");
-                assert!((fit.all().unwrap() - actual).abs() < 1e-3);
-                assert!(fit.evidence() > 48.0, "{k} {lasting}: {}", fit.evidence());
-            }
-        }
-    }
-
-    #[test]
-    fn noise_is_quiet_and_parts_of_two_kinds_are_not_one() {
-        let k = 0.56;
-        let fit = || with(Fit::EMPTY, |it| it.set_grid((k * 1.05, 0.0)));
-        for seed in 1..4 {
-            let averaged = average(k, &[], 20.0, 0.04, seed);
-            assert_eq!(compared(&mut fit(), k, &averaged), Verdict::Quiet);
-            let averaged = average(k, &[0.1, 0.3], 20.0, 0.04, seed);
-            assert_eq!(compared(&mut fit(), k, &averaged), Verdict::Unexplained);
-        }
     }
 }

@@ -529,8 +529,7 @@ fn resting_k(k: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Averages that agree with the gear keep their restitution; else the gear's is taken where the
-    /// parts scatter.
+    /// Where the parts scatter, the gear's restitution replaces one that it contradicts.
     #[test]
     fn gear_corrects_averages_that_it_contradicts() {
         let margin = |restitution, scatter| GearMargin {
