@@ -29,22 +29,3 @@ pub fn impact_time(count: u32, phase: Phase, lead: Phase) -> u64 {
     (u64::from(count) << 32 | u64::from(phase.bits()))
         .wrapping_add_signed(i64::from(lead.bits() as i32))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_frequency_has_its_advance() {
-        let frequency = f64::from(phase_step(50.0)) / Phase::TURN * f64::from(SAMPLE_RATE);
-        assert!((frequency - 50.0).abs() < 2.4e-6);
-    }
-
-    #[test]
-    fn an_angle_survives_the_way_through_a_phase() {
-        for n in -31..=31 {
-            let angle = n as f32 * 0.1;
-            assert!((radians_of(phase_of(angle)) - angle).abs() < 5e-7);
-        }
-    }
-}

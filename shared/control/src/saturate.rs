@@ -1,7 +1,6 @@
 //! Saturation without a panic, and counts of consecutive cycles.
 
-/// Limits a value to `low`..`high`. Unlike `clamp` it cannot panic; a test requires that of the
-/// board's image.
+/// Limits a value to `low`..`high`. Unlike `clamp` it cannot panic, as the board's image requires.
 pub fn saturate(value: f32, low: f32, high: f32) -> f32 {
     if value < low {
         low

@@ -141,20 +141,12 @@ mod tests {
     use kband::impact::Map;
     use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 
-    fn search(low: f32, high: f32) -> (Option<[f64; 2]>, u32) {
-        let mut search = ChaosSearch::begin(&lot(low, high)).unwrap();
-        let mut slices = 0;
-        while search.step() {
-            slices += 1;
-            assert!(slices < 2000);
-        }
-        (search.result().unwrap(), slices)
-    }
-
     #[test]
     fn found_k_has_a_positive_exponent() {
         for (low, high) in [(0.2, 0.2), (0.195, 0.205), (0.3, 0.3), (0.5, 0.5)] {
-            let [lowest, highest] = search(low, high).0.unwrap();
+            let mut search = ChaosSearch::begin(&lot(low, high)).unwrap();
+            while search.step() {}
+            let [lowest, highest] = search.result().unwrap().unwrap();
             let k = libm::sqrt(lowest * highest);
             let middle = 0.5 * f64::from(low + high);
             let map = Map::build(k, middle).unwrap();
@@ -166,12 +158,5 @@ mod tests {
             let found = exponent::measure(&map, start, settings).unwrap();
             assert_eq!(found.dynamics, Dynamics::Chaotic, "R {middle} k {k}");
         }
-    }
-
-    #[test]
-    fn a_wide_lot_has_no_common_chaos_and_the_search_ends() {
-        let (interval, slices) = search(0.15, 0.25);
-        assert_eq!(interval, None);
-        assert!(slices < 1200, "{slices}");
     }
 }

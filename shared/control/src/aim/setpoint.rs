@@ -220,38 +220,6 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
-    fn refused(target: Target, settings: &Settings) -> Option<&'static str> {
-        let choice = Choice::from_target(target, settings);
-        choice.err().map(|refused| refused.parameter)
-    }
-
-    #[test]
-    fn a_target_needs_its_settings() {
-        let bare = Settings::default();
-        let slow = with(bare, |it| it.contact = 0.4);
-        assert_eq!(refused(Target::Chaotic, &slow), Some("contact"));
-        let parts = Target::PartsPerMinute(120.0);
-        assert_eq!(refused(parts, &bare), Some("part_length"));
-        let flow = Target::Flow(45.0);
-        assert_eq!(refused(flow, &bare), Some("track_mass"));
-        let massive = with(bare, |it| it.track_mass = 10.0);
-        assert_eq!(refused(flow, &massive), Some("track_length"));
-        let scale = with(massive, |it| it.track_length = 500.0);
-        assert_eq!(refused(flow, &scale), None);
-        let two = with(scale, |it| it.second_tone = 0.15);
-        assert_eq!(refused(flow, &two), Some("second_tone"));
-    }
-
-    #[test]
-    fn a_contact_time_shifts_the_lock() {
-        let [instant, slow] = [0.0, 0.4].map(|contact| {
-            let settings = with(Settings::default(), |it| it.contact = contact);
-            Choice::lock(1, &settings).unwrap().lock.unwrap()
-        });
-        let holds = (slow.k / instant.k - 1.0).abs() > 1e-3 && slow.phase != instant.phase;
-        assert!(holds, "{slow:?} {instant:?}");
-    }
-
     #[test]
     fn lock_window_covers_the_phases_of_the_lot() {
         let settings = Settings::default();
@@ -269,8 +237,23 @@ mod tests {
     }
 
     #[test]
-    fn numbers_out_of_range_are_refused_by_name() {
-        for (target, parameter) in [
+    fn numbers_out_of_range_and_missing_settings_are_refused_by_name() {
+        let bare = Settings::default();
+        let slow = with(bare, |it| it.contact = 0.4);
+        let massive = with(bare, |it| it.track_mass = 10.0);
+        let scale = with(massive, |it| it.track_length = 500.0);
+        let two = with(scale, |it| it.second_tone = 0.15);
+        let flow = Target::Flow(45.0);
+        assert!(Choice::from_target(flow, &scale).is_ok());
+        let long = with(bare, |it| it.part_length = 10.0);
+        let of_settings = [
+            (Target::Chaotic, slow, "contact"),
+            (Target::PartsPerMinute(120.0), bare, "part_length"),
+            (flow, bare, "track_mass"),
+            (flow, massive, "track_length"),
+            (flow, two, "second_tone"),
+        ];
+        let of_numbers = [
             (Target::Locked { order: 0 }, "target locked order"),
             (Target::Locked { order: 9 }, "target locked order"),
             (Target::Gear { order: 0 }, "target gear order"),
@@ -282,9 +265,11 @@ mod tests {
             (Target::Speed(f32::INFINITY), "target speed"),
             (Target::PartsPerMinute(0.0), "target parts a minute"),
             (Target::PartsPerMinute(f32::NAN), "target parts a minute"),
-        ] {
-            let settings = with(Settings::default(), |it| it.part_length = 10.0);
-            assert_eq!(refused(target, &settings), Some(parameter));
+        ];
+        let of_numbers = of_numbers.map(|(target, parameter)| (target, long, parameter));
+        for (target, settings, parameter) in of_settings.into_iter().chain(of_numbers) {
+            let refused = Choice::from_target(target, &settings).unwrap_err();
+            assert_eq!(refused.parameter, parameter);
         }
     }
 }

@@ -290,20 +290,6 @@ fn the_amplitude_stays_while_the_lock_for_a_speed_is_sought() {
 }
 
 #[test]
-fn a_drive_starts_once_the_lock_for_a_speed_is_chosen() {
-    let target = Target::Speed(40.0);
-    let mut controller = build(&Settings::default(), target);
-    for _ in 0..8 {
-        assert_eq!(follow(&mut controller, true).state, State::Off);
-    }
-    // No lock has this speed, and the drive stays at rest.
-    let report = follow(&mut controller, true);
-    assert_eq!((report.state, report.reference), (State::Limiting, 0.0));
-    let events: std::vec::Vec<_> = report.events.iter().collect();
-    assert_eq!(events, [Event::NoSetpoint, Event::Started, Event::Limited]);
-}
-
-#[test]
 fn a_recipe_gives_the_setpoint_of_its_own_parts() {
     let machine = Settings {
         second_tone: 0.1,

@@ -183,7 +183,6 @@ mod tests {
                     least = least.min(LoopMargins::from_settings(&configured, &actual).unwrap());
                 }
             }
-            std::println!("gain {gain_ratio}: {least:?}");
             assert!(least.gain > gain && least.phase > phase, "{least:?}");
             assert!(least.distance > distance, "{least:?}");
         }
@@ -206,7 +205,6 @@ mod tests {
                 least = least.min(LoopMargins::from_settings(&settings, &settings).unwrap());
             }
         }
-        std::println!("{least:?}");
         let holds = least.gain > 3.9 && least.phase > 65.0;
         assert!(holds, "{least:?}");
     }

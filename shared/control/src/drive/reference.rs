@@ -46,39 +46,3 @@ impl Reference {
         if has_arrived { goal } else { next }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lagging_track_keeps_the_previous_command() {
-        // The track lags by a quarter turn: a quarter of the cycle has the previous command.
-        let quarter = -0.25 * TAU;
-        let mut reference = Reference {
-            value: 1.0,
-            commanded: 1.0,
-        };
-        let first = 2.0 - libm::expf(-0.75 / 5.0);
-        let middle = 2.0 + (first - 2.0) * libm::expf(-0.25 / 5.0);
-        let second = 1.0 + (middle - 1.0) * libm::expf(-0.75 / 5.0);
-        for (goal, expected) in [(2.0, first), (1.0, second)] {
-            reference.advance(goal, Approach::Lag, quarter, 5.0);
-            let value = reference.value;
-            assert!((value - expected).abs() < 1e-6, "{value}");
-        }
-    }
-
-    #[test]
-    fn a_ramp_takes_its_step_a_cycle_and_ends_at_its_goal() {
-        let mut reference = Reference::default();
-        let mut advance_to = |goal: f32, approach| {
-            reference.advance(goal, approach, 0.0, 5.0);
-            reference.value
-        };
-        assert_eq!(advance_to(1.0, Approach::Ramp(0.75)), 0.75);
-        assert_eq!(advance_to(1.0, Approach::Ramp(0.75)), 1.0);
-        assert_eq!(advance_to(0.5, Approach::Ramp(0.25)), 0.75);
-        assert_eq!(advance_to(0.1, Approach::Step), 0.1);
-    }
-}

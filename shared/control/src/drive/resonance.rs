@@ -170,27 +170,4 @@ mod tests {
             prop_assert_eq!(resonance.frequency, high);
         }
     }
-
-    /// At the resonance the track lags by a quarter turn and by half of the output's hold.
-    #[test]
-    fn the_lead_at_the_resonance_moves_nothing() {
-        let settings = Settings {
-            tracking: 2.0,
-            ..Settings::default()
-        };
-        let mut resonance = Resonance::new(&settings);
-        let resonant_lead = -FRAC_PI_2 - PI * 50.0 / SAMPLE_RATE as f32;
-        resonance.track(resonant_lead);
-        assert!((resonance.frequency - 50.0).abs() < 1e-5);
-        resonance.track(resonant_lead + 0.01);
-        assert!(resonance.frequency > 50.0);
-    }
-
-    #[test]
-    fn without_tracking_nothing_moves() {
-        let mut resonance = Resonance::new(&Settings::default());
-        assert!(!resonance.is_tracking());
-        resonance.track(0.0);
-        assert_eq!(resonance.frequency, 50.0);
-    }
 }

@@ -158,31 +158,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shape_is_what_was_measured() {
-        for n in 0..48 {
-            let expected = [
-                UpperTone::new(0.01 * (n % 25) as f32 + 0.01, 0.13 * n as f32 - 3.1),
-                UpperTone::new(0.002 * (n % 17) as f32 + 0.01, 3.1 - 0.11 * n as f32),
-            ];
-            let lead = 0.7 * n as f32;
-            let turned = |angle: f32| Complex::new(libm::cosf(angle), libm::sinf(angle)) * 2.3e-4;
-            let tone = |n: usize| {
-                let UpperTone { ratio, phase } = expected[n];
-                turned(phase + (n + 2) as f32 * lead) * ratio
-            };
-            let motion = TrackMotion {
-                first: turned(lead),
-                upper: [tone(0), tone(1)],
-            };
-            for (actual, expected) in motion.shape().tones().into_iter().zip(expected) {
-                assert!((actual.ratio - expected.ratio).abs() < 1e-6);
-                let holds = (actual.phase - expected.phase).abs() < 2e-4;
-                assert!(holds, "{actual:?} {expected:?}");
-            }
-        }
-    }
-
-    #[test]
     fn numbers_out_of_range_are_refused_by_name() {
         let tone = UpperTone::new;
         let valid = tone(0.1, 2.4);

@@ -210,7 +210,6 @@ mod tests {
                     minimum = minimum.min(margins(harmonic, quality, 0.005 * f64::from(n)));
                 }
             }
-            std::println!("{harmonic}: {minimum:?}");
             // A gain wrong by a factor of 2 and a phase wrong by 30 degrees leave as much again.
             assert!(minimum.gain > 4.0 && minimum.phase > 60.0, "{minimum:?}");
             assert!(minimum.distance > 0.7, "{minimum:?}");

@@ -284,14 +284,20 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
-    /// At its resonance the drive moves by its gain, a quarter turn and half a hold later.
-    #[test]
-    fn the_resonance_answers_with_the_gain_of_the_settings() {
-        let settings = Settings::default();
-        let response = resonant(&settings, settings.resonance);
-        let lag = core::f32::consts::FRAC_PI_2 + PI * settings.resonance / SAMPLE_RATE as f32;
-        let expected = Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (settings.gain * 1e-3);
-        assert!((response - expected).norm_sqr() < 1e-15);
+    /// A cycle at 50 Hz with a first and a second tone of the track in m; the output's tones.
+    fn cycle(tones: &mut Tones, [first, second]: [Complex; 2], headroom: f32) -> [[f32; 2]; UPPER] {
+        tones.cycle(&ToneInputs {
+            motion: TrackMotion {
+                first,
+                upper: [second, Complex::default()],
+            },
+            requested: Shape::of_two(UpperTone::new(0.12, 2.6)),
+            reference: 2e-4,
+            square: 98_696.0,
+            headroom,
+            min_amplitude: 1e-6,
+        });
+        tones.output()
     }
 
     #[test]
@@ -299,16 +305,9 @@ mod tests {
         let settings = with(Settings::default(), |it| it.second_tone = 0.15);
         let mut tones = Tones::build(&settings).unwrap();
         for headroom in [0.0, -6e-8, -0.1, f32::NEG_INFINITY] {
-            for motion in [Complex::default(), Complex::new(0.0, -2e-4)] {
-                tones.cycle(&ToneInputs {
-                    motion: with(TrackMotion::default(), |it| it.first = motion),
-                    requested: Shape::of_two(UpperTone::new(0.12, 2.6)),
-                    reference: 2e-4,
-                    square: 98_696.0,
-                    headroom,
-                    min_amplitude: 1e-6,
-                });
-                assert_eq!(tones.output(), [[0.0; 2]; UPPER], "{headroom}");
+            for first in [Complex::default(), Complex::new(0.0, -2e-4)] {
+                let output = cycle(&mut tones, [first, Complex::default()], headroom);
+                assert_eq!(output, [[0.0; 2]; UPPER], "{headroom}");
             }
         }
     }
@@ -318,17 +317,9 @@ mod tests {
         let settings = with(Settings::default(), |it| it.second_tone = 0.15);
         let mut tones = Tones::build(&settings).unwrap();
         let mut cycle = |second: f32| {
-            let upper = [Complex::new(second, 0.0), Complex::default()];
-            let first = Complex::new(2e-4, 0.0);
-            tones.cycle(&ToneInputs {
-                motion: TrackMotion { first, upper },
-                requested: Shape::of_two(UpperTone::new(0.12, 2.6)),
-                reference: 2e-4,
-                square: 98_696.0,
-                headroom: 0.9,
-                min_amplitude: 1e-6,
-            });
-            (tones.output()[0] != [0.0; 2], tones.missing_tones()[0])
+            let motion = [2e-4, second].map(|tone| Complex::new(tone, 0.0));
+            let is_on = cycle(&mut tones, motion, 0.9)[0] != [0.0; 2];
+            (is_on, tones.missing_tones()[0])
         };
         assert_eq!(cycle(2.4e-5), (true, false));
         // A second tone of 0.4 mm at 100 Hz: 158 m/s^2, where the limit is 120.

@@ -50,8 +50,7 @@ const UNSTEADY_REVERSALS: u8 = 2;
 const PEAK: f32 = 1.04;
 /// Cycles without a reversal after which the count begins again.
 const STEADY_CYCLES: u8 = 64;
-/// Cycles without a reversal after which READY may return. The load of heavy parts beats over 60 to
-/// 80 cycles.
+/// Cycles without a reversal after which READY may return: heavy parts beat over 60 to 80 cycles.
 const READY_CYCLES: u8 = 160;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
