@@ -61,30 +61,13 @@ impl Hopper {
 mod tests {
     use super::*;
 
-    /// Of five parts the last ones wait.
-    fn hopper(waiting: u8) -> Hopper {
-        Hopper::new(&Scene {
-            parts: [0.2; 5].into_iter().collect(),
-            waiting,
-            ..Scene::default()
-        })
-    }
-
-    #[test]
-    fn the_last_parts_wait_and_then_fall_evenly() {
-        let mut hopper = hopper(4);
-        assert_eq!((hopper.arrives(0), hopper.arrives(1)), (0, u64::MAX));
-        hopper.dump(1 << 32, 8.0);
-        let arrivals = [1, 2, 3, 4].map(|part| hopper.arrives(part) >> 32);
-        assert_eq!(arrivals, [3, 5, 7, 9]);
-        // A part falls only once.
-        hopper.dump(100 << 32, 8.0);
-        assert_eq!(hopper.arrives(4) >> 32, 9);
-    }
-
     #[test]
     fn the_first_parts_stay_and_missing_ones_arrive() {
-        let mut hopper = hopper(2);
+        let mut hopper = Hopper::new(&Scene {
+            parts: [0.2; 5].into_iter().collect(),
+            waiting: 2,
+            ..Scene::default()
+        });
         let mut place = |now, count| {
             let mut arrived = std::vec::Vec::new();
             hopper.place(now, count, |part| arrived.push(part));

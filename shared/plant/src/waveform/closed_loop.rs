@@ -189,32 +189,4 @@ mod tests {
             assert!(error.abs() < 5e-3, "{count} parts, {frequency} Hz: {error}");
         }
     }
-
-    /// A part arrives every 0.1 s, and falls from the highest place of the track.
-    #[test]
-    fn hopper_drops_heavy_parts_evenly_in_both_plants() {
-        let scene = Scene {
-            target: Target::K(0.5),
-            waiting: 4,
-            parts: [0.2; 4].into_iter().collect(),
-            masses: [100.0; 4].into_iter().collect(),
-            ..Scene::default()
-        };
-        let mut closed = ClosedLoop::build(&scene).unwrap();
-        let mut envelope = EnvelopeLoop::build(&scene).unwrap();
-        for _ in 0..100 {
-            closed.cycle();
-            envelope.cycle();
-        }
-        closed.apply(Change::Dump(0.4));
-        envelope.apply(Change::Dump(0.4));
-        for cycle in 1..24 {
-            let moments = [closed.cycle(), envelope.cycle()];
-            if cycle % 5 == 3 {
-                let count = f64::from(cycle / 5);
-                assert!((moments.iter()).all(|it| it.load == count * scene.mass_share(0)));
-                assert!((moments.iter()).all(|it| (it.strikes > 0) == (count > 0.0)));
-            }
-        }
-    }
 }
