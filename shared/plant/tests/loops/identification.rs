@@ -1,43 +1,11 @@
 //! Identification of restitution in both plants.
 
 use super::fidelity::Loop;
-use core::f64::consts::TAU;
-use kband::impact::{Kernel, LIFT_OFF_DELAY, Map, Release};
 use kband_control::{Identification, Identified, Settings, Target, Unidentified};
 use kband_plant::{Scene, SensorModel};
 
 /// Cycles after which an identification ends at the latest (4000), and a margin.
 const LONGEST: usize = 4100;
-
-/// Whether a part that the track throws from rest comes to rest before the next lift-off.
-fn comes_to_rest(k: f64, restitution: f32) -> bool {
-    let map = Map::build(k, f64::from(restitution)).unwrap();
-    let Some(Release { mut impact, .. }) = Release::build(&map, k.asin(), LIFT_OFF_DELAY) else {
-        return false;
-    };
-    let mut time = 0.0;
-    while time < TAU {
-        impact = map.impact(impact.next);
-        time += impact.flight;
-        if impact.flight < 1e-3 {
-            return time < TAU;
-        }
-    }
-    false
-}
-
-#[test]
-fn final_k_is_just_above_the_end_of_rest() {
-    for restitution in [0.3, 0.5, 0.8] {
-        let found = found(identified(
-            &scene(&[restitution], 1, SensorModel::default()),
-            true,
-        ));
-        let k = f64::from(found.k);
-        assert!(comes_to_rest(0.965 * k, restitution), "{found:?}");
-        assert!(!comes_to_rest(0.91 * k, restitution), "{found:?}");
-    }
-}
 
 fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
     Scene {

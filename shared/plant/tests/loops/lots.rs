@@ -328,49 +328,6 @@ fn ready_stays_on_while_one_part_is_in_gear() {
     }
 }
 
-/// One part, six parts, and six parts of a wide lot leave the track and return 4 s later.
-#[test]
-fn parts_are_estimated_again_once_they_come_back() {
-    const AWAY_SECONDS: f64 = 4.0;
-    for (parts, lot) in [(1, [0.18, 0.22]), (6, [0.18, 0.22]), (6, [0.1, 0.3])] {
-        let mut scene = changing(parts, 50.0, 1, &[Change::Parts(0)]);
-        let settings = &mut scene.settings;
-        [settings.restitution_low, settings.restitution_high] = lot;
-        settings.scatter = 0.03;
-        let width = (lot[1] - lot[0]) / parts as f32;
-        let part = |part: usize| lot[0] + width * (part as f32 + 0.5);
-        scene.parts = (0..parts).map(part).collect();
-        scene.scatter = core::iter::repeat_n(0.03, parts).collect();
-        let (at, change) = (CHANGED_AT + AWAY_SECONDS, Change::Parts(parts as u8));
-        scene.disturbances.extend([Disturbance { at, change }]);
-        for mut closed in Loop::both(&scene) {
-            let (mut before, mut last, mut ready_again) = (false, 0.0, f64::INFINITY);
-            loop {
-                let (moment, strikes, ready) = closed.cycle();
-                let Moment { report, .. } = moment;
-                let since = moment.time - CHANGED_AT;
-                let estimated = report.in_gear_error.is_finite();
-                let parts_reported = report.margin.is_some() || report.load.is_some();
-                let reported = estimated || ready || report.in_gear > 0.0 || parts_reported;
-                if since < 0.0 {
-                    before = estimated;
-                } else if since < AWAY_SECONDS {
-                    assert!(since < 0.1 || strikes.is_empty());
-                    last = if reported { since } else { last };
-                } else if estimated {
-                    ready_again = ready_again.min(since - AWAY_SECONDS);
-                }
-                if since > AWAY_SECONDS + 8.0 {
-                    break;
-                }
-            }
-            assert!(before && last < 1.1, "{parts} of {lot:?}: {before} {last}");
-            // The fit needs 24 cycles.
-            assert!(ready_again < 3.0, "{parts} of {lot:?}: {ready_again}");
-        }
-    }
-}
-
 /// Six parts of R 0.4 at 200 Hz with a lock of order 2 as target. No part is loud enough alone.
 #[test]
 fn nothing_is_reported_while_impacts_are_missed() {

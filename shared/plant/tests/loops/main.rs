@@ -1,6 +1,5 @@
 //! The controller in a closed loop with the simulated feeder.
 
-mod answers;
 mod bounds;
 mod capture;
 mod commissioned;
