@@ -21,20 +21,16 @@ struct Mailbox {
     command: Option<Command>,
 }
 
-/// The converter and the power stage; on a microcontroller, their registers.
-struct Hardware {
-    feeder: Bench,
-}
-
-/// Runs every 50 us, at the end of a conversion.
-fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut Mailbox) {
+/// Runs every 50 us, at the end of a conversion. On a microcontroller the registers of converter and
+/// power stage take the place of the feeder.
+fn sample_interrupt(signal: &mut Signal, feeder: &mut Bench, mailbox: &mut Mailbox) {
     if let Some(command) = mailbox.command.take() {
         signal.command(command);
     }
     let before = signal.phase();
-    let sampled = signal.sample(hardware.feeder.sample());
+    let sampled = signal.sample(feeder.sample());
     let step = (signal.phase() - before).bits();
-    hardware.feeder.hold(sampled.output, step);
+    feeder.hold(sampled.output, step);
     if sampled.wrapped {
         mailbox.cycle = Some(signal.cycle().clone());
     }
@@ -42,20 +38,18 @@ fn sample_interrupt(signal: &mut Signal, hardware: &mut Hardware, mailbox: &mut 
 
 /// Runs without end on a board; here until the parts are locked, at most `seconds`.
 fn run(settings: &Settings, seconds: u32) -> Result<State, Box<dyn Error>> {
-    let mut hardware = Hardware {
-        feeder: Bench::build(&Scene::default())?,
-    };
+    let mut feeder = Bench::build(&Scene::default())?;
     let mut mailbox = Mailbox::default();
     let mut signal = Signal::build(settings)?;
     let target = Target::Locked { order: 1 };
     let mut controller = Controller::build(settings, target, StartCause::Ordinary)?;
     let mut state = State::Off;
     for _ in 0..seconds * 20_000 {
-        sample_interrupt(&mut signal, &mut hardware, &mut mailbox);
+        sample_interrupt(&mut signal, &mut feeder, &mut mailbox);
         let Some(cycle) = mailbox.cycle.take() else {
             continue;
         };
-        let report = controller.cycle(&cycle, &hardware.feeder.inputs());
+        let report = controller.cycle(&cycle, &feeder.inputs());
         mailbox.command = Some(report.command);
         // In the remaining time of the drive cycle.
         (0..PLAN_SLICES).all(|_| controller.plan_step());
