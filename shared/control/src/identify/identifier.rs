@@ -532,14 +532,6 @@ mod tests {
     /// Where the parts scatter, the gear's restitution replaces one that it contradicts.
     #[test]
     fn gear_corrects_averages_that_it_contradicts() {
-        let margin = |restitution, scatter| GearMargin {
-            trace: 0.0,
-            restitution,
-            error: 0.01,
-            scatter,
-            flip: 0.5,
-            to_loss: 1e4,
-        };
         let fitted = Identified {
             restitution: 0.3,
             deviation: 0.004,
@@ -554,8 +546,13 @@ mod tests {
             (0.5, 0.01, (0.3, 0.0)),
         ] {
             let mut identifier = Identifier::new();
-            let margin = Some(margin(restitution, scatter));
-            identifier.end_gear_check(margin, Identification::Found(fitted));
+            let margin = GearMargin {
+                restitution,
+                error: 0.01,
+                scatter,
+                ..GearMargin::default()
+            };
+            identifier.end_gear_check(Some(margin), Identification::Found(fitted));
             let Identification::Found(found) = identifier.result else {
                 panic!("{restitution}: {:?}", identifier.result);
             };

@@ -389,13 +389,11 @@ mod tests {
 
     /// Faults with a lasting cause, and the input that shows it.
     const CAUSES: [(Fault, Cause); 5] = [
-        (Fault::OverTemperature, |inputs| {
-            &mut inputs.over_temperature
-        }),
-        (Fault::StackLow, |inputs| &mut inputs.stack_low),
-        (Fault::OverCurrent, |inputs| &mut inputs.over_current),
-        (Fault::SupplyLow, |inputs| &mut inputs.supply_low),
-        (Fault::ClockFailed, |inputs| &mut inputs.clock_failed),
+        (Fault::OverTemperature, |it| &mut it.over_temperature),
+        (Fault::StackLow, |it| &mut it.stack_low),
+        (Fault::OverCurrent, |it| &mut it.over_current),
+        (Fault::SupplyLow, |it| &mut it.supply_low),
+        (Fault::ClockFailed, |it| &mut it.clock_failed),
     ];
 
     proptest! {

@@ -736,13 +736,12 @@ mod tests {
                 excess: -0.1,
                 stray: 0.0,
             });
-            let evidence = (GearEvidence {
+            let evidence = GearEvidence {
                 long,
                 short,
                 predicted,
-            })
-            .supports(0.5);
-            assert_eq!(evidence, supports, "{predicted} {shares:?}");
+            };
+            assert_eq!(evidence.supports(0.5), supports, "{evidence:?}");
         }
     }
 }
