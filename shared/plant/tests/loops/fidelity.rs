@@ -84,6 +84,17 @@ pub fn changes<const N: usize>(changes: [(f64, Change); N]) -> Disturbances {
     changes.into_iter().collect()
 }
 
+/// Moves a feeder to another frequency in Hz, with the same k at each output.
+pub fn tune(scene: &mut Scene, frequency: f32) {
+    let settings = &mut scene.settings;
+    let unit = (settings.frequency / frequency) * (settings.frequency / frequency);
+    (settings.frequency, settings.resonance) = (frequency, frequency);
+    settings.gain *= unit;
+    settings.amplitude_limit *= unit;
+    settings.safe_amplitude *= unit;
+    (scene.drive.resonance, scene.drive.gain) = (frequency, settings.gain);
+}
+
 /// The drive that a controller with these settings assumes.
 pub fn drive_of(settings: &Settings) -> DriveModel {
     DriveModel {

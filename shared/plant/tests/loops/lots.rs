@@ -2,13 +2,13 @@
 //!
 //! `KBAND_LOTS` sets the number of random lots, `KBAND_SEED` their seed.
 
-use super::fidelity::{Loop, record};
+use super::fidelity::{Loop, record, tune};
 use core::f64::consts::TAU;
 use kband::arithmetic::Noise;
 use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::gear::GearWatch;
 use kband_control::{Limits, Target};
-use kband_plant::{Change, ClosedLoop, Disturbance, Moment, Scene};
+use kband_plant::{Change, Disturbance, Moment, Scene};
 use std::sync::OnceLock;
 
 /// Drive cycles of a window in which the true share in gear is counted, and windows of a run.
@@ -247,15 +247,8 @@ fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scen
         parts: (0..parts).map(part).collect(),
         ..Scene::default()
     };
-    let settings = &mut scene.settings;
-    settings.scatter = 0.0;
-    // The same k at each frequency.
-    let unit = (settings.frequency / frequency) * (settings.frequency / frequency);
-    (settings.frequency, settings.resonance) = (frequency, frequency);
-    settings.gain *= unit;
-    settings.amplitude_limit *= unit;
-    settings.safe_amplitude *= unit;
-    (scene.drive.resonance, scene.drive.gain) = (frequency, settings.gain);
+    scene.settings.scatter = 0.0;
+    tune(&mut scene, frequency);
     let at = CHANGED_AT;
     let changes = changes.iter().map(|&change| Disturbance { at, change });
     scene.disturbances = changes.collect();
@@ -294,7 +287,7 @@ fn ready_is_off_a_second_after_parts_fell_out_of_gear() {
         let changes = [Change::Restitution(restitution), Change::Scatter(scatter)];
         for seed in 100..124 {
             let scene = changing(parts, frequency, seed, &changes);
-            let mut closed = Loop::Waveform(Box::new(ClosedLoop::build(&scene).unwrap()));
+            let mut closed = Loop::build(&scene, true);
             let last = last_ready(&mut closed);
             let lot = format!("{parts} of {restitution} at {frequency} Hz");
             assert!(last < 1.0, "{lot}, {seed}: {last} s");

@@ -1,6 +1,6 @@
 //! Parts that do not fit the configured lot: time to detection and setpoint after it.
 
-use super::fidelity::{Loop, changes};
+use super::fidelity::{Loop, changes, lot};
 use super::lots::{between, random_lot};
 use kband::arithmetic::Noise;
 use kband_control::{Limits, State, Target};
@@ -12,17 +12,13 @@ const MAX_DETECTION_SECONDS: f64 = 10.0;
 const MAX_SLOW_DETECTION_SECONDS: f64 = 13.0;
 
 /// Parts of a mean restitution and a scatter on a feeder at 50 Hz, for a configured lot.
-fn scene(lot: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
-    let mut scene = Scene {
+fn scene(range: [f32; 2], scatter: f32, parts: usize, actual: [f32; 2]) -> Scene {
+    Scene {
         target: Target::Gear { order: 1 },
         parts: core::iter::repeat_n(actual[0], parts).collect(),
         scatter: core::iter::repeat_n(actual[1], parts).collect(),
-        ..Scene::default()
-    };
-    let settings = &mut scene.settings;
-    [settings.restitution_low, settings.restitution_high] = lot;
-    settings.scatter = scatter;
-    scene
+        ..lot(range, scatter, 1.0, parts, 1)
+    }
 }
 
 /// Whether limit 9 lasts for two of these seconds from the setpoint. It hides all estimates.
@@ -83,20 +79,18 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
 fn parts_that_scatter_less_than_configured_fit() {
     let (mut ready_count, mut misfits) = (0, Vec::new());
     for scatter in [0.03, 0.05, 0.1] {
-        for (lot, second_tone) in [([0.18, 0.22], 0.0), ([0.3, 0.4], 0.0), ([0.3, 0.4], 0.2)] {
+        for (range, second_tone) in [([0.18, 0.22], 0.0), ([0.3, 0.4], 0.0), ([0.3, 0.4], 0.2)] {
             for count in [1, 2, 3, 6, 12, 24] {
                 for actual in [0.0, 0.2 * scatter, 0.5 * scatter] {
-                    let mut scene = scene(lot, scatter, count, [lot[0], actual]);
-                    for (n, part) in scene.parts.iter_mut().enumerate() {
-                        *part += (lot[1] - lot[0]) * (n as f32 + 0.5) / count as f32;
-                    }
+                    let mut scene = scene(range, scatter, count, [0.0, actual]);
+                    scene.parts = lot(range, scatter, 1.0, count, 1).parts;
                     scene.settings.second_tone = second_tone;
                     scene.drive.second_gain = scene.settings.second_gain;
                     // The simulation sample by sample takes ten times as long.
                     let fidelities = if count == 6 && scatter == 0.05 { 2 } else { 1 };
                     for mut closed in Loop::both(&scene).into_iter().take(fidelities) {
                         if is_detected(&mut closed, 20.0) {
-                            misfits.push((scatter, lot, second_tone, count, actual));
+                            misfits.push((scatter, range, second_tone, count, actual));
                         }
                         ready_count += usize::from(closed.cycle().2);
                     }
