@@ -221,6 +221,16 @@ mod tests {
     use crate::testing::with;
 
     #[test]
+    fn a_contact_time_shifts_the_lock() {
+        let [instant, slow] = [0.0, 0.4].map(|contact| {
+            let settings = with(Settings::default(), |it| it.contact = contact);
+            Choice::lock(1, &settings).unwrap().lock.unwrap()
+        });
+        let holds = (slow.k / instant.k - 1.0).abs() > 1e-3 && slow.phase != instant.phase;
+        assert!(holds, "{slow:?} {instant:?}");
+    }
+
+    #[test]
     fn lock_window_covers_the_phases_of_the_lot() {
         let settings = Settings::default();
         let lock = Choice::lock(1, &settings).unwrap().lock.unwrap();

@@ -284,6 +284,16 @@ mod tests {
     use super::*;
     use crate::testing::with;
 
+    /// At its resonance the drive moves by its gain, a quarter turn and half a hold later.
+    #[test]
+    fn the_resonance_answers_with_the_gain_of_the_settings() {
+        let settings = Settings::default();
+        let response = resonant(&settings, settings.resonance);
+        let lag = core::f32::consts::FRAC_PI_2 + PI * settings.resonance / SAMPLE_RATE as f32;
+        let expected = Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (settings.gain * 1e-3);
+        assert!((response - expected).norm_sqr() < 1e-15);
+    }
+
     /// A cycle at 50 Hz with a first and a second tone of the track in m; the output's tones.
     fn cycle(tones: &mut Tones, [first, second]: [Complex; 2], headroom: f32) -> [[f32; 2]; UPPER] {
         tones.cycle(&ToneInputs {

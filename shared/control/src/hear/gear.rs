@@ -608,6 +608,7 @@ impl GearEstimator {
 mod tests {
     use super::*;
     use kband::impact::{Kernel, Tone, WaveKernel, WaveMap};
+    use kband::regime::Lock;
 
     #[test]
     fn flight_from_rest_is_that_of_the_map() {
@@ -631,5 +632,34 @@ mod tests {
                 assert!(error < 1e-4, "{k}: {flight:?} {next:?}");
             }
         }
+    }
+
+    /// A locked part, whose impacts have an energy of 3 in gear, and of 3000 before.
+    #[test]
+    fn energy_is_that_of_the_cycles_in_gear_over_the_squared_speed() {
+        let (k, restitution) = (0.43, 0.2);
+        let lock = Lock::build(k, restitution, 1).unwrap().unwrap().state();
+        let mut estimator = GearEstimator::new([0.19, 0.21], 0.05, ContactTime::INSTANT);
+        for count in 0..1000 {
+            let is_in_gear = estimator.flights > MIN_FLIGHTS_IN_GEAR;
+            let energy = if is_in_gear { 3.0 } else { 3000.0 };
+            let mut cycle = Cycle::default();
+            cycle.impacts.extend([DetectedImpact {
+                phase: Phase::from_radians(lock.phase),
+                strength: 4.0,
+            }]);
+            cycle.sectors.first = (count as usize % QUARTERS * SECTORS_PER_CYCLE) as u8;
+            cycle.sectors.energy = [energy / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
+            let drive_state = DriveState {
+                count,
+                order: 1,
+                k: k as f32,
+                ..DriveState::default()
+            };
+            estimator.cycle(&cycle, &drive_state);
+        }
+        let arrival = lock.velocity / restitution;
+        let energy = f64::from(estimator.energy_per_squared_speed().unwrap());
+        assert!((energy * arrival * arrival / 3.0 - 1.0).abs() < 1e-2);
     }
 }

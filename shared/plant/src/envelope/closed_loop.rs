@@ -160,3 +160,24 @@ fn still(frequency: f32) -> Command {
         ..Command::default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::scene::Disturbance;
+
+    #[test]
+    fn change_at_the_first_sample_of_a_cycle_is_seen_in_that_cycle() {
+        let mut scene = Scene::default();
+        let mut board = EnvelopeLoop::build(&scene).unwrap();
+        board.cycle();
+        let at = (board.plant.samples()[0] as f64 + 0.5) / 20_000.0;
+        let change = Change::Enable(false);
+        scene.disturbances.extend([Disturbance { at, change }]);
+        board = EnvelopeLoop::build(&scene).unwrap();
+        for enabled in [true, false] {
+            board.cycle();
+            assert_eq!(board.timeline.inputs.enable, enabled);
+        }
+    }
+}

@@ -203,7 +203,6 @@ impl Blanking {
 
     /// Blanks the samples of a ringing up to the allowed number; returns the first sample after it.
     pub fn blank(&mut self, from: u64, until: u64) -> u64 {
-        let from = from.max(self.until);
         if until > from {
             let length = until.min(self.end).saturating_sub(from);
             let blank = length.min(self.remaining);

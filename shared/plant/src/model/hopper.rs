@@ -78,8 +78,9 @@ mod tests {
         assert_eq!(place(20, 2), (2, std::vec![1]));
         assert_eq!(place(30, 4), (4, std::vec![2, 3]));
         assert_eq!(place(40, 0), (0, std::vec![]));
-        // One part still waits.
+        // One part still waits, and falls only once.
         hopper.dump(50, 1.0);
+        hopper.dump(60, 1.0);
         let arrivals = [0, 1, 2, 3, 4].map(|part| hopper.arrives(part));
         assert_eq!(arrivals[..4], [u64::MAX; 4]);
         assert_eq!(arrivals[4], 50 + (1 << 32));
