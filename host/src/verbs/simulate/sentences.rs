@@ -261,7 +261,7 @@ fn describe_expected_share(outcome: &Outcome) -> Option<String> {
 }
 
 /// Predicted effect of one change of drive or lot, if parts do not stay in gear.
-fn list_causes(observed: &Observed) -> Vec<String> {
+fn list_causes(observed: &Observed<'_>) -> Vec<String> {
     let causes = causes::describe(&observed.causes);
     let head = "causes           one change at a time is predicted to give";
     let head = (!causes.is_empty()).then(|| head.into());
@@ -384,7 +384,7 @@ fn list_files(written: &[Written<'_>; 3]) -> Vec<String> {
 
 fn as_json(
     outcome: &Outcome,
-    observed: &Observed,
+    observed: &Observed<'_>,
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &[Written<'_>; 3],

@@ -1,5 +1,8 @@
 //! Summary of a single run: motion of the track and the parts, margin to the loss, next step.
 
+use std::f64::consts::TAU;
+
+use kband::feeder::STANDARD_GRAVITY;
 use kband::regime::classify::Regime;
 use kband_control::{Identification, Limits, Report, State, Target};
 
@@ -15,52 +18,31 @@ const MIN_TIME_IN_AIR: f64 = 0.9;
 /// Relative margin of the amplitude that is called thin; a warm coil changes more.
 const THIN_MARGIN: f64 = 0.01;
 
-pub(super) struct Observed {
-    /// Amplitude in mm, and the track's peak acceleration over gravity.
-    amplitude: f64,
-    peak: f64,
-    target: Target,
+pub(super) struct Observed<'a> {
+    outcome: &'a Outcome,
     last: Report,
-    no_setpoint: Option<String>,
-    parts: usize,
-    resting: usize,
-    k: f64,
-    order: u32,
+    /// Amplitude and conveying speed, upwards positive, in mm and mm/s.
+    amplitude: f64,
+    speed: f64,
     /// Share of time in gear, for parts that scatter.
     in_gear: Option<f64>,
     /// The predicted best setpoint of the lot, if parts do not stay in gear.
     best: Option<BestSetpoint>,
     /// Causes why the lot is out of gear at its best setpoint, the most likely one first.
     pub causes: Vec<Cause>,
-    in_air: f64,
-    /// Time in gear until its loss, in s.
-    loss: Option<f64>,
     locked: bool,
-    regime: String,
-    /// Conveying speed in mm/s, upwards positive.
-    speed: f64,
-    /// Length of a part along the track in mm; parts touch each other.
-    part_length: f64,
     /// Margin of the lock, relative to the amplitude.
     margin: Option<f64>,
-    /// Restitution and scatter, written as options of the verbs.
+    /// Restitution, written as an option of the verbs.
     lot: String,
-    scatter: f32,
-    strays: bool,
-    /// Proposed duration in s of a run for a target that takes longer.
-    longer: f64,
 }
 
-impl Observed {
-    pub(super) fn from_outcome(outcome: &Outcome) -> Self {
+impl<'a> Observed<'a> {
+    pub(super) fn from_outcome(outcome: &'a Outcome) -> Self {
         let last = outcome.last();
-        let scene = &outcome.file().scene;
-        let settings = &scene.settings;
-        let frequency = f64::from(settings.frequency);
-        let amplitude = outcome.amplitude();
+        let settings = &outcome.file().scene.settings;
+        let amplitude = outcome.amplitude() * 1e3;
         let k = outcome.k();
-        let (low, high) = (settings.restitution_low, settings.restitution_high);
-        let rate = std::f64::consts::TAU * frequency;
         let target = outcome.target();
         let is_gear = matches!(target, Target::Gear { .. });
         let in_gear = outcome.in_gear();
@@ -69,46 +51,29 @@ impl Observed {
         let poor = held && in_gear.is_some_and(|share| share < MIN_SHARE_IN_GEAR);
         let (best, causes) = match target {
             Target::Gear { order } if poor => {
-                let best = BestSetpoint {
-                    share: f64::from(last.expected_in_gear),
-                    amplitude: amplitude * 1e3,
-                };
+                let share = f64::from(last.expected_in_gear);
+                let best = BestSetpoint { share, amplitude };
                 (Some(best), causes(settings, order, best))
             }
             Target::K(_) | Target::Amplitude(_) if poor => {
                 (Some(BestSetpoint::from_settings(settings, 1)), vec![])
             }
-            _ if last.limits.contains(Limits::MISFIT) => {
-                (None, vec![misfit(settings, amplitude * 1e3)])
-            }
+            _ if last.limits.contains(Limits::MISFIT) => (None, vec![misfit(settings, amplitude)]),
             _ => (None, vec![]),
         };
         let band = outcome.band().filter(|band| band.contains(k));
+        let [low, high] = [settings.restitution_low, settings.restitution_high].map(shortest);
         Self {
-            amplitude: amplitude * 1e3,
-            peak: amplitude * rate * rate * f64::from(last.shape.peaks()[1])
-                / kband::feeder::STANDARD_GRAVITY,
-            target,
+            outcome,
             last,
-            no_setpoint: outcome.no_setpoint(),
-            parts: scene.parts.len(),
-            resting: outcome.resting(),
-            k,
-            order: outcome.gear_order(),
+            amplitude,
+            speed: outcome.speed() * 1e3,
             in_gear,
             best,
             causes,
-            in_air: outcome.in_air(),
-            loss: outcome.time_to_loss().map(|cycles| cycles / frequency),
             locked: outcome.is_locked(),
-            regime: outcome.regime(),
-            speed: outcome.speed() * 1e3,
-            part_length: outcome.file().part_length,
             margin: band.map(|band| band.margins(k).smallest()),
-            lot: span(shortest(low), shortest(high), 9),
-            scatter: settings.scatter,
-            strays: !outcome.strays().is_empty(),
-            longer: (3.0 * outcome.file().duration).min(86_400.0),
+            lot: span(low, high, 9),
         }
     }
 
@@ -121,7 +86,7 @@ impl Observed {
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = vec![self.track()];
         if self.amplitude > 1e-3 {
-            lines.extend(self.parts());
+            lines.push(self.parts());
             lines.extend(self.margin());
         }
         lines.push(format!("Next: {}.", self.next()));
@@ -132,15 +97,19 @@ impl Observed {
         if self.amplitude <= 1e-3 {
             return "The track stands still.".into();
         }
-        let [amplitude, peak] = [self.amplitude, self.peak].map(|value| number(value, 3));
+        let rate = TAU * f64::from(self.outcome.file().scene.settings.frequency);
+        let acceleration = self.outcome.amplitude() * rate * rate;
+        let peak = acceleration * f64::from(self.last.shape.peaks()[1]) / STANDARD_GRAVITY;
+        let [amplitude, peak] = numbers([self.amplitude, peak], 3);
         format!("The track moves {amplitude} mm to each side, {peak} g at its peak.")
     }
 
-    fn parts(&self) -> Option<String> {
-        if self.parts == 0 {
-            return Some("There are no parts on it.".into());
+    fn parts(&self) -> String {
+        let file = self.outcome.file();
+        if file.scene.parts.is_empty() {
+            return "There are no parts on it.".into();
         }
-        let stroke = match self.order {
+        let stroke = match self.outcome.gear_order() {
             1 => "every stroke".to_string(),
             order => format!("every {order} strokes"),
         };
@@ -154,25 +123,26 @@ impl Observed {
             ),
             None if self.locked => format!("Parts hop once {stroke}, in lock with the drive"),
             None => {
-                let regime = &self.regime;
+                let regime = self.outcome.regime();
                 format!("Parts do not hop in one rhythm with the drive ({regime})")
             }
         };
         let direction = if self.speed < 0.0 { "DOWN" } else { "up" };
-        let rate = 60.0 * self.speed.abs() / self.part_length;
-        Some(format!(
+        let rate = 60.0 * self.speed.abs() / file.part_length;
+        format!(
             "{hop} and travel {} mm/s {direction} the track: about {} parts a minute of {} mm each.",
             number(self.speed.abs(), 3),
             whole(rate),
-            number(self.part_length, 4)
-        ))
+            number(file.part_length, 4)
+        )
     }
 
     fn motion(&self) -> String {
-        let air = number(100.0 * self.in_air, 2);
-        if self.in_air <= 0.0 {
+        let in_air = self.outcome.in_air();
+        let air = number(100.0 * in_air, 2);
+        if in_air <= 0.0 {
             "lie at rest".into()
-        } else if self.in_air < MIN_TIME_IN_AIR {
+        } else if in_air < MIN_TIME_IN_AIR {
             format!("hop and rest in turn, in the air for {air} % of the time,")
         } else if self.doubled() {
             "hop by turns high and low (doubled),".into()
@@ -197,7 +167,8 @@ impl Observed {
 
     fn margin(&self) -> Option<String> {
         if let Some(share) = self.in_gear {
-            let lost = number(self.loss?, 2);
+            let frequency = f64::from(self.outcome.file().scene.settings.frequency);
+            let lost = number(self.outcome.time_to_loss()? / frequency, 2);
             let text = format!(
                 "They lose it after {lost} s in the mean, and fall back into it by themselves."
             );
@@ -224,14 +195,14 @@ impl Observed {
         }
         let mut limits = Limits::ALL.into_iter();
         if let Some(limit) = limits.find(|limit| self.last.limits.contains(*limit)) {
-            let why = self.no_setpoint.as_ref();
+            let why = self.outcome.no_setpoint();
             let why = why.map_or(String::new(), |why| format!(": {why}"));
             let (name, number) = (limit.name(), limit.number());
             return format!("{name} (limit {number}){why}; kband explain limit {number}");
         }
-        let longer = number(self.longer, 4);
+        let longer = number((3.0 * self.outcome.file().duration).min(86_400.0), 4);
         match self.last.identification {
-            _ if self.target != Target::Identify => {}
+            _ if self.outcome.target() != Target::Identify => {}
             Identification::Idle => {}
             Identification::Listening { hops } => {
                 return format!(
@@ -249,15 +220,19 @@ impl Observed {
             }
         }
         let bands = format!("kband bands --restitution {}", self.lot);
+        let (strays, resting) = (self.outcome.strays(), self.outcome.resting());
         match self.last.state {
-            State::Holding | State::Locked | State::Capturing | State::Lost if self.strays => {
+            State::Holding | State::Locked | State::Capturing | State::Lost
+                if !strays.is_empty() =>
+            {
                 "some parts are outside the configured lot: widen part.restitution to all of them. \
                  Kick and amplitude are chosen for the configured lot only"
                     .into()
             }
-            State::Locked if self.resting > 0 => {
-                let (locked, all) = (self.parts - self.resting, self.parts);
-                let remedy = if self.k >= 1.0 {
+            State::Locked if resting > 0 => {
+                let all = self.outcome.file().scene.parts.len();
+                let locked = all - resting;
+                let remedy = if self.outcome.k() >= 1.0 {
                     format!("above k = 1 the track throws no resting part. Set [target] k = 0.9, if the band holds it: {bands}")
                 } else {
                     "[target] gear = 1 throws them".into()
@@ -282,9 +257,9 @@ impl Observed {
     }
 
     fn held(&self) -> String {
-        let (lot, scatter) = (&self.lot, self.scatter);
+        let (lot, scatter) = (&self.lot, self.outcome.file().scene.settings.scatter);
         let gear = format!("kband gear --restitution {lot} --scatter {scatter}");
-        match (self.target, self.in_gear) {
+        match (self.outcome.target(), self.in_gear) {
             _ if self.speed < 0.0 => {
                 "the track is too steep for this amplitude ratio: kband transport --help".into()
             }
@@ -326,114 +301,35 @@ fn whole(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use kband::regime::classify::Verdict;
-    use kband_control::Fault;
+    use kband_scene::{DEFAULT, Fidelity, SceneFile, Watch};
 
     use super::*;
 
-    fn observed() -> Observed {
-        Observed {
-            amplitude: 0.25,
-            peak: 2.5,
-            target: Target::Gear { order: 1 },
-            last: Report {
-                state: State::Holding,
-                ..Report::default()
-            },
-            no_setpoint: None,
-            parts: 1,
-            resting: 0,
-            k: 0.4,
-            order: 1,
-            in_gear: Some(0.99),
-            best: None,
-            causes: vec![],
-            in_air: 0.9,
-            loss: Some(1.5),
-            locked: false,
-            regime: "in gear 0.99, order 1".into(),
-            speed: 87.5,
-            part_length: 15.0,
-            margin: None,
-            lot: "0.18..0.22".into(),
-            scatter: 0.04,
-            strays: false,
-            longer: 30.0,
-        }
-    }
-
+    /// tests/reports.txt and answers.txt have the summaries of the scenes.
     #[test]
-    fn the_summary_names_margin_strays_doubling_and_missing_setpoint() {
-        let with = |expected: &[&str], change: fn(&mut Observed)| {
-            let mut observed = observed();
-            change(&mut observed);
+    fn the_summary_names_a_thin_margin_an_open_capture_and_doubled_flights() {
+        let mut file = SceneFile::parse(DEFAULT).unwrap();
+        file.duration = 3.0;
+        let run = Outcome::run(&file, Fidelity::Envelope, Watch::default(), &mut |_| Ok(()));
+        let outcome = run.unwrap();
+        let (order, doublings, confidence) = (1, 1, 1.0);
+        let regime = Regime::Doubled { order, doublings };
+        let doubled = Some(Verdict { regime, confidence });
+        let bands = "kband bands --restitution 0.18..0.22";
+        let thin = ["0.05 % of the amplitude", "thin", "DOWN the track", bands];
+        for (state, regime, expected) in [
+            (State::Locked, None, &thin[..]),
+            (State::Capturing, None, &["--duration 9"]),
+            (State::Locked, doubled, &["the flights have doubled"]),
+        ] {
+            let mut observed = Observed::from_outcome(&outcome);
+            (observed.last.state, observed.last.regime) = (state, regime);
+            (observed.locked, observed.margin) = (true, Some(0.0005));
+            observed.speed = -3.0;
             let lines = observed.lines().join("\n");
             for text in expected {
                 assert!(lines.contains(text), "{text}: {lines}");
             }
-        };
-        let thin = ["0.05 % of the amplitude", "thin", "DOWN the track"];
-        let bands = ["kband bands --restitution 0.18..0.22"];
-        with(&[&thin[..], &bands].concat(), |observed| {
-            observed.last.state = State::Locked;
-            observed.target = Target::Locked { order: 1 };
-            (observed.in_gear, observed.locked) = (None, true);
-            (observed.margin, observed.speed) = (Some(0.0005), -3.0);
-        });
-        with(&["12 hops detected", "--duration 30"], |observed| {
-            observed.target = Target::Identify;
-            observed.last.identification = Identification::Listening { hops: 12 };
-        });
-        with(&["--duration 30"], |observed| {
-            observed.last.state = State::Capturing
-        });
-        for state in [State::Holding, State::Locked, State::Capturing, State::Lost] {
-            let mut strays = observed();
-            (strays.strays, strays.last.state) = (true, state);
-            let next = strays.next();
-            assert!(next.contains("outside the configured lot"), "{state:?}");
         }
-        with(&["the flights have doubled"], |observed| {
-            let (order, doublings, confidence) = (1, 1, 1.0);
-            let regime = Regime::Doubled { order, doublings };
-            observed.last.regime = Some(Verdict { regime, confidence });
-            observed.last.state = State::Locked;
-        });
-        with(
-            &["lock is of 1 of the 3 parts", "above k = 1"],
-            |observed| {
-                (observed.last.state, observed.k) = (State::Locked, 1.08);
-                (observed.parts, observed.resting) = (3, 2);
-            },
-        );
-        with(&[": a reason; kband explain"], |observed| {
-            (observed.last.state, observed.last.limits) = (State::Limiting, Limits::NO_SETPOINT);
-            observed.no_setpoint = Some("a reason".into());
-        });
-    }
-
-    #[test]
-    fn every_state_fault_and_limit_has_its_next_step() {
-        for &state in State::ALL {
-            let mut observed = observed();
-            observed.last.state = state;
-            let text = observed.next();
-            assert!(text.len() > 15, "{state:?}: {text}");
-        }
-        for &fault in Fault::ALL {
-            let mut faulty = observed();
-            faulty.last.fault = Some(fault);
-            let end = format!("kband explain fault {}", fault.number());
-            assert!(faulty.next().ends_with(&end), "{}", faulty.next());
-        }
-        for limits in Limits::ALL {
-            let mut limited = observed();
-            limited.last.limits = limits;
-            let end = format!("kband explain limit {}", limits.number());
-            assert!(limited.next().ends_with(&end), "{}", limited.next());
-        }
-        let mut still = observed();
-        (still.amplitude, still.last.state) = (0.0, State::Off);
-        assert_eq!(still.lines()[0], "The track stands still.");
-        assert_eq!(still.lines().len(), 2);
     }
 }
