@@ -8,6 +8,7 @@ use serde_json::json;
 
 use kband_control::wire::{Request, Response, Stored};
 use kband_control::{Recipe, RecipeName, Settings};
+use kband_scene::at_line;
 
 pub use self::page::{Entry, export};
 use super::settings::check_flash;
@@ -105,13 +106,12 @@ fn name(text: &str) -> Result<RecipeName, String> {
 pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let address = &arguments.address;
     // Checks that need no board come first.
-    let entries = match &arguments.action {
-        Action::Import { file } => {
-            let text = file::read_text(file)?;
-            Entry::parse(&text).map_err(|refusal| refusal.at(file.display()))?
-        }
-        _ => Vec::new(),
-    };
+    let mut text = String::new();
+    let mut entries = Vec::new();
+    if let Action::Import { file } = &arguments.action {
+        text = file::read_text(file)?;
+        entries = Entry::parse(&text).map_err(|refusal| refusal.at(file.display()))?;
+    }
     let export = match &arguments.action {
         Action::Export { file } => Some(Destination::output(file, "toml")?.durable()),
         _ => None,
@@ -176,7 +176,8 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
         Action::Import { file } => {
             let settings = BoardSettings::read(&mut link)?.configured();
             for entry in &entries {
-                check(entry, &settings).map_err(|refusal| refusal.at(file.display()))?;
+                let refused = |refusal| at_line(refusal, &text).at(file.display());
+                check(entry, &settings).map_err(refused)?;
             }
             let change = |entry: &Entry| (entry.number, Some((entry.name, entry.recipe)));
             let requested: Vec<_> = entries.iter().map(change).collect();
@@ -188,15 +189,14 @@ pub(crate) fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-/// Refuses a recipe that does not fit the machine with these settings; the refusal names its line.
+/// Refuses a recipe that does not fit the machine with these settings; the refusal has its key.
 fn check(entry: &Entry, settings: &Settings) -> Result<()> {
     let recipe = &entry.recipe;
-    let settings = recipe.applied_to(settings).map_err(|refused| {
-        let line = entry.line(refused.parameter);
-        Refusal::from(refused).at(format!("line {line}"))
-    })?;
+    let settings = recipe
+        .applied_to(settings)
+        .map_err(|refused| entry.at(refused.parameter, refused.into()))?;
     let checked = target::check(recipe.target, &settings).map(|_| ());
-    checked.map_err(|refusal| refusal.at(format!("line {}", entry.line("target"))))
+    checked.map_err(|refusal| entry.at("target", refusal))
 }
 
 pub(super) fn stored(link: &mut Link, number: u8) -> Result<Stored> {

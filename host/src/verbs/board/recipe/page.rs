@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use kband_control::{Recipe, RecipeName, Settings, Shape, Target, UpperTone};
-use kband_scene::toml_number as real;
+use kband_scene::{at_line, toml_number as real};
 
 use super::super::target::Kind;
 use crate::refusal::{Refusal, Result};
@@ -18,20 +18,19 @@ pub struct Entry {
     pub name: RecipeName,
     /// Its content.
     pub recipe: Recipe,
-    /// Keys and the numbers of their lines; the first is the line of the recipe itself.
-    lines: Vec<(String, usize)>,
+    /// Its place in the file, such as `recipe 1`.
+    place: String,
 }
 
 impl Entry {
-    /// Number of the line that gives a key, or that begins the recipe.
-    pub fn line(&self, key: &str) -> usize {
-        line(&self.lines, key)
+    /// The refusal, for a key of this recipe.
+    pub fn at(&self, key: &str, refusal: Refusal) -> Refusal {
+        refusal.of_key(format!("{}.{key}", self.place))
     }
 
     /// The recipes of a text; a refusal names the line and the accepted values.
     pub fn parse(text: &str) -> Result<Vec<Self>> {
         let table = kband_scene::toml_table(text, NEXT)?;
-        let lines = lines(text);
         let tables = match table.get("recipe") {
             Some(toml::Value::Array(tables)) => tables.as_slice(),
             _ => &[],
@@ -50,35 +49,37 @@ impl Entry {
             return Err(refusal);
         }
         let mut entries: Vec<Self> = Vec::new();
-        for (item, lines) in tables.iter().zip(lines) {
-            let entry = Self::from_toml(item, lines)?;
-            if entries.iter().any(|other| other.number == entry.number) {
-                let number = entry.number;
-                return Err(refused(&entry.lines, "number", number, "each number once"));
-            }
-            entries.push(entry);
+        for (n, item) in (1..).zip(tables) {
+            let item = Item(format!("recipe {n}"), item);
+            let entry = Self::from_toml(&item).and_then(|entry| {
+                if entries.iter().any(|other| other.number == entry.number) {
+                    return Err(item.refused("number", entry.number, "each number once"));
+                }
+                Ok(entry)
+            });
+            entries.push(entry.map_err(|refusal| at_line(refusal, text))?);
         }
         Ok(entries)
     }
 
-    fn from_toml(item: &toml::Value, lines: Vec<(String, usize)>) -> Result<Self> {
+    fn from_toml(item: &Item<'_>) -> Result<Self> {
         let numbers = format!("a whole number from 1 to {}", Recipe::COUNT);
-        let number = value(item, &lines, "number", &numbers, |value| {
+        let number = item.value("number", &numbers, |value| {
             let number = u8::try_from(value.as_integer()?).ok()?;
             (1..=Recipe::COUNT).contains(&number).then_some(number)
         })?;
-        let name = value(item, &lines, "name", RecipeName::ACCEPTED, |value| {
+        let name = item.value("name", RecipeName::ACCEPTED, |value| {
             RecipeName::parse(value.as_str()?)
         })?;
-        let mut recipe = Recipe::of(target(item, &lines)?, &Settings::default());
+        let mut recipe = Recipe::of(target(item)?, &Settings::default());
         for (place, key) in recipe.values.iter_mut().zip(Recipe::KEYS) {
             let setting = Settings::KEYS.iter().find(|setting| setting.name == key);
             let accepted = setting.map_or("", |setting| setting.accepted);
             // Files of older versions lack it.
-            if ["part_length", "contact"].contains(&key) && item.get(key).is_none() {
+            if ["part_length", "contact"].contains(&key) && item.1.get(key).is_none() {
                 continue;
             }
-            *place = value(item, &lines, key, accepted, |value| {
+            *place = item.value(key, accepted, |value| {
                 let number = real(value)? as f32;
                 Settings::default().set(key, number).ok()?;
                 Some(number)
@@ -86,69 +87,68 @@ impl Entry {
         }
         let own_keys = "number name target value second_tone third_tone".split(' ');
         let known: Vec<&str> = own_keys.chain(Recipe::KEYS).collect();
-        for (key, _) in item.as_table().into_iter().flatten() {
+        for (key, _) in item.1.as_table().into_iter().flatten() {
             if !known.contains(&&key[..]) {
-                return Err(refused(&lines, key, "a key of no recipe", known.join(", ")));
+                return Err(item.refused(key, "a key of no recipe", known.join(", ")));
             }
         }
         Ok(Self {
             number,
             name,
             recipe,
-            lines,
+            place: item.0.clone(),
         })
     }
 }
 
-fn line(lines: &[(String, usize)], key: &str) -> usize {
-    let entry = lines.iter().find(|(name, _)| name == key);
-    entry.or(lines.first()).map_or(1, |(_, line)| *line)
-}
+/// A recipe of a file: its place, such as `recipe 1`, and its table.
+struct Item<'a>(String, &'a toml::Value);
 
-fn refused(
-    lines: &[(String, usize)],
-    key: &str,
-    value: impl std::fmt::Display,
-    accepted: impl Into<String>,
-) -> Refusal {
-    Refusal::value(key, value, accepted, NEXT).at(format!("line {}", line(lines, key)))
-}
+impl Item<'_> {
+    fn refused(
+        &self,
+        key: &str,
+        value: impl std::fmt::Display,
+        accepted: impl Into<String>,
+    ) -> Refusal {
+        Refusal::value(key, value, accepted, NEXT).of_key(format!("{}.{key}", self.0))
+    }
 
-/// The value of a key; a missing or invalid one is refused with its line.
-fn value<T>(
-    item: &toml::Value,
-    lines: &[(String, usize)],
-    key: &str,
-    accepted: &str,
-    read: impl FnOnce(&toml::Value) -> Option<T>,
-) -> Result<T> {
-    let raw = item.get(key);
-    raw.and_then(read).ok_or_else(|| {
-        let stated = raw.map_or("nothing".to_string(), ToString::to_string);
-        refused(lines, key, stated.replace('\n', " "), accepted)
-    })
+    /// The value of a key; a missing or invalid one is refused.
+    fn value<T>(
+        &self,
+        key: &str,
+        accepted: &str,
+        read: impl FnOnce(&toml::Value) -> Option<T>,
+    ) -> Result<T> {
+        let raw = self.1.get(key);
+        raw.and_then(read).ok_or_else(|| {
+            let stated = raw.map_or("nothing".to_string(), ToString::to_string);
+            self.refused(key, stated.replace('\n', " "), accepted)
+        })
+    }
 }
 
 /// The target of a recipe: word and number as for `kband target`, or upper tones.
-fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
+fn target(item: &Item<'_>) -> Result<Target> {
     let names = Kind::value_variants().iter().filter_map(|kind| {
         let value = kind.to_possible_value()?;
         Some(value.get_name().to_string())
     });
     let accepted: Vec<String> = names.chain(["tones".to_string()]).collect();
-    let word = value(item, lines, "target", &accepted.join(", "), |value| {
+    let word = item.value("target", &accepted.join(", "), |value| {
         let word = value.as_str()?;
         accepted.iter().find(|name| *name == word).cloned()
     })?;
-    let number = (item.get("value")).map(|_| value(item, lines, "value", "a number", real));
+    let number = (item.1.get("value")).map(|_| item.value("value", "a number", real));
     let number = number.transpose()?;
     if word != "tones" {
         let kind = Kind::from_str(&word, false).map_err(|why| Refusal::new(why, NEXT))?;
-        let at = format!("line {}", line(lines, "value"));
-        return kind.target(number).map_err(|refusal| refusal.at(at));
+        let refused = |refusal: Refusal| refusal.of_key(format!("{}.value", item.0));
+        return kind.target(number).map_err(refused);
     }
     let tone = |key: &str| {
-        value(item, lines, key, "[ratio 0..0.5, phase in rad]", |value| {
+        item.value(key, "[ratio 0..0.5, phase in rad]", |value| {
             let [ratio, phase] = &value.as_array()?[..] else {
                 return None;
             };
@@ -158,7 +158,7 @@ fn target(item: &toml::Value, lines: &[(String, usize)]) -> Result<Target> {
         })
     };
     let k = number.filter(|k| (*k as f32).is_finite());
-    let k = k.ok_or_else(|| refused(lines, "value", "no number", "k of the first tone"))?;
+    let k = k.ok_or_else(|| item.refused("value", "no number", "k of the first tone"))?;
     Ok(Target::Tones {
         k: k as f32,
         shape: Shape::new(tone("second_tone")?, tone("third_tone")?),
@@ -206,20 +206,6 @@ pub fn export(recipes: &[(u8, RecipeName, Recipe)], image: &str) -> String {
         }
     }
     text
-}
-
-/// Line numbers for each recipe of a text: its own, then those of its keys.
-fn lines(text: &str) -> Vec<Vec<(String, usize)>> {
-    let mut all: Vec<Vec<(String, usize)>> = Vec::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let line = line.trim_start();
-        if line.starts_with("[[recipe]]") {
-            all.push(vec![(String::new(), number)]);
-        } else if let (Some(lines), Some((key, _))) = (all.last_mut(), line.split_once('=')) {
-            lines.push((key.trim().to_string(), number));
-        }
-    }
-    all
 }
 
 #[cfg(test)]
