@@ -1,16 +1,8 @@
 //! Tables that take minutes, and for each a short computation by the same code, which takes 0.1 s.
 
-use std::f64::consts::TAU;
-
-use kband::regime::gear::GearWatch;
-use kband_control::Target;
-use kband_plant::{EnvelopeLoop, Scene};
-use kband_scene::add_strike;
 use serde_json::Value;
 
-use super::{
-    REAL_PARTS, Table, closed_loop, hearing, identifying, kband, list, number, shapes, weighing,
-};
+use super::{REAL_PARTS, Table, closed_loop, identifying, kband, list, number, weighing};
 
 pub struct Long {
     pub table: Table,
@@ -35,30 +27,14 @@ macro_rules! long_tables {
     };
 }
 
-const SHARE_HEAD: &str =
-    "| R | s | k | true, one part | 1 part | 2 | 6 | 12 | 24 parts | error told |";
-
 long_tables! {
     in_gear_under_scatter: "gear under scatter", "theory-real-parts.md",
         "| R | one tone, s = 0.03 | 0.06 | 0.10 | two tones, s = 0.03 | 0.06 | 0.10 |",
         under_scatter(&["0.1", "0.2", "0.3", "0.4", "0.5", "0.6"], ""),
         under_scatter(&["0.3"], "--k 0.40..0.44:3 --second-tone 0.15,2.356 --runs 1");
-    shapes_of_the_track: "shapes", REAL_PARTS, shapes::HEAD,
-        shapes::table(&shapes::LOTS, [4000, shapes::RANDOM_MOVES]).expect("shapes"),
-        shapes::table(&shapes::LOTS[5..], [20, 1]).expect("shapes");
     weighing_of_twenty_feeders: "weighing", REAL_PARTS, weighing::HEAD,
         weighing::table(20, 1).expect("feeders"),
         weighing::table(1, 1).expect("feeders");
-    share_heard_of_the_chosen_lots: "share heard, lots chosen with", REAL_PARTS, SHARE_HEAD,
-        hearing::table(&hearing::rows("set"), 6, 1),
-        hearing::table(&hearing::rows("set")[5..10], 1, 1);
-    share_heard_of_the_other_lots: "share heard, other lots", REAL_PARTS, SHARE_HEAD,
-        hearing::table(&hearing::rows("check"), 6, 77),
-        hearing::table(&hearing::rows("check")[5..10], 1, 77);
-    losses_of_gear: "losses of gear", REAL_PARTS,
-        "| R, s, k | share | cycles in gear | cycles out of it |",
-        losses(&LOSSES, 100_000),
-        losses(&LOSSES[4..], 2000);
     gear_in_the_closed_loop: "gear in the closed loop", REAL_PARTS,
         "| R | s | target | tones afforded | in gear | heard | told | expected | k | e, th | e3, th3 | peak (g) | mm/s | lock's mm/s |",
         closed_loop::table(&closed_loop::ROWS, 50),
@@ -92,51 +68,6 @@ fn under_scatter(restitutions: &[&str], more: &str) -> Vec<String> {
         format!("| {restitution} | {} |", cells.join(" | "))
     };
     restitutions.iter().map(row).collect()
-}
-
-/// Restitution, scatter and planned k.
-const LOSSES: [[f32; 3]; 6] = [
-    [0.2, 0.05, 0.398],
-    [0.3, 0.05, 0.441],
-    [0.4, 0.05, 0.508],
-    [0.5, 0.05, 0.562],
-    [0.3, 0.10, 0.444],
-    [0.5, 0.10, 0.550],
-];
-
-/// Drive cycles before the share is measured.
-const SETTLING_CYCLES: u32 = 250;
-
-/// Mean time of one part in gear between losses, and out of gear, in drive cycles.
-fn losses(lots: &[[f32; 3]], cycles: u32) -> Vec<String> {
-    let row = |&[restitution, scatter, k]: &[f32; 3]| {
-        let mut scene = Scene {
-            target: Target::K(k),
-            parts: [restitution].into_iter().collect(),
-            scatter: [scatter].into_iter().collect(),
-            ..Scene::default()
-        };
-        scene.settings.scatter = scatter;
-        scene.settings.restitution_low = restitution;
-        scene.settings.restitution_high = restitution;
-        let mut closed = EnvelopeLoop::build(&scene).expect("a feeder");
-        for _ in 0..SETTLING_CYCLES {
-            closed.cycle();
-        }
-        let mut watch = GearWatch::build(1).expect("order 1 is one");
-        watch.begin(f64::from(SETTLING_CYCLES) * TAU);
-        for _ in 0..cycles {
-            closed.cycle();
-            let strikes = closed.strikes().iter();
-            strikes.for_each(|strike| add_strike(&mut watch, strike));
-        }
-        let result = watch.share(f64::from(SETTLING_CYCLES + cycles) * TAU);
-        let share = result.share();
-        let inside = result.time_to_loss().expect("gear is lost");
-        let outside = inside * (1.0 / share - 1.0);
-        format!("| {restitution}, {scatter:.2}, {k:.3} | {share:.2} | {inside:.0} | {outside:.1} |")
-    };
-    lots.iter().map(row).collect()
 }
 
 /// Captures of other lots in the default scene, with a target of lock and without scatter.

@@ -7,12 +7,10 @@
 //! `<!-- test: NAME -->`: that unit test compares the table. `docs/numbers.sh` computes all anew.
 
 mod closed_loop;
-mod hearing;
 mod identifying;
 mod long;
 #[path = "../outcome/mod.rs"]
 mod outcome;
-mod shapes;
 mod short;
 mod weighing;
 
