@@ -1,6 +1,5 @@
-//! Causes of a share of time in gear below the best of the lot, each with its remedy. The method is
-//! relaxation of one constraint at a time: the plan of gear is repeated without one bound of drive
-//! or lot. The result is the predicted share in gear, 0..1, and the amplitude in mm.
+//! Causes of a share of time in gear below the best of the lot, each with its remedy: the plan of
+//! gear is repeated without one bound of drive or lot at a time.
 
 use std::f64::consts::TAU;
 
@@ -237,22 +236,6 @@ mod tests {
     }
 
     #[test]
-    fn misfit_is_the_only_cause_while_its_limit_holds() {
-        let settings = served();
-        let now = BestSetpoint {
-            share: 0.0,
-            amplitude: 0.327,
-        };
-        let mut cache = CauseCache::default();
-        let causes = cache.causes(&settings, 1, now, Limits::MISFIT);
-        assert_eq!(causes.len(), 1);
-        let lines = describe(&causes);
-        let remedy = "parts that do not fit the lot: restitution 0.19..0.21";
-        let begin = format!("0 in gear at 0.327 mm with {remedy}");
-        assert!(lines[0].starts_with(&begin), "{lines:?}");
-    }
-
-    #[test]
     fn cached_causes_follow_settings_and_plan() {
         let weak = Settings {
             gain: 0.15,
@@ -279,6 +262,9 @@ mod tests {
         let served = served();
         let best = BestSetpoint::from_settings(&served, 1);
         assert_eq!(cache.causes(&served, 1, best, Limits::default()), []);
+        // Parts that do not fit the lot are the only cause while that limit holds.
+        let unfit = misfit(&served, best.amplitude);
+        assert_eq!(cache.causes(&served, 1, best, Limits::MISFIT), [unfit]);
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! Scenes, read from TOML, simulated and evaluated; final regimes of orbits on the exact map.
-//!
-//! `section`, `timeline`, `parts`, `expect` and `scene` read a scene file, `engine` runs it, `record`
-//! and `outcome` report the run. Each of them uses only those before it, and [`ending`].
+//! `scene` reads a scene file, `engine` runs it, `record` and `outcome` report the run.
 
 pub mod design;
 pub mod ending;

@@ -204,8 +204,6 @@ pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use kband_control::{Controller, StartCause};
-
     use super::*;
 
     #[test]
@@ -237,29 +235,5 @@ mod tests {
         // A circular motion has a stroke of b in every direction.
         assert!((super::stroke(1.0, 90.0) - 1.0).abs() < 1e-12);
         assert!((super::stroke(1.0, 0.0) - 2.0_f64.sqrt()).abs() < 1e-12);
-    }
-
-    /// The limit is that of the controller: the setpoint is reachable above it and not below.
-    #[test]
-    fn the_lowest_k_is_that_of_the_controllers_reach() {
-        let base = Settings {
-            amplitude_limit: 0.4,
-            ..Settings::default()
-        };
-        for (frequency, throw_angle) in [(30.0, 25.0), (50.0, 40.0), (90.0, 60.0)] {
-            let feeder = Feeder {
-                frequency,
-                throw_angle,
-                ..Feeder::from_settings(&base, 0.4, [[0.0; 2]; 2])
-            };
-            let lowest = lowest_k(&base, &feeder);
-            let settings = settings_of(&base, &feeder);
-            let target = feeder.target();
-            let controller = Controller::build(&settings, target, StartCause::Ordinary).unwrap();
-            let reach = f64::from(controller.k(controller.reach()));
-            // The peaks are upper bounds, within 0.0012 of a sine's.
-            let excess = lowest / reach - 1.0;
-            assert!((0.0..2e-3).contains(&excess), "{lowest} {reach}");
-        }
     }
 }

@@ -1,9 +1,6 @@
-//! Feeder design: parts a minute against share in gear, with the drive of a scene.
-//!
-//! A candidate is a frequency, an angle of throw, an incline, an amplitude and tones. The share in
-//! gear depends on k and the tones alone (docs/theory-real-parts.md#t10.1). A [table] of
-//! simulated parts gives share and speed of every candidate, and random search with narrowing
-//! rounds finds the Pareto front. The front is simulated anew; its best are run in the closed loop.
+//! Feeder design: parts a minute against share in gear, with the drive of a scene. A [table] gives
+//! share and speed of every candidate, and random search with narrowing rounds finds the Pareto
+//! front. The front is simulated anew; its best are run in the closed loop.
 
 mod feeder;
 mod search;
