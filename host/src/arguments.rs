@@ -434,17 +434,3 @@ pub fn interval(low: f64, high: f64, unit: &'static str) -> ValueParser {
         }
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ranges_as_typed() {
-        let values: Vec<f64> = range("0.3..0.5:5").unwrap().values().collect();
-        assert_eq!((values.len(), values[0], values[4]), (5, 0.3, 0.5));
-        assert!(values.windows(2).all(|pair| pair[0] < pair[1]));
-        assert_eq!(range("-3..2.5:2").unwrap().low, -3.0);
-        assert_eq!(range("0.4").unwrap().values().collect::<Vec<_>>(), [0.4]);
-    }
-}

@@ -241,28 +241,6 @@ pub fn add(document: Json, units: Map<String, Json>) -> Json {
     Json::Object(whole)
 }
 
-/// A JSON document without its provenance, the inverse of [`add`], for comparing several commands.
-pub fn strip(mut document: Json) -> Json {
-    if let Json::Object(fields) = &mut document
-        && fields.shift_remove("provenance").is_some()
-        && fields.len() == 1
-        && let Some(rows) = fields.remove("rows")
-    {
-        return rows;
-    }
-    document
-}
-
-/// A CSV, JSON or SVG without its provenance.
-pub fn stripped(text: &str) -> String {
-    if let Ok(document) = serde_json::from_str::<Json>(text) {
-        return format!("{:#}\n", strip(document));
-    }
-    let aside = |line: &&str| !line.starts_with('#') && !line.starts_with("<metadata>");
-    let lines = text.split_inclusive('\n');
-    lines.filter(aside).collect()
-}
-
 fn lock_run() -> std::sync::MutexGuard<'static, Option<Run>> {
     RUN.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -282,24 +260,6 @@ mod tests {
         let args = [&args[..], &["--note", "it's # 1", ""]].concat();
         assert_eq!(quoted(&args), r"kband target mm/s --note 'it'\''s # 1' ''");
         assert_eq!(quoted(&["kband", "--threads=3", "bands"]), "kband bands");
-    }
-
-    #[test]
-    fn provenance_is_removed_as_it_was_added() {
-        let list = json!([{"k": 0.4}]);
-        let document = json!({"k": 0.4, "rows": [1]});
-        for plain in [list, document] {
-            let whole = add(plain.clone(), Map::new());
-            assert!(whole["provenance"]["commit"].is_string());
-            assert_eq!(strip(whole.clone()), plain);
-            assert_eq!(stripped(&whole.to_string()), format!("{plain:#}\n"));
-        }
-        let mut csv = Vec::new();
-        write_comments(Map::new(), &mut csv).unwrap();
-        let csv = String::from_utf8(csv).unwrap() + "k,b (mm)\n0.4,0.2\n";
-        assert_eq!(stripped(&csv), "k,b (mm)\n0.4,0.2\n");
-        let svg = "<svg>\n<metadata>{}</metadata>\n<path d=\"M0 0\"/>\n</svg>\n";
-        assert_eq!(stripped(svg), "<svg>\n<path d=\"M0 0\"/>\n</svg>\n");
     }
 
     #[test]

@@ -8,7 +8,6 @@ use std::process::Child;
 
 use kband::impact::{Kernel, Map, PartState};
 use outcome::start;
-use serde_json::Value;
 
 /// Largest memory of a command, KiB.
 const MAX_MEMORY: u64 = 64 << 10;
@@ -74,43 +73,31 @@ fn memory_does_not_grow_with_the_number_of_rows() {
     }
 }
 
+/// The JSON of streamed rows is that of a table (report/rows.rs).
 #[test]
 fn streamed_rows_are_the_impacts_of_the_map() {
     let folder = tempfile::tempdir().unwrap();
     // More rows than between two checks for an interruption.
     const COUNT: usize = 5000;
     let expected = states(COUNT);
-    let args = format!("{ORBIT} --count {COUNT} --out rows.json");
-    let out = start(folder.path(), &args).wait_with_output().unwrap();
-    let csv = String::from_utf8(out.stdout).unwrap();
-    let rows: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
-    assert_eq!(rows[0], "n,phase,velocity,flight");
-    assert_eq!(rows.len(), COUNT + 1);
-    let json = std::fs::read_to_string(folder.path().join("rows.json")).unwrap();
-    let json: Value = serde_json::from_str(&json).unwrap();
+    let rows = |args: &str| -> Vec<Vec<f64>> {
+        let csv = outcome::kband(&folder, args).done();
+        let csv = outcome::stripped(&csv);
+        let row = |line: &str| line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        csv.lines().skip(1).map(row).collect()
+    };
+    let orbit = rows(&format!("{ORBIT} --count {COUNT}"));
     let mut launches = String::from("k,restitution,phase,velocity\n0.34,0.2,0.5,0.45\n");
     for (n, (flight, state)) in expected.iter().enumerate() {
-        let row = rows[n + 1].split(',');
-        let row: Vec<f64> = row.map(|field| field.parse().unwrap()).collect();
         let values = [(n + 1) as f64, state.phase, state.velocity, *flight];
-        assert_eq!(row, values, "row {n}");
-        let object = &json["rows"][n];
-        let columns = ["n", "phase", "velocity", "flight"];
-        let row = columns.map(|column| object[column].as_f64().unwrap());
-        assert_eq!(row, values, "row {n}");
+        assert_eq!(orbit[n], values, "row {n}");
         launches += &format!("0.34,0.2,{},{}\n", state.phase, state.velocity);
     }
     // The same orbit, with each impact from a row of a file.
     std::fs::write(folder.path().join("launches.csv"), launches).unwrap();
-    let args = "impacts --from launches.csv";
-    let out = start(folder.path(), args).wait_with_output().unwrap();
-    let csv = String::from_utf8(out.stdout).unwrap();
-    let rows = csv.lines().filter(|line| !line.starts_with('#')).skip(1);
-    let mut count = 0;
-    for (row, (flight, state)) in rows.zip(&expected) {
-        let row: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
-        assert_eq!(row, [*flight, state.phase, state.velocity]);
-        count += 1;
+    let impacts = rows("impacts --from launches.csv");
+    assert_eq!([orbit.len(), impacts.len()], [COUNT, COUNT + 1]);
+    for (row, (flight, state)) in impacts.iter().zip(&expected) {
+        assert_eq!(*row, [*flight, state.phase, state.velocity]);
     }
-    assert_eq!(count, COUNT);
 }

@@ -1,6 +1,4 @@
-//! Description of a result by its fields, for table, CSV and JSON.
-//!
-//! A field has a column, a function from the result to its value, and the formats that contain it.
+//! A result by its fields: each has a column, the function to its value, and the formats with it.
 
 use serde_json::Value as Json;
 
@@ -111,7 +109,6 @@ impl<'a, R> View<'a, R> {
         Json::Object(fields.map(pair).collect())
     }
 
-    /// The objects of all rows.
     pub fn objects(&self, rows: &[R]) -> Vec<Json> {
         rows.iter().map(|row| self.object(row)).collect()
     }
@@ -126,10 +123,8 @@ impl<'a, R> View<'a, R> {
     }
 }
 
-/// Defines a function that returns the [`View`] of a result.
-///
-/// Each line has the formats (`all`, `read`, `table`, `data` or `json`), the column by its name in
-/// [`columns`](crate::report::columns), and the value of a row.
+/// Defines a function that returns the [`View`] of a result. A line has the formats, the column by
+/// its name in [`columns`](crate::report::columns), and the value of a row.
 macro_rules! fields {
     ($(#[$doc:meta])* $vis:vis fn $name:ident($row:ident: $row_type:ty $(, $more:ident: $kind:ty)*) {
         $($form:ident $column:expr => $value:expr;)*
@@ -144,43 +139,3 @@ macro_rules! fields {
     };
 }
 pub(crate) use fields;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::report::{Format, columns};
-
-    struct At {
-        k: f64,
-        b: Option<f64>,
-    }
-
-    fields! {
-        fn at(at: At, factor: f64) {
-            all K.digits(2) => factor * at.k;
-            read B => at.b.map_or("none".into(), |b| b.to_string());
-            data B => at.b;
-        }
-    }
-
-    #[test]
-    fn each_form_has_its_fields_of_the_same_rows() {
-        let rows = [(0.4375, None), (0.5, Some(0.25))].map(|(k, b)| At { k, b });
-        let view = at(&1.0);
-        let printed = |format| {
-            let mut bytes = Vec::new();
-            view.printout(&rows).write(format, &mut bytes).unwrap();
-            crate::provenance::stripped(&String::from_utf8(bytes).unwrap())
-        };
-        let table = "   k  b (mm)\n0.44  none\n 0.5  0.25\n";
-        assert_eq!(printed(Format::Table), table);
-        assert_eq!(printed(Format::Csv), "k,b (mm)\n0.4375,\n0.5,0.25\n");
-        let json: Json = serde_json::from_str(&printed(Format::Json)).unwrap();
-        let expected = serde_json::json!([{"k": 0.4375, "b": null}, {"k": 0.5, "b": 0.25}]);
-        assert_eq!(json, expected);
-        assert_eq!(view.object(&rows[1]), json[1]);
-        let bare = at(&2.0).without(columns::B);
-        assert_eq!(bare.columns(), [columns::K.digits(2)]);
-        assert_eq!(bare.row(&rows[1]), [Value::Number(1.0)]);
-    }
-}
