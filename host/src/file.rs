@@ -1,7 +1,6 @@
-//! Output files, written completely or not at all, and never over a file of the same run: into a
-//! temporary file in the same folder, renamed when complete (atomic replacement). Only data of a
-//! board is also flushed to the disk. A file that the user names replaces an older one, with a
-//! message. A file with a default name replaces only a file that kband wrote.
+//! Output files, written completely or not at all: into a temporary file in the same folder,
+//! renamed when complete. A named file replaces an older one, with a message. A file with a default
+//! name replaces only a file that kband wrote. Only data of a board is also flushed to the disk.
 
 mod used;
 

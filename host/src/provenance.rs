@@ -25,7 +25,6 @@ struct Run {
     arithmetic: &'static str,
 }
 
-/// A given or default value.
 fn parameter(value: Json, unit: &str) -> Json {
     let mut fields = json!({"value": value});
     if !unit.is_empty() {

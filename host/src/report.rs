@@ -25,7 +25,6 @@ use crate::file::{self, Destination};
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
 
-/// Form of a result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Aligned columns.
@@ -174,8 +173,6 @@ impl Rows for RowsToRead {
 }
 
 /// Prints the rows of `work` on standard output one by one; as text, after the last row.
-///
-/// [`file::is_reader_closed`] tells whether the reader has closed the pipe.
 pub fn print_rows<T>(
     format: Format,
     columns: &[Column],

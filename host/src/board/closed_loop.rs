@@ -9,9 +9,9 @@ use crate::refusal::{Refusal, Result};
 
 const CHUNK_BYTES: usize = 240;
 
-/// The closed loop of a scene with its controller on a board, which receives every reading and runs
-/// its own signal path. The desk computes the outputs of a cycle as well. At the end of each cycle
-/// the board confirms them bit for bit, and sends its next decision.
+/// The closed loop of a scene with its controller on a board, which receives every reading. At the
+/// end of each cycle the board confirms the desk's outputs bit for bit, and sends its next
+/// decision.
 pub struct BoardLoop {
     link: Link,
     bench: Bench,

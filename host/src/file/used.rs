@@ -1,8 +1,5 @@
-//! Register of the files that this run reads and writes; it prevents overwriting an input or
-//! output.
-//!
-//! A file is identified by its canonical path. So `a.csv`, `./a.csv` and a symbolic link to it are
-//! one file. A hard link counts as another file: the output replaces it, and the input remains.
+//! The files that this run reads and writes, by their canonical paths: no input or output is
+//! written over. A hard link counts as another file: the output replaces it, and the input remains.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};

@@ -1,7 +1,5 @@
-//! HTML pages for the browser: one self-contained file without external requests.
-//!
-//! It includes style, script and the numbers as JSON; a content policy forbids other sources. The
-//! script only draws results that were computed here.
+//! HTML pages for the browser: one file with style, script and the numbers as JSON. A content
+//! policy forbids other sources. The script only draws results that were computed here.
 
 use serde_json::Value as Json;
 
@@ -11,7 +9,6 @@ use crate::provenance;
 const STYLE: &str = include_str!("page.css");
 /// Charts with a cursor, sliders over precomputed values, and the colour switch.
 const CHARTS: &str = include_str!("charts.js");
-/// Note for a browser that does not run the page's script.
 const NO_SCRIPT: &str = "<noscript><p class=\"note\">The pictures of this page are drawn by its script, which this browser does not run; \
 the words and tables are all here.</p></noscript>\n";
 /// Beginning of every page, which identifies pages of kband.

@@ -21,9 +21,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis from `low` to `high`; a pure number has the unit "".
-    ///
-    /// An empty or infinite range is widened; a single value other than 0 is widened to both sides.
+    /// An axis from `low` to `high`, widened if they enclose nothing; a pure number has the unit
+    /// "".
     pub fn new(label: impl Into<String>, unit: &'static str, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
         let (low, high) = if high.is_finite() && high > low {
@@ -73,7 +72,6 @@ impl Axis {
         self
     }
 
-    /// The axis with ticks at fractions of pi.
     pub fn in_pi(mut self) -> Self {
         self.division = Division::Pi;
         self

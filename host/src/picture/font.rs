@@ -4,7 +4,6 @@ use std::sync::LazyLock;
 
 use ab_glyph::{Font, FontRef, GlyphId, OutlineCurve, Point, point};
 
-/// The regular font and the bold one.
 static FONTS: LazyLock<[Option<FontRef<'static>>; 2]> = LazyLock::new(|| {
     let regular: &[u8] = include_bytes!("../../fonts/kband-sans.ttf");
     let bold: &[u8] = include_bytes!("../../fonts/kband-sans-bold.ttf");

@@ -1,8 +1,5 @@
-//! Pictures in one style, drawn once as shapes and written as SVG, PNG or PDF.
-//!
-//! Every axis has a unit. The theme defines colours, dashes, markers and hatches by number of the
-//! series or by regime, so all pictures look alike. They are legible in grey and for colour-blind
-//! readers. Large point clouds and maps become one embedded image.
+//! Pictures in one style, legible in grey and for colour-blind readers, drawn once as shapes and
+//! written as SVG, PNG or PDF. Large point clouds and maps become one embedded image.
 
 mod axis;
 mod bitmap;
@@ -22,7 +19,6 @@ pub use theme::{Fill, Theme, page_colours};
 
 use shape::{Anchor, Rect, Shape, Text};
 
-/// A picture: a title and panels in a column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     title: String,
@@ -65,9 +61,8 @@ impl Picture {
         svg::document(size, [&self.title, about, name], look, &shapes)
     }
 
-    /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper.
-    ///
-    /// `None` only if memory is insufficient. `about` as for SVG.
+    /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper. `None`
+    /// only if memory is insufficient.
     pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
         let (size, shapes) = self.shapes(look);
         bitmap::png(size, about, look, &shapes)
@@ -79,7 +74,6 @@ impl Picture {
         pdf::document(size, [&self.title, about], look, &shapes)
     }
 
-    /// Width and height in pixels, and the shapes.
     fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
         let theme = look.theme;
         let width = look.laid_out(self.width);

@@ -18,7 +18,6 @@ use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::{Fill, Theme};
 use super::wrapped;
 
-/// Size of small text in pixels.
 pub(super) const SMALL_TEXT_SIZE: f64 = 12.0;
 const HEADING: f64 = 13.0;
 const LINE: f64 = 17.0;
@@ -31,7 +30,6 @@ const RIBBON: f64 = 16.0;
 /// Number of markers above which a density is drawn instead, for legibility and file size.
 const MAX_MARKERS: usize = 2500;
 
-/// Two axes and the items between them, listed from back to front.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     heading: String,
@@ -95,9 +93,8 @@ impl Panel {
         self.item(Key::Ink, name, Item::Density(points))
     }
 
-    /// A density of points in evenly spaced columns, the first and last at the ends of the axis.
-    ///
-    /// All columns have the same width, so no stripes appear. Each column lists heights.
+    /// A density of heights in evenly spaced columns of one width, the first and last at the axis'
+    /// ends.
     pub fn columns(self, name: &str, columns: Vec<Vec<f32>>) -> Self {
         self.item(Key::Ink, name, Item::Columns(columns))
     }

@@ -4,7 +4,6 @@
 use super::font;
 use super::theme::Colour;
 
-/// A rectangle: left, top, width, height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rect {
     pub left: f64,
@@ -37,7 +36,6 @@ impl Rect {
     }
 }
 
-/// A line's colour, width in pixels and dash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stroke {
     pub colour: Colour,

@@ -107,7 +107,6 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
     }
 }
 
-/// Attributes for the place of a rectangle.
 fn placed(rect: &Rect) -> String {
     let [x, y, width, height] = [rect.left, rect.top, rect.width, rect.height].map(short);
     format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"")

@@ -3,7 +3,6 @@
 
 use crate::report::finite;
 
-/// Colours of a picture: for paper or for a dark screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Theme {
     /// Dark on white.
@@ -15,7 +14,6 @@ pub enum Theme {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Colour {
-    /// Red, green and blue.
     pub rgb: [u8; 3],
     /// Opacity: 0 is invisible, 1 opaque.
     pub opacity: f32,
@@ -155,8 +153,6 @@ impl Theme {
     }
 
     /// A scale of monotone lightness from 0 to 1 (decreasing on paper), from points of cividis.
-    ///
-    /// It looks similar with and without red-green vision.
     pub(super) fn scale(self, part: f64) -> Colour {
         const ANCHORS: [u32; 9] = [
             0x00224E, 0x123570, 0x3B496C, 0x575D6D, 0x707173, 0x8A8678, 0xA59C74, 0xC3B369,

@@ -1,9 +1,5 @@
-//! Every column and field of kband's outputs, with its unit. One quantity has one name in all
-//! verbs.
-//!
-//! They are the rows of `columns.tsv`. A test checks that verbs have only these columns, and JSON
-//! documents only these names. A name contains no unit. The unit is in a CSV's header, in a
-//! Parquet's `units`, and in the `units` of the provenance.
+//! Every column and field of kband's outputs, with its unit: the rows of `columns.tsv`. One
+//! quantity has one name in all verbs, without its unit.
 
 use serde_json::{Map, Value as Json};
 

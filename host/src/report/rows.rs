@@ -14,13 +14,11 @@ use crate::refusal::{Refusal, Result};
 pub trait Rows {
     fn row(&mut self, row: &[Value]) -> Result<()>;
 
-    /// Completes the output after the last row.
     fn end(&mut self) -> Result<()> {
         Ok(())
     }
 }
 
-/// Writer of rows as JSON or CSV.
 pub(super) fn writer<'a>(
     out: &'a mut dyn Write,
     is_json: bool,
@@ -69,7 +67,6 @@ struct JsonRows<'a> {
 const NO_ROWS: &str = "[]\n}";
 
 impl<'a> JsonRows<'a> {
-    /// Writes the document up to the first row.
     fn begin(out: &'a mut dyn Write, columns: &[Column]) -> Result<Self> {
         let sample = columns.iter().map(|column| (column.name, Json::Null));
         let units = units_of(&sample.collect());

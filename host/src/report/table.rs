@@ -86,7 +86,6 @@ impl Column {
 pub struct Table {
     pub columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
-    /// Whether columns beyond the width of the screen continue below.
     folded: bool,
 }
 
@@ -187,7 +186,6 @@ impl Table {
         self.rows.iter().try_for_each(|row| rows.row(row))
     }
 
-    /// As a JSON array of objects whose keys are the column names.
     pub fn to_json(&self) -> Json {
         let pair = |(column, value): (&Column, &Value)| (column.name.to_string(), value.json());
         let object =

@@ -46,7 +46,6 @@ impl<'a, R> Field<'a, R> {
         Self::new(CSV | JSON, column, value)
     }
 
-    /// A field of JSON only.
     pub fn json<V: Into<Value>>(column: Column, value: impl Fn(&R) -> V + 'a) -> Self {
         Self::new(JSON, column, value)
     }

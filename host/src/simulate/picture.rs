@@ -9,7 +9,6 @@ use crate::report::{span, when};
 
 const MAX_MARKERS: usize = 600;
 
-/// Fills of the controller's states, with their names.
 pub const STATE_FILLS: [(Fill, &str); 6] = [
     (Fill::Rest, "off"),
     (Fill::HopAndRest, "starting, stopping, holding"),

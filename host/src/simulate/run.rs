@@ -11,7 +11,6 @@ use crate::desk::{Desk, Progress};
 use crate::refusal::Result;
 use crate::{file, provenance};
 
-/// The scene named by the user.
 pub(crate) struct SceneText {
     pub name: String,
     text: String,

@@ -95,10 +95,8 @@ impl Pixels<'_> {
         }
     }
 
-    /// Splits the line into pieces of finite points.
-    ///
-    /// Within half a pixel of width only the first, lowest, highest and last point remain, which
-    /// looks the same.
+    /// The line in pieces of finite points. Within half a pixel of width only the first, lowest,
+    /// highest and last point remain, which looks the same.
     fn pieces(&self, points: &[(f64, f64)]) -> Vec<Vec<(f64, f64)>> {
         let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
         let mut piece: Vec<(f64, f64)> = Vec::new();

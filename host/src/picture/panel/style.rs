@@ -33,7 +33,6 @@ pub(super) fn vertical_text(at: (f64, f64), text: &str, colour: Colour, length: 
     })
 }
 
-/// Line of a series in its colour and dash.
 pub(super) fn series_stroke(theme: Theme, series: usize, width: f64) -> Stroke {
     const DASHES: [&[f64]; 7] = [
         &[],

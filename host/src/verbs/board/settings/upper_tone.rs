@@ -1,6 +1,5 @@
-//! `kband settings commission --second-tone`, `--third-tone`: response of the track at twice or
-//! three times the drive's frequency, as the mean ratio of the track's tone to the output's: gain
-//! in mm at full output, lag in degrees.
+//! `kband settings commission --second-tone`, `--third-tone`: gain (mm at full output) and lag
+//! (degrees) of the track at twice or three times the drive's frequency.
 
 use std::time::Duration;
 
