@@ -73,7 +73,6 @@ impl Printout {
         notes.filter(|note| !note.is_empty()).fold(self, Self::note)
     }
 
-    /// The printout whose columns beyond the width of the screen continue below.
     pub fn folded(mut self) -> Self {
         self.table = self.table.folded();
         self

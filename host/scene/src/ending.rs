@@ -168,9 +168,6 @@ impl Endings {
 
     /// The attracting period-1 orbit with the order nearest to a flight.
     fn lock_after(&self, flight: f64) -> Option<&Lock> {
-        if self.locks.is_empty() {
-            return None;
-        }
         let order = (flight * (1.0 / TAU) + 0.5) as usize;
         self.locks.get(order.checked_sub(1)?)?.as_ref()
     }

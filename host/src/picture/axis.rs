@@ -21,8 +21,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis from `low` to `high`, widened if they enclose nothing; a pure number has the unit
-    /// "".
+    /// An axis, widened if `low..high` encloses nothing; a pure number has the unit "".
     pub fn new(label: impl Into<String>, unit: &'static str, low: f64, high: f64) -> Self {
         let low = if low.is_finite() { low } else { 0.0 };
         let (low, high) = if high.is_finite() && high > low {

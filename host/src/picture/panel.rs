@@ -93,8 +93,7 @@ impl Panel {
         self.item(Key::Ink, name, Item::Density(points))
     }
 
-    /// A density of heights in evenly spaced columns of one width, the first and last at the axis'
-    /// ends.
+    /// A density of heights in evenly spaced columns, the first and last at the ends of the axis.
     pub fn columns(self, name: &str, columns: Vec<Vec<f32>>) -> Self {
         self.item(Key::Ink, name, Item::Columns(columns))
     }

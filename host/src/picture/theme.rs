@@ -170,8 +170,7 @@ impl Theme {
     }
 }
 
-/// Colours of both themes as CSS properties: `--text`, `--series0`, `--fill0` for the first
-/// [`Fill`], ...
+/// Colours of both themes as CSS properties: `--text`, `--series0`, `--fill0`.
 pub fn page_colours() -> String {
     let css = |theme: Theme| {
         let mut colours = vec![

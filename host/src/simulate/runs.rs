@@ -87,7 +87,7 @@ impl Runs {
     }
 
     /// Time in s within which this percentage of those runs reached it.
-    fn time_of(&self, percent: usize) -> Option<f64> {
+    pub(super) fn time_of(&self, percent: usize) -> Option<f64> {
         let times = self.times();
         times.get(times.len() * percent / 100).copied()
     }

@@ -136,10 +136,7 @@ fields! {
         all SHARE.titled("reached").digits(4) => point.runs.share().0;
         all LOW_95.digits(4) => point.runs.share().1;
         all HIGH_95.digits(4) => point.runs.share().2;
-        all MEDIAN_TIME.titled("median (s)").digits(3) => {
-            let times = point.runs.times();
-            times.get(times.len() / 2).copied()
-        };
+        all MEDIAN_TIME.titled("median (s)").digits(3) => point.runs.time_of(50);
         all B.digits(4) => point.middle(|run| run.amplitude * 1e3);
         all K.digits(4) => point.middle(|run| run.k);
         all IN_GEAR.digits(3) => point.runs.in_gear();

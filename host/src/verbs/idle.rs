@@ -53,7 +53,6 @@ idle! {
 
 /// Verbs whose `--seed` only affects the scatter.
 const SCATTER_VERBS: [&str; 5] = ["diagram", "exponent", "gear", "impacts", "transport"];
-const DRAWING_VERB: &str = "simulate";
 
 struct Args<'a>(&'a ArgMatches);
 
@@ -99,10 +98,7 @@ pub fn check(verb: &str, matches: &ArgMatches) -> Result<()> {
     }
     let look = ["theme", "width", "font-size"].into_iter();
     let mut given = look.filter(|option| args.has(option));
-    if let Some(option) = given
-        .next()
-        .filter(|_| verb != DRAWING_VERB && !args.draws())
-    {
+    if let Some(option) = given.next().filter(|_| verb != "simulate" && !args.draws()) {
         let why = "give --out FILE.svg, FILE.png or FILE.pdf";
         return refuse(option, "without a picture", why);
     }

@@ -1,7 +1,6 @@
-//! The command line: one file per verb, those of the map in `map`, those of a board in `board`.
-//!
-//! A verb is a module with `Arguments` (clap's: the doc comment is the help, `after_help` the
-//! example) and `run(arguments, desk) -> Result<Exit>`. A line in the list below names it.
+//! The command line: one file per verb, those of the map in `map`, those of a board in `board`. A
+//! verb is a module with `Arguments` (the doc comment is the help, `after_help` the example) and
+//! `run(arguments, desk) -> Result<Exit>`. A line in the list below names it.
 
 mod bench;
 pub mod board;

@@ -103,16 +103,12 @@ fn difference(new_text: &str, printed: &str) -> String {
     lines.concat()
 }
 
-fn accepts_new() -> bool {
-    std::env::var_os("KBAND_ACCEPT").is_some_and(|value| value == "1")
-}
-
 /// Differences of a table from its page, where the line before it begins with `marker`. With
 /// `KBAND_ACCEPT=1` the table and that line, made from its text, are written instead.
 fn compare(table: &Table, marker: &str, line: impl Fn(&str) -> String) -> String {
     let new_text = new_text(table);
     let (mut text, place) = locate(table, marker);
-    if !accepts_new() {
+    if std::env::var_os("KBAND_ACCEPT").is_none_or(|value| value != "1") {
         let difference = difference(&new_text, &text[place]);
         return match difference.is_empty() {
             true => difference,

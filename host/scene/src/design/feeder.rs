@@ -201,39 +201,3 @@ pub(super) fn lowest_k(base: &Settings, feeder: &Feeder) -> f64 {
     }
     drive_limits(&settings).min_k(single(feeder.tones)).into()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_same_drive_keeps_its_force_stroke_and_acceleration() {
-        let base = Settings {
-            resonance: 52.0,
-            ..Settings::default()
-        };
-        let tones = [[0.0; 2]; 2];
-        let same = settings_of(&base, &Feeder::from_settings(&base, 0.4, tones));
-        assert!((same.gain / base.gain - 1.0).abs() < 1e-6, "{same:?}");
-        let feeder = Feeder {
-            frequency: 25.0,
-            throw_angle: 20.0,
-            ..Feeder::from_settings(&base, 0.4, tones)
-        };
-        let other = settings_of(&base, &feeder);
-        let along = |settings: &Settings| settings.amplitude_ratio.hypot(1.0);
-        let stroke = |settings: &Settings| settings.amplitude_limit * along(settings);
-        let push = |settings: &Settings| settings.acceleration_limit * along(settings);
-        // Force over mass: gain w0^2 / Q.
-        let force =
-            |settings: &Settings| settings.gain * along(settings) * settings.resonance.powi(2);
-        let all: [&dyn Fn(&Settings) -> f32; 3] = [&stroke, &push, &force];
-        for value in all {
-            let deviation = (value(&other) / value(&base) - 1.0).abs();
-            assert!(deviation < 1e-5, "{other:?}");
-        }
-        // A circular motion has a stroke of b in every direction.
-        assert!((super::stroke(1.0, 90.0) - 1.0).abs() < 1e-12);
-        assert!((super::stroke(1.0, 0.0) - 2.0_f64.sqrt()).abs() < 1e-12);
-    }
-}
