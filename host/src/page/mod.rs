@@ -121,7 +121,7 @@ pub fn folded(summary: &str, text: &str) -> String {
     format!("<details><summary>{summary}</summary>\n<pre>{text}</pre>\n</details>\n")
 }
 
-pub fn escaped(text: &str) -> String {
+fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

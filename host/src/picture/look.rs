@@ -52,7 +52,7 @@ impl Look {
                 let cause = "there is no memory for the picture";
                 Refusal::new(cause, "write an .svg or .pdf instead")
             })?,
-            _ => picture.to_svg(self, &about, "").into_bytes(),
+            _ => picture.to_svg(self, &about).into_bytes(),
         };
         target.write_bytes(&bytes)
     }
@@ -74,15 +74,6 @@ impl Look {
     /// Width of the layout in pixels, for a picture of default width `own`.
     pub(super) fn laid_out(self, own: f64) -> f64 {
         self.width.map_or(own, |width| width / self.millimetres())
-    }
-}
-
-impl From<Theme> for Look {
-    fn from(theme: Theme) -> Self {
-        Self {
-            theme,
-            ..Self::default()
-        }
     }
 }
 

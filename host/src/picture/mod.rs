@@ -54,11 +54,10 @@ impl Picture {
         self
     }
 
-    /// The picture as SVG. `about` is its description, empty for none. `name` is the prefix of its
-    /// ids, different for each picture of a page.
-    pub fn to_svg(&self, look: Look, about: &str, name: &str) -> String {
+    /// The picture as SVG. `about` is its description, empty for none.
+    pub fn to_svg(&self, look: Look, about: &str) -> String {
         let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, about, name], look, &shapes)
+        svg::document(size, [&self.title, about], look, &shapes)
     }
 
     /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper. `None`
@@ -167,7 +166,7 @@ mod tests {
 
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = all_items().to_svg(Look::default(), "", "");
+        let svg = all_items().to_svg(Look::default(), "");
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -177,7 +176,11 @@ mod tests {
     #[test]
     fn png_has_ink_on_every_panel() {
         for theme in [Theme::Light, Theme::Dark] {
-            let bytes = all_items().to_png(theme.into(), "").unwrap();
+            let look = Look {
+                theme,
+                ..Look::default()
+            };
+            let bytes = all_items().to_png(look, "").unwrap();
             let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
             let mut reader = reader.unwrap();
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
@@ -197,7 +200,7 @@ mod tests {
             width: Some(84.0),
             font_size: Some(7.0),
         };
-        let svg = all_items().to_svg(column, "", "");
+        let svg = all_items().to_svg(column, "");
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
         // 300 dots an inch.
         let bytes = all_items().to_png(column, "").unwrap();
@@ -224,11 +227,11 @@ mod tests {
             Picture::new("Title").panel(panel.strip("band", 0.6, 0.7))
         };
         let points = vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)];
-        let svg = picture(points, Vec::new()).to_svg(Look::default(), "", "");
+        let svg = picture(points, Vec::new()).to_svg(Look::default(), "");
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
         let points = vec![(0.3, 1.0), (0.5, 1.0)];
-        let svg = picture(Vec::new(), points).to_svg(Look::default(), "", "");
+        let svg = picture(Vec::new(), points).to_svg(Look::default(), "");
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 }

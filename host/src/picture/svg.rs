@@ -10,11 +10,10 @@ use super::theme::Colour;
 use super::{Look, bitmap};
 use crate::report::add_shortest;
 
-/// The SVG document of shapes on a sheet of this size, with title and description. `name` is the
-/// prefix of its ids.
+/// The SVG document of shapes on a sheet of this size, with title and description.
 pub(super) fn document(
     [width, height]: [f64; 2],
-    [title, about, name]: [&str; 3],
+    [title, about]: [&str; 2],
     look: Look,
     shapes: &[Shape],
 ) -> String {
@@ -22,7 +21,7 @@ pub(super) fn document(
     let mut body = String::new();
     for shape in shapes {
         // Writing to a String cannot fail.
-        let _ = draw(&mut body, &mut clips, name, shape);
+        let _ = draw(&mut body, &mut clips, shape);
     }
     let size = |pixels: f64| match look.on_paper() {
         true => format!("{}mm", short(pixels * look.millimetres())),
@@ -45,7 +44,7 @@ pub(super) fn document(
             let rect = placed(clip);
             let _ = writeln!(
                 text,
-                "<clipPath id=\"{name}c{n}\"><rect {rect}/></clipPath>"
+                "<clipPath id=\"c{n}\"><rect {rect}/></clipPath>"
             );
         }
         text.push_str("</defs>\n");
@@ -53,7 +52,7 @@ pub(super) fn document(
     text + &body + "</svg>\n"
 }
 
-fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> std::fmt::Result {
+fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Result {
     match shape {
         Shape::Path(path) => {
             out.push_str("<path d=\"");
@@ -86,7 +85,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, name: &str, shape: &Shape) -> s
                     clips.push(clip);
                     clips.len() - 1
                 });
-                write!(out, " clip-path=\"url(#{name}c{n})\"")?;
+                write!(out, " clip-path=\"url(#c{n})\"")?;
             }
             out.push_str("/>\n");
             Ok(())

@@ -97,11 +97,6 @@ impl<'a, R> View<'a, R> {
         self.table(CSV, rows)
     }
 
-    /// Texts of the table: its headings, then those of each row.
-    pub fn cells(&self, rows: &[R]) -> Vec<Vec<String>> {
-        self.table(READ, rows).cells()
-    }
-
     pub fn object(&self, row: &R) -> Json {
         let fields = self.of_form(JSON);
         let pair = |field: &Field<R>| (field.column.name.into(), (field.value)(row).json());

@@ -21,7 +21,6 @@ use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{self, PHASE, REGIME, START, VELOCITY};
 use crate::report::{Column, Printout, Rows, fields, number, numbers, span, when};
-use crate::verbs::read;
 
 /// Draw the bifurcation diagram: regimes over k, amplitude or restitution.
 #[derive(Clone, Debug, clap::Args)]
@@ -115,12 +114,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     let diagram = Arc::new(Diagram::compute(arguments, desk)?);
     output.show(&diagram.report()?, || diagram.picture(arguments))
-}
-
-/// The picture for these options, for a page with several pictures.
-pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
-    let arguments = read(options)?;
-    Ok(Diagram::compute(&arguments, desk)?.picture(&arguments))
 }
 
 #[derive(Clone, Copy, Debug)]

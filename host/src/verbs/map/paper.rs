@@ -2,25 +2,16 @@
 
 mod claims;
 mod engine;
-mod figures;
 mod flight;
 mod hopping;
 mod lock;
 
-use std::path::PathBuf;
-
 use engine::{Check, Row};
-use kband::regime::band;
-use serde_json::Value as Json;
 
-use crate::arguments::{self, FormatArguments};
+use crate::arguments::FormatArguments;
 use crate::desk::Desk;
-use crate::file::Destination;
-use crate::page::{self, Page, escaped};
-use crate::picture::{Picture, Theme};
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, fields, number};
-use crate::verbs::map::{diagram, transport};
+use crate::report::fields;
 
 /// Check every equation, number and claim of the paper (Hongler & Figour 1989): printed,
 /// recomputed, verdict.
@@ -28,7 +19,6 @@ use crate::verbs::map::{diagram, transport};
 #[command(after_help = "Examples:
   kband paper
   kband paper --format json
-  kband paper --restitution 0.5 --out report.html
 
 Each row is recomputed from the exact map and compared with an independent reference: an integration \
 of the equations of motion, a second formula, or a 20-digit value. residual is the largest \
@@ -36,36 +26,18 @@ deviation over all cases. If it exceeds tolerance, the row fails and the exit st
 printed_error is the same deviation of the literal print. Claims of the text and findings of our \
 own are rows without a number.")]
 pub struct Arguments {
-    /// Restitution of the part in the pictures of the page.
-    #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::within(0.05, 0.95, ""))]
-    restitution: f64,
-    /// Also write one self-contained page with table and pictures; the name ends in .html.
-    #[arg(long, value_name = "FILE.html")]
-    out: Option<PathBuf>,
-    /// Colours of the pictures.
-    #[arg(long, value_enum, default_value_t = Theme::Light)]
-    theme: Theme,
     #[command(flatten)]
     printed: FormatArguments,
 }
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
-    let out = arguments.out.as_deref();
-    let target = out.map(|path| Destination::output(path, "html"));
-    let target = target.transpose()?;
-    if let Some(target) = &target {
-        target.ends_in("--out", &["html", "htm"])?;
-    }
     let rows = recompute(desk)?;
     let failed = rows.iter().filter(|row| !row.holds());
     let failed = failed.map(|row| format!("{} {}", row.equation, row.subject));
     let failed: Vec<String> = failed.collect();
-    report(&rows).print(arguments.printed.format)?;
-    if let Some(target) = target {
-        let page = page(&rows, arguments.restitution, arguments.theme, desk)?;
-        target.write_bytes(page.to_html().as_bytes())?;
-        eprintln!("{}", target.describe_write());
-    }
+    let report = lines().printout(&rows).heading(PAPER);
+    let report = report.note(summarize(&rows));
+    report.print(arguments.printed.format)?;
     if failed.is_empty() {
         return Ok(Exit::Done);
     }
@@ -114,75 +86,6 @@ fields! {
 }
 
 const PAPER: &str = "M.-O. Hongler, J. Figour, Periodic versus chaotic dynamics in vibratory feeders, Helv. Phys. Acta (1989)";
-
-fn report(rows: &[Row]) -> Printout {
-    let report = lines().printout(rows).heading(PAPER);
-    report.note(summarize(rows))
-}
-
-/// Script of the page, whose pictures are drawn already: it only names the colour switch.
-const SCRIPT: &str = "coloured();\ndocument.documentElement.dataset.ready = \"\";\n";
-
-fn page(rows: &[Row], restitution: f64, theme: Theme, desk: &Desk) -> Result<Page> {
-    let r = number(restitution, 4);
-    let conveying = |options: &str| transport::picture(options, desk);
-    let highest = number(1.1 * band::birth(restitution, 1)?, 4);
-    let over_k = format!("--restitution {r} --k 0.05..{highest} --starts rest,down");
-    let pictures = [
-        (
-            figures::model(restitution)?,
-            "Fig. 1, the model: a part on a track that swings by b normal to itself and by a along itself, \
-             on an incline.",
-        ),
-        (
-            figures::motion(restitution)?,
-            "Fig. 2, a motion: the part strikes the track at τ₀, τ₁, … and flies freely between.",
-        ),
-        (
-            diagram::picture(&over_k, desk)?,
-            &format!(
-                "Fig. 3, redrawn from data for R = {r}: the phases at which parts strike, over k, from \
-                 rest and from the locks. Between the bands parts mostly hop, rest and are thrown off again."
-            ),
-        ),
-        (
-            conveying(&format!("--restitution {r}"))?,
-            "Conveying speed over k. Locked parts travel at one speed whatever the amplitude; elsewhere the \
-             speed grows with it.",
-        ),
-        (
-            conveying("--restitution 0.9 --k 0.02..0.9:90 --amplitude-ratio 2")?,
-            "Wide chaos, R = 0.9: the time mean grows like the amplitude and exceeds the bound (37) of the \
-             impact mean.",
-        ),
-    ];
-    let figure = |(n, (picture, caption)): (usize, &(Picture, &str))| {
-        let svg = picture.to_svg(theme.into(), "", &format!("p{n}"));
-        let caption = format!("<figcaption>{}</figcaption>", escaped(caption));
-        format!("<figure><div class=\"wide\">\n{svg}</div>\n{caption}</figure>\n")
-    };
-    let figures: String = pictures.iter().enumerate().map(figure).collect();
-    let text = [
-        format!(
-            "{PAPER}. Each row is recomputed from the exact map and compared with a reference of its own; the residual is \
-             the largest deviation over all cases."
-        ),
-        format!("{}.", summarize(rows)),
-    ];
-    Ok(Page::new("The paper, recomputed", Json::Null, SCRIPT)
-        .section(
-            "Equations, numbers and claims",
-            &(page::paragraphs(&text) + &table(rows)),
-        )
-        .section("Figures", &figures))
-}
-
-fn table(rows: &[Row]) -> String {
-    let mut heads = lines().cells(rows);
-    let body = heads.split_off(1);
-    let heads = heads.iter().flatten().map(String::as_str);
-    page::table(&heads.collect::<Vec<_>>(), &body)
-}
 
 #[cfg(test)]
 mod tests {
@@ -249,30 +152,5 @@ mod tests {
         let exact = |row: &&Row| row.evidence.cases > 0 && row.tolerance < 1e-3;
         let failed = off.iter().filter(exact).filter(|row| !row.holds()).count();
         assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());
-    }
-
-    #[test]
-    fn a_page_links_to_nothing_marks_failures_and_repeats_no_id() {
-        let rows = rows();
-        let text = table(rows);
-        assert_eq!(text.matches("<tr>").count(), rows.len() + 1);
-        let fails = "<td>no</td>";
-        assert!(!text.contains(fails));
-        let mut broken = rows[0].clone();
-        broken.evidence.residual = f64::NAN;
-        assert!(table(&[broken]).contains(fails));
-        let page = page(rows, 0.2, Theme::Light, &Desk::new(Some(2)).unwrap()).unwrap();
-        let page = page.to_html();
-        assert!(!page.contains("href=\"http"));
-        let after = |mark| {
-            let rests = page.split(mark).skip(1);
-            rests.filter_map(|rest| rest.split(['"', ')']).next())
-        };
-        let ids: Vec<&str> = after(" id=\"").collect();
-        let unique: std::collections::BTreeSet<&str> = ids.iter().copied().collect();
-        assert!(ids.len() >= 7, "{ids:?}");
-        assert_eq!(ids.len(), unique.len(), "an id stands twice: {ids:?}");
-        let mut own = after("url(#").filter(|id| id.starts_with('p'));
-        assert!(own.all(|id| unique.contains(id)));
     }
 }

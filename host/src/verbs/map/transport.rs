@@ -106,15 +106,12 @@ impl Arguments {
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
-    let (report, picture) = compute(arguments, desk)?;
+    let feeder = Feeder::build(arguments)?;
+    let (report, picture) = match arguments.friction {
+        Some(_) => friction::compute(feeder, desk)?,
+        None => speed::compute(feeder, desk)?,
+    };
     output.show(&report, picture)
-}
-
-/// The picture for these options, for a page with several pictures.
-pub fn picture(options: &str, desk: &Desk) -> Result<Picture> {
-    let arguments = read(options)?;
-    let (_, picture) = compute(&arguments, desk)?;
-    Ok(picture())
 }
 
 /// Regimes from rest for these options, with friction, for a page with many.
@@ -124,14 +121,6 @@ pub fn from_rest(options: &str, desk: &Desk) -> Result<Vec<Row>> {
 }
 
 type Computed<'a> = (Printout, Box<dyn FnOnce() -> Picture + 'a>);
-
-fn compute<'a>(arguments: &'a Arguments, desk: &Desk) -> Result<Computed<'a>> {
-    let feeder = Feeder::build(arguments)?;
-    match arguments.friction {
-        Some(_) => friction::compute(feeder, desk),
-        None => speed::compute(feeder, desk),
-    }
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Feeder<'a> {
