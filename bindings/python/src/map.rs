@@ -43,9 +43,6 @@ fn pick(column: &[f64], n: usize) -> f64 {
     }
 }
 
-/// A map, and phases and speeds of launches on it.
-type Inputs<'a> = (&'a Map, &'a [f64], &'a [f64]);
-
 impl<'a> Launches<'a> {
     fn new([phase, speed, k, restitution]: [&'a PyReadonlyArray1<'_, f64>; 4]) -> PyResult<Self> {
         Ok(Self {
@@ -59,32 +56,6 @@ impl<'a> Launches<'a> {
     fn state(&self, n: usize) -> Result<PartState, Refused> {
         let state = Map::state(pick(self.phase, n), pick(self.speed, n));
         state.map_err(|refused| Refused::from(refused).at(n))
-    }
-
-    /// Map, phases and speeds of launches on one track. `None` unless [`Map::state`] would accept
-    /// every state unchanged, up to the sign of a phase 0.
-    fn inputs<'b>(
-        &'b self,
-        first: usize,
-        count: usize,
-        maps: &'b mut Maps,
-    ) -> Result<Option<Inputs<'b>>, Refused> {
-        let rows = first..first + count;
-        let (Some(phases), Some(speeds), [_], [_]) = (
-            self.phase.get(rows.clone()),
-            self.speed.get(rows),
-            self.k,
-            self.restitution,
-        ) else {
-            return Ok(None);
-        };
-        // No early exit, so that the compiler can use SIMD registers.
-        let phased = |all, t: &f64| all & (*t >= 0.0) & (*t < TAU);
-        let fast = |all, v: &f64| all & (*v >= 0.0) & (*v <= 1e3);
-        if !(phases.iter().fold(true, phased) & speeds.iter().fold(true, fast)) {
-            return Ok(None);
-        }
-        Ok(Some((maps.of(self, first)?, phases, speeds)))
     }
 
     fn track(&self, n: usize) -> [f64; 2] {
@@ -126,15 +97,9 @@ fn fly(
     let columns = phase.chunks_mut(LANES).zip(speed.chunks_mut(LANES));
     for (at, (phase, speed)) in columns.enumerate() {
         let first = from + at * LANES;
-        if let Some((map, phases, speeds)) = launches.inputs(first, phase.len(), &mut maps)? {
-            for (lane, (phase, speed)) in phases.iter().zip(speeds).enumerate() {
-                block.put(lane, map, PartState::new(phase + 0.0, *speed))?;
-            }
-        } else {
-            for lane in 0..phase.len() {
-                let map = maps.of(launches, first + lane)?;
-                block.put(lane, map, launches.state(first + lane)?)?;
-            }
+        for lane in 0..phase.len() {
+            let map = maps.of(launches, first + lane)?;
+            block.put(lane, map, launches.state(first + lane)?)?;
         }
         for lane in phase.len()..LANES {
             block.clear(lane);

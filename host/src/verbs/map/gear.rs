@@ -365,33 +365,3 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
     }
     picture
 }
-
-#[cfg(test)]
-mod tests {
-    use kband_control::Settings;
-
-    use super::*;
-
-    /// On one tone the amplitude is equal to that of `bands` and of the controller in `simulate`.
-    #[test]
-    fn gear_names_the_amplitude_of_the_controller() {
-        let options = "--restitution 0.35..0.45 --scatter 0.04 --frequency 60 --k 0.4..0.7:7 \
-                    --second-tone 0.1,2.4 --parts 2 --runs 1 --periods 40";
-        let arguments: Arguments = crate::verbs::read(options).unwrap();
-        let desk = Desk::new(Some(1)).unwrap();
-        let survey = survey_lot(&arguments, &desk).unwrap();
-        let track = arguments.drive.track().unwrap();
-        let amplitude = 1e3 * track.amplitude(survey.one_tone.k);
-        let feeder = Settings {
-            frequency: 60.0,
-            resonance: 60.0,
-            restitution_low: 0.35,
-            restitution_high: 0.45,
-            scatter: 0.04,
-            ..Settings::default()
-        };
-        let (_, expected) = causes::plan(&feeder, 1).unwrap();
-        let deviation = (amplitude / expected - 1.0).abs();
-        assert!(deviation < 1e-4, "{amplitude} {expected}");
-    }
-}

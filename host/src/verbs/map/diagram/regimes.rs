@@ -4,7 +4,7 @@ use kband::feeder::OutOfRange;
 use kband::regime::band::{birth, flip};
 use kband::regime::classify::Regime;
 
-use super::{Arguments, COLUMNS};
+use super::Arguments;
 use crate::arguments::{ContactArguments, Range};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
@@ -141,29 +141,11 @@ impl Map {
 fn ranges(arguments: &Arguments) -> Result<(Range, Range)> {
     let k = arguments.k.unwrap_or(Range::new(0.1, 0.8, 200));
     let restitution = arguments.restitution.unwrap_or(Range::new(0.0, 0.9, 150));
-    // A range without a count gets as many values as the limit allows.
-    let fitted = |range: Range, max_points: usize| match range.count {
-        COLUMNS if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS => Range {
-            count: max_points.max(2),
-            ..range
-        },
-        _ => range,
-    };
-    let default_range = |other: Range| match other.count {
-        COLUMNS => MAX_MAP_POINTS.isqrt(),
-        count => MAX_MAP_POINTS / count,
-    };
-    let (k, restitution) = match (k.count, restitution.count) {
-        (2.., 2..) => (
-            fitted(k, default_range(restitution)),
-            fitted(restitution, default_range(k)),
-        ),
-        _ => {
-            let cause = "--show regimes needs both --k and --restitution as a range";
-            let next = "for example --k 0.1..0.8:200 --restitution 0..0.9:150";
-            return Err(Refusal::new(cause, next));
-        }
-    };
+    if k.count < 2 || restitution.count < 2 {
+        let cause = "--show regimes needs both --k and --restitution as a range";
+        let next = "for example --k 0.1..0.8:200 --restitution 0..0.9:150";
+        return Err(Refusal::new(cause, next));
+    }
     if k.count.saturating_mul(restitution.count) > MAX_MAP_POINTS {
         return Err(Refusal::value(
             "the number of points",
