@@ -159,18 +159,12 @@ fn create<T>(place: Option<&mut MaybeUninit<Box<T>>>, object: T) -> Result<(), F
 }
 
 /// Frees a scene; null is ignored.
-///
-/// # Safety
-/// `scene` came from `kband_scene_parse` and is freed once.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_scene_free(scene: Option<Box<SceneHandle>>) {
     drop(scene);
 }
 
 /// Duration of a scene in s.
-///
-/// # Safety
-/// `scene` is a live handle; `duration` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_scene_duration(
     scene: Option<&SceneHandle>,
@@ -183,9 +177,6 @@ pub extern "C" fn kband_scene_duration(
 }
 
 /// The plant of a scene at time 0: parts at rest, drive off. Free it with `kband_plant_free`.
-///
-/// # Safety
-/// `scene` is a live handle; `plant` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_new(
     scene: Option<&SceneHandle>,
@@ -198,9 +189,6 @@ pub extern "C" fn kband_plant_new(
 }
 
 /// Frees a plant; null is ignored.
-///
-/// # Safety
-/// `plant` came from `kband_plant_new` and is freed once.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_free(plant: Option<Box<PlantHandle>>) {
     drop(plant);
@@ -208,9 +196,6 @@ pub extern "C" fn kband_plant_free(plant: Option<Box<PlantHandle>>) {
 
 /// Converter codes of the accelerometer and of the current sensor at the next sample; `current` may
 /// be null.
-///
-/// # Safety
-/// `plant` is a live handle; `accelerometer` and `current` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_sample(
     plant: Option<&mut PlantHandle>,
@@ -228,9 +213,6 @@ pub extern "C" fn kband_plant_sample(
 }
 
 /// Holds an output (-1..1) until the next sample, while the drive's phase advances by `step`.
-///
-/// # Safety
-/// `plant` is a live handle.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_hold(
     plant: Option<&mut PlantHandle>,
@@ -249,9 +231,6 @@ pub extern "C" fn kband_plant_hold(
 }
 
 /// Inputs of the board at this time of the scene.
-///
-/// # Safety
-/// `plant` is a live handle; `inputs` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_inputs(
     plant: Option<&PlantHandle>,
@@ -264,9 +243,6 @@ pub extern "C" fn kband_plant_inputs(
 }
 
 /// Mean displacement of the parts along the track in m.
-///
-/// # Safety
-/// `plant` is a live handle; `displacement` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_plant_displacement(
     plant: Option<&PlantHandle>,
@@ -279,9 +255,6 @@ pub extern "C" fn kband_plant_displacement(
 }
 
 /// The signal path with the settings of a scene. Free it with `kband_signal_free`.
-///
-/// # Safety
-/// `scene` is a live handle; `signal` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_signal_new(
     scene: Option<&SceneHandle>,
@@ -294,18 +267,12 @@ pub extern "C" fn kband_signal_new(
 }
 
 /// Frees a signal path; null is ignored.
-///
-/// # Safety
-/// `signal` came from `kband_signal_new` and is freed once.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_signal_free(signal: Option<Box<SignalHandle>>) {
     drop(signal);
 }
 
 /// Takes the converter codes of a sample; gives the output until the next. It allocates nothing.
-///
-/// # Safety
-/// `signal` is a live handle; `output` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_signal_sample(
     signal: Option<&mut SignalHandle>,
@@ -329,9 +296,6 @@ pub extern "C" fn kband_signal_sample(
 
 /// The controller with the settings and the target of a scene. Free it with
 /// `kband_controller_free`.
-///
-/// # Safety
-/// `scene` is a live handle; `controller` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_controller_new(
     scene: Option<&SceneHandle>,
@@ -345,9 +309,6 @@ pub extern "C" fn kband_controller_new(
 }
 
 /// Frees a controller; null is ignored.
-///
-/// # Safety
-/// `controller` came from `kband_controller_new` and is freed once.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_controller_free(controller: Option<Box<ControllerHandle>>) {
     drop(controller);
@@ -355,9 +316,6 @@ pub extern "C" fn kband_controller_free(controller: Option<Box<ControllerHandle>
 
 /// Ends a drive cycle: takes the measurements of the signal path and the inputs of the board, and
 /// gives the signal path its next command. `report` may be null. It allocates nothing.
-///
-/// # Safety
-/// `controller` and `signal` are live handles; `inputs` may be read and `report` written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_controller_cycle(
     controller: Option<&mut ControllerHandle>,
@@ -391,9 +349,6 @@ pub extern "C" fn kband_controller_cycle(
 
 /// Computes one slice of what the controller plans, in the time left of a drive cycle; at most
 /// `KBAND_PLAN_SLICES` a cycle. `more` tells whether more remain. It allocates nothing.
-///
-/// # Safety
-/// `controller` is a live handle; `more` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_controller_plan(
     controller: Option<&mut ControllerHandle>,
@@ -406,9 +361,6 @@ pub extern "C" fn kband_controller_plan(
 }
 
 /// Asks for another target: `kind` is a `kband_target`, `value` what it says of it.
-///
-/// # Safety
-/// `controller` is a live handle.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_controller_set_target(
     controller: Option<&mut ControllerHandle>,

@@ -1,7 +1,8 @@
 //! C interface of kband. `include/kband.h` is made of it by cbindgen.
 //!
-//! A handle is used by one thread at a time. After its creation the signal path and the controller
-//! allocate nothing.
+//! A handle is used by one thread at a time: it is live or null, and freed once. Any other pointer
+//! is null, or to what the call reads or writes. After its creation the signal path and the
+//! controller allocate nothing.
 #![allow(unsafe_code)]
 
 use std::ffi::c_char;

@@ -23,9 +23,6 @@ pub struct BandOfLot {
 
 /// The band of k in which parts of restitution `low`..`high` (0..1) have the period-1 lock of an
 /// order, 1..100 drive periods a flight. `KBAND_CODE_NONE` where they have no band in common.
-///
-/// # Safety
-/// `band` may be written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_band(
     low: f64,
@@ -101,9 +98,6 @@ const PLAN_SLICE: u32 = 10_000;
 
 /// Plans gear for a lot, as the board does; it takes some 0.1 s. `KBAND_CODE_NONE` where no k that
 /// may be chosen is settled on.
-///
-/// # Safety
-/// `lot` may be read and `choice` written to.
 #[unsafe(no_mangle)]
 pub extern "C" fn kband_gear_plan(
     lot: Option<&GearLot>,

@@ -7,7 +7,6 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::time::Duration;
 
-use kband::impact::batch::{Block, LANES};
 use kband::impact::{Integer, Kernel, Map, Single};
 use workload::Launch;
 
@@ -17,27 +16,55 @@ const WRONG_ROOT_THRESHOLD: f64 = 1e-3;
 /// A launch as the kernel represents it; flight and phase of its impact in rad.
 pub type ComputedImpact = (Launch, f64, f64);
 
-pub trait Candidate {
-    fn name(&self) -> &'static str;
+pub struct Candidate {
+    pub name: &'static str,
     /// Computes the impact of each launch once; returns the CPU time of an impact in ns.
-    fn pass(&mut self) -> f64;
-    fn impacts(&mut self) -> Vec<ComputedImpact>;
+    pub pass: Box<dyn Fn() -> f64>,
+    pub impacts: Vec<ComputedImpact>,
 }
 
-pub fn candidates(launches: &[Launch]) -> Vec<Box<dyn Candidate>> {
-    vec![
-        Box::new(Kernels::<Map>::new(launches)),
-        Box::new(Blocks {
-            blocks: vec![Block::new(); launches.len().div_ceil(LANES)],
-            lanes: Kernels::new(launches),
-        }),
-        Box::new(Kernels::<Single>::new(launches)),
-        Box::new(Kernels::<Integer>::new(launches)),
+pub fn candidates(launches: &[Launch]) -> [Candidate; 3] {
+    [
+        candidate::<Map>(launches),
+        candidate::<Single>(launches),
+        candidate::<Integer>(launches),
     ]
 }
 
+fn candidate<K: Kernel<State: 'static> + 'static>(launches: &[Launch]) -> Candidate {
+    // Leaves out launches that the arithmetic cannot represent.
+    let ready = |launch: &Launch| {
+        let kernel = K::build(launch.k, launch.restitution).ok()?;
+        let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
+        Some((kernel, state, *launch))
+    };
+    let ready: Vec<(K, K::State, Launch)> = launches.iter().filter_map(ready).collect();
+    let computed = |(kernel, state, launch): &(K, K::State, Launch)| {
+        let held = Launch {
+            state: K::observe(*state),
+            ..*launch
+        };
+        let impact = kernel.impact(*state);
+        (held, impact.flight, K::observe(impact.next).phase)
+    };
+    let impacts = ready.iter().map(computed).collect();
+    let pass = move || {
+        let start = cpu_time();
+        for (kernel, state, _) in &ready {
+            // By reference, to avoid a copy of the result.
+            black_box(&kernel.impact(*state));
+        }
+        cpu_time().saturating_sub(start).as_nanos() as f64 / ready.len() as f64
+    };
+    Candidate {
+        name: K::NAME,
+        pass: Box::new(pass),
+        impacts,
+    }
+}
+
 /// CPU time of this thread; wall-clock time on systems without it.
-pub fn cpu_time() -> Duration {
+fn cpu_time() -> Duration {
     #[cfg(unix)]
     {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
@@ -45,94 +72,6 @@ pub fn cpu_time() -> Duration {
     }
     #[cfg(not(unix))]
     std::time::UNIX_EPOCH.elapsed().unwrap_or_default()
-}
-
-fn nanoseconds_since(start: Duration) -> f64 {
-    cpu_time().saturating_sub(start).as_nanos() as f64
-}
-
-struct Kernels<K: Kernel> {
-    ready: Vec<(K, K::State, Launch)>,
-}
-
-impl<K: Kernel> Kernels<K> {
-    fn new(launches: &[Launch]) -> Self {
-        // Leaves out launches that the arithmetic cannot represent.
-        let ready = |launch: &Launch| {
-            let kernel = K::build(launch.k, launch.restitution).ok()?;
-            let state = K::state(launch.state.phase, launch.state.velocity).ok()?;
-            let held = Launch {
-                state: K::observe(state),
-                ..*launch
-            };
-            Some((kernel, state, held))
-        };
-        Self {
-            ready: launches.iter().filter_map(ready).collect(),
-        }
-    }
-}
-
-impl<K: Kernel> Candidate for Kernels<K> {
-    fn name(&self) -> &'static str {
-        K::NAME
-    }
-
-    fn pass(&mut self) -> f64 {
-        let start = cpu_time();
-        for (kernel, state, _) in &self.ready {
-            // By reference, to avoid a copy of the result.
-            black_box(&kernel.impact(*state));
-        }
-        nanoseconds_since(start) / self.ready.len() as f64
-    }
-
-    fn impacts(&mut self) -> Vec<ComputedImpact> {
-        let computed = |(kernel, state, launch): &(K, K::State, Launch)| {
-            let impact = kernel.impact(*state);
-            (*launch, impact.flight, K::observe(impact.next).phase)
-        };
-        self.ready.iter().map(computed).collect()
-    }
-}
-
-/// The batch kernel in the widest registers of this CPU, one impact of each launch.
-struct Blocks {
-    blocks: Vec<Block>,
-    lanes: Kernels<Map>,
-}
-
-impl Candidate for Blocks {
-    fn name(&self) -> &'static str {
-        "batch"
-    }
-
-    fn pass(&mut self) -> f64 {
-        let lanes = self.lanes.ready.chunks(LANES);
-        for (block, lanes) in self.blocks.iter_mut().zip(lanes) {
-            for (lane, (map, state, _)) in lanes.iter().enumerate() {
-                // A chunk has at most as many launches as lanes.
-                let _ = block.put(lane, map, *state);
-            }
-            // Sorts the lanes.
-            block.advance(0);
-        }
-        let start = cpu_time();
-        for block in &mut self.blocks {
-            block.advance(1);
-        }
-        nanoseconds_since(start) / self.lanes.ready.len() as f64
-    }
-
-    fn impacts(&mut self) -> Vec<ComputedImpact> {
-        self.pass();
-        let computed = |(n, (.., launch)): (usize, &(_, _, Launch))| {
-            let impact = self.blocks[n / LANES].impact(n % LANES)?;
-            Some((*launch, impact.flight, impact.next.phase))
-        };
-        let ready = self.lanes.ready.iter().enumerate();
-        ready.filter_map(computed).collect()
-    }
 }
 
 /// Run time of an impact over the rounds, in ns of CPU time.
@@ -207,7 +146,7 @@ mod tests {
     #[test]
     fn a_wrong_root_is_counted_and_a_wrong_phase_is_an_error() {
         let launches = WORKLOADS[1].1(512);
-        let mut impacts = Kernels::<Map>::new(&launches).impacts();
+        let mut impacts = candidate::<Map>(&launches).impacts;
         let exact = Errors::from_impacts(&impacts);
         assert_eq!((exact.largest, exact.wrong_roots), (0.0, 0));
         impacts[0].1 += 1.0;
@@ -220,16 +159,14 @@ mod tests {
     }
 
     #[test]
-    fn every_contestant_finds_the_impacts_of_f64() {
+    fn every_kernel_finds_the_impacts_of_f64() {
         for (workload, launches) in WORKLOADS {
-            for mut candidate in candidates(&launches(512)) {
-                let impacts = candidate.impacts();
+            for Candidate { name, impacts, .. } in candidates(&launches(512)) {
                 let errors = Errors::from_impacts(&impacts);
-                let (name, count) = (candidate.name(), impacts.len());
+                let count = impacts.len();
                 assert!(count >= 400, "{name}, {workload}: {count}");
                 assert!(errors.median < 1e-4, "{name}: {errors:?}");
                 assert!(errors.wrong_roots <= 1, "{name}: {errors:?}");
-                assert!(name != "batch" || errors.largest == 0.0, "{errors:?}");
             }
         }
     }

@@ -16,7 +16,7 @@ use crate::report::fields;
 All kernels take turns on one core. impact_time is the CPU time of an impact, the median of the \
 rounds; impact_time_range is its interquartile range. The errors are those of the phase of the \
 next impact against f64, whose own are 0. Workloads: high (velocities up to 20), low (up to 3), \
-chatter (1e-6 to 1). batch runs in the widest registers of this CPU.")]
+chatter (1e-6 to 1).")]
 pub struct Arguments {
     /// Number of measurement rounds.
     #[arg(long, value_name = "N", default_value = "41", value_parser = arguments::count(1, 1000))]
@@ -54,23 +54,23 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let progress = Progress::new("bench", (WORKLOADS.len() * arguments.rounds) as u64);
     let mut lines = Vec::new();
     for (workload, launches) in WORKLOADS {
-        let mut candidates = candidates(&launches(arguments.launches));
+        let candidates = candidates(&launches(arguments.launches));
         let mut times = vec![Vec::new(); candidates.len()];
         for _ in 0..arguments.rounds {
-            for (candidate, times) in candidates.iter_mut().zip(&mut times) {
+            for (candidate, times) in candidates.iter().zip(&mut times) {
                 desk.check_stop()?;
-                // One untimed pass warms caches and wide registers.
-                candidate.pass();
-                times.push(candidate.pass());
+                // One untimed pass warms the caches.
+                (candidate.pass)();
+                times.push((candidate.pass)());
             }
             progress.advance(1);
         }
-        let measured = candidates.iter_mut().zip(times);
+        let measured = candidates.iter().zip(times);
         lines.extend(measured.map(|(candidate, times)| Line {
-            kernel: candidate.name(),
+            kernel: candidate.name,
             workload,
             time: Time::from_rounds(times),
-            errors: Errors::from_impacts(&candidate.impacts()),
+            errors: Errors::from_impacts(&candidate.impacts),
         }));
     }
     drop(progress);
