@@ -259,6 +259,8 @@ mod tests {
         let other = cache.causes(&poor, 1, now_poor, Limits::NO_SETPOINT);
         assert_ne!(other, first);
         assert_eq!(cache.causes(&weak, 1, now, Limits::default()), []);
+        let lost = [misfit(&weak, now.amplitude)];
+        assert_eq!(cache.causes(&weak, 1, now, Limits::MISFIT), lost);
         let served = served();
         let best = BestSetpoint::from_settings(&served, 1);
         assert_eq!(cache.causes(&served, 1, best, Limits::default()), []);

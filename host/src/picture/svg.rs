@@ -42,10 +42,7 @@ pub(super) fn document(
         text.push_str("<defs>\n");
         for (n, clip) in clips.iter().enumerate() {
             let rect = placed(clip);
-            let _ = writeln!(
-                text,
-                "<clipPath id=\"c{n}\"><rect {rect}/></clipPath>"
-            );
+            let _ = writeln!(text, "<clipPath id=\"c{n}\"><rect {rect}/></clipPath>");
         }
         text.push_str("</defs>\n");
     }

@@ -259,29 +259,17 @@ fn picture(file: &SceneFile, design: &Design) -> Picture {
     let closed = runs(&design.best);
     let today = runs(design.today.as_slice());
     let all: Vec<(f64, f64)> = [&front[..], &closed, &today].concat();
-    let share = || Axis::over_values("share of time in gear", "", all.iter().map(|at| at.0));
+    let share = Axis::over_values("share of time in gear", "", all.iter().map(|at| at.0));
     let rate = Axis::over_values("parts a minute", "1/min", all.iter().map(|at| at.1));
-    let panel = |label: &str, unit, value: &dyn Fn(&Feeder) -> f64| {
-        let points = design.front.iter();
-        let points = points.map(|(feeder, at)| (at.share, value(feeder)));
-        let points: Vec<(f64, f64)> = points.collect();
-        let largest = points.iter().map(|at| at.1).fold(0.0, f64::max);
-        let axis = Axis::new(label, unit, 0.0, 1.1 * largest);
-        let panel = Panel::new(share(), axis).height(130.0);
-        panel.markers("", 0, points)
-    };
     Picture::new("Parts a minute against share in gear, with the same drive")
         .caption(format!(
             "{} candidates, {} within the limits of the drive",
             design.tried, design.within
         ))
         .panel(
-            Panel::new(share(), rate)
-                .line("front, simulated parts", 0, front.clone())
+            Panel::new(share, rate)
+                .line("front, simulated parts", 0, front)
                 .markers("its feeders in the closed loop", 1, closed)
                 .markers("the scene's own feeder", 2, today),
         )
-        .panel(panel("drive frequency", "Hz", &|f| f.frequency))
-        .panel(panel("amplitude b", "mm", &|f| amplitude(file, f)))
-        .panel(panel("angle of throw", "degrees", &|f| f.throw_angle))
 }

@@ -122,12 +122,6 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
         }
         Ok(Cascade::locate(restitution, order, 7)?.k_infinity())
     };
-    let last_chaos = chaos(lot.low())?;
-    let first_chaos = if lot.low() == lot.high() {
-        last_chaos
-    } else {
-        chaos(lot.high())?
-    };
     let parts = restitutions(lot, PARTS);
     let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, SAMPLES);
     let reach = band.ok().filter(|_| instant).map(measure).transpose()?;
@@ -136,8 +130,8 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
         gear: scatter.and_then(plan).map(|(plan, _)| plan),
         order,
         band,
-        first_chaos,
-        last_chaos,
+        first_chaos: chaos(lot.high())?,
+        last_chaos: chaos(lot.low())?,
         reach,
     })
 }

@@ -67,7 +67,6 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let endings = Endings::with_contact(k, arguments.restitution, arguments.impacts, contact)?;
     let side = arguments.grid;
     let top = arguments.velocity;
-    let starts = Starts { side, top };
     let ends: Arc<[Regime]> = ends(&endings, side, top, desk)?.into();
     let mut counts = counted(ends.iter().copied());
     let rank = |regime| {
@@ -99,9 +98,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             &[PHASE, VELOCITY, REGIME],
             move |rows| {
                 shared.iter().enumerate().try_for_each(|(n, end)| {
+                    let start = start(n, side, top);
                     rows.row(&[
-                        starts.phase(n % side).into(),
-                        starts.velocity(n / side).into(),
+                        start.phase.into(),
+                        start.velocity.into(),
                         ending::describe_regime(*end, followed).into(),
                     ])
                 })
@@ -120,34 +120,23 @@ fields! {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Starts {
-    side: usize,
-    top: f64,
-}
-
-impl Starts {
-    fn phase(self, column: usize) -> f64 {
-        TAU * (column as f64 + 0.5) / self.side as f64
-    }
-
-    fn velocity(self, row: usize) -> f64 {
-        self.top * (row as f64 + 0.5) / self.side as f64
-    }
+/// The start at the centre of a cell.
+fn start(cell: usize, side: usize, top: f64) -> PartState {
+    let middle = |n: usize, span: f64| span * (n as f64 + 0.5) / side as f64;
+    PartState::new(middle(cell % side, TAU), middle(cell / side, top))
 }
 
 /// Final regimes of starts at the centres of `side * side` cells, row by row. Phases are 0..2 pi,
 /// velocities 0..`top`.
 pub fn ends(endings: &Endings, side: usize, top: f64, desk: &Desk) -> Result<Vec<Regime>> {
     Map::state(0.0, top)?;
-    let starts = Starts { side, top };
     // Long blocks keep the registers full except for the last orbits; short ones suit any number of
     // threads.
     let rows = (side * side / 64).max(ORBITS_PER_BLOCK).div_ceil(side);
     let ends = desk.map("basins", side.div_ceil(rows), |task| {
         let all = task * rows..side.min((task + 1) * rows);
-        let start = |n| PartState::new(starts.phase(n % side), starts.velocity(n / side));
-        endings.classify_all((all.start * side..all.end * side).map(start))
+        let cells = all.start * side..all.end * side;
+        endings.classify_all(cells.map(|cell| start(cell, side, top)))
     })?;
     Ok(ends.into_iter().flatten().collect())
 }

@@ -6,7 +6,7 @@ mod flight;
 mod hopping;
 mod lock;
 
-use engine::{Check, Row};
+use engine::Row;
 
 use crate::arguments::FormatArguments;
 use crate::desk::Desk;
@@ -47,13 +47,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 }
 
 fn recompute(desk: &Desk) -> Result<Vec<Row>> {
-    let checks: [&[Check]; 4] = [
-        flight::CHECKS,
-        lock::CHECKS,
-        hopping::CHECKS,
-        claims::CHECKS,
-    ];
-    engine::recompute(&checks.concat(), 0.0, desk)
+    let motion = [flight::CHECKS, lock::CHECKS].concat();
+    let checks = [&motion, hopping::CHECKS, claims::CHECKS].concat();
+    engine::recompute(&checks, 0.0, desk)
 }
 
 fn summarize(rows: &[Row]) -> String {
@@ -110,14 +106,6 @@ mod tests {
         let printed = PRINTED.lines().filter(|line| !line.starts_with('#'));
         let printed: Vec<Vec<&str>> = printed.map(|line| line.split('\t').collect()).collect();
         assert_eq!(numbered, printed);
-        for number in 1..=38 {
-            let bare = |equation: &str| {
-                let digits = equation[1..].chars().take_while(char::is_ascii_digit);
-                digits.collect::<String>() == number.to_string()
-            };
-            let is_listed = numbered.iter().any(|row| bare(row[0]));
-            assert!(is_listed, "({number}) is missing");
-        }
     }
 
     #[test]

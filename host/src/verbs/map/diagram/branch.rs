@@ -107,12 +107,6 @@ pub(super) fn follow(
             ColumnStart::Down => tasks.push((start, columns.clone().rev().collect())),
         }
     }
-    // Threads take tasks from both ends of the list, where the long tasks are.
-    tasks.sort_by_key(|(start, _)| match start {
-        ColumnStart::Up => 0,
-        ColumnStart::Rest => 1,
-        ColumnStart::Down => 2,
-    });
     let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_> {
         let (start, order) = &tasks[task];
         let mut state = None;
@@ -201,13 +195,11 @@ fn simulate_column(
     // Without scatter the classifier decides the ending.
     let scatters = arguments.scatter.scatter > 0.0;
     let mut gears = scatters.then(Gears::start_now).transpose()?;
-    let mut take = |before: PartState, event: OrbitEvent| {
+    while count < total
+        && let before = orbit.state()
+        && let Some(event) = orbit.next()
+    {
         let is_settled = count >= arguments.settle;
-        if let OrbitEvent::Impact(impact) = event {
-            count += 1;
-            last = Some(impact.next);
-            states.extend(is_settled.then_some(impact.next));
-        }
         if let Some(gears) = gears.as_mut().filter(|_| is_settled) {
             match event {
                 OrbitEvent::Impact(impact) => gears.impact(before, &impact),
@@ -215,34 +207,10 @@ fn simulate_column(
                 OrbitEvent::LiftOff { wait, phase } => gears.lift_off(wait, phase),
             }
         }
-        count
-    };
-    // Without scatter, an orbit is periodic once a state returns with all its bits (Brent's
-    // method).
-    let (mut saved, mut save_next, mut since) = (None, 16, Vec::new());
-    let mut done = 0;
-    while done < total
-        && let before = orbit.state()
-        && let Some(event) = orbit.next()
-    {
-        done = take(before, event);
-        if scatters {
-            continue;
-        }
-        since.push((before, event));
         if let OrbitEvent::Impact(impact) = event {
-            if saved == Some(impact.next) {
-                for (before, event) in since.iter().cycle() {
-                    if done == total {
-                        break;
-                    }
-                    done = take(*before, *event);
-                }
-            } else if done >= save_next {
-                saved = Some(impact.next);
-                save_next = 2 * done;
-                since.clear();
-            }
+            count += 1;
+            last = Some(impact.next);
+            states.extend(is_settled.then_some(impact.next));
         }
     }
     let hops = count == total;

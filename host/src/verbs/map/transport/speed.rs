@@ -378,18 +378,9 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
     let in_phase = (feeder.settings.phase_lead == 0.0 && feeder.contact.is_instant())
         .then(|| locked::critical_slope_in_phase(feeder.arguments.restitution, &feeder.settings))
         .map(|tangent| tangent.atan().to_degrees());
-    let text = match (in_phase, critical.as_slice()) {
-        (Some(slope), _) => Some(format!("{slope:.2}° (equation 22)")),
-        (None, []) => None,
-        (None, [slope]) => Some(format!("{slope:.2}°, from equation 20")),
-        (None, slopes) => {
-            let lowest = slopes.iter().copied().fold(f64::INFINITY, f64::min);
-            let highest = slopes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            let text = format!("{lowest:.2}° to {highest:.2}° by k, from equation 20");
-            Some(text)
-        }
-    };
-    let text = text.map(|text| format!("locked parts stand still on an incline of {text}"));
+    let text = in_phase.map(|slope| {
+        format!("locked parts stand still on an incline of {slope:.2}° (equation 22)")
+    });
     let (range, drive) = (over.describe(), feeder.describe());
     let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
