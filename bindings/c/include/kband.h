@@ -2,6 +2,8 @@
  *
  * Every function that can fail returns a kband_code; kband_error() then has the cause with the
  * value and the accepted range, for the calling thread. A handle is used by one thread at a time.
+ * It is live, from its kband_..._new or _parse until it is freed once, or null. Any other pointer is
+ * null, or to what the call reads or writes.
  * Symbols: k is normal gravity over b w^2, with the amplitude b of the track normal to itself and
  * the drive's angular frequency w; R is the restitution of a part. Phases are in rad of the drive,
  * speeds of the map in units of b w.
@@ -329,90 +331,57 @@ kband_code kband_scene_parse(const char *text, size_t length, kband_scene **scen
 
 /**
  * Frees a scene; null is ignored.
- *
- * # Safety
- * `scene` came from `kband_scene_parse` and is freed once.
  */
 void kband_scene_free(kband_scene *scene);
 
 /**
  * Duration of a scene in s.
- *
- * # Safety
- * `scene` is a live handle; `duration` may be written to.
  */
 kband_code kband_scene_duration(const kband_scene *scene, double *duration);
 
 /**
  * The plant of a scene at time 0: parts at rest, drive off. Free it with `kband_plant_free`.
- *
- * # Safety
- * `scene` is a live handle; `plant` may be written to.
  */
 kband_code kband_plant_new(const kband_scene *scene, kband_plant **plant);
 
 /**
  * Frees a plant; null is ignored.
- *
- * # Safety
- * `plant` came from `kband_plant_new` and is freed once.
  */
 void kband_plant_free(kband_plant *plant);
 
 /**
  * Converter codes of the accelerometer and of the current sensor at the next sample; `current` may
  * be null.
- *
- * # Safety
- * `plant` is a live handle; `accelerometer` and `current` may be written to.
  */
 kband_code kband_plant_sample(kband_plant *plant, uint16_t *accelerometer, uint16_t *current);
 
 /**
  * Holds an output (-1..1) until the next sample, while the drive's phase advances by `step`.
- *
- * # Safety
- * `plant` is a live handle.
  */
 kband_code kband_plant_hold(kband_plant *plant, float output, uint32_t step);
 
 /**
  * Inputs of the board at this time of the scene.
- *
- * # Safety
- * `plant` is a live handle; `inputs` may be written to.
  */
 kband_code kband_plant_inputs(const kband_plant *plant, kband_inputs *inputs);
 
 /**
  * Mean displacement of the parts along the track in m.
- *
- * # Safety
- * `plant` is a live handle; `displacement` may be written to.
  */
 kband_code kband_plant_displacement(const kband_plant *plant, double *displacement);
 
 /**
  * The signal path with the settings of a scene. Free it with `kband_signal_free`.
- *
- * # Safety
- * `scene` is a live handle; `signal` may be written to.
  */
 kband_code kband_signal_new(const kband_scene *scene, kband_signal **signal);
 
 /**
  * Frees a signal path; null is ignored.
- *
- * # Safety
- * `signal` came from `kband_signal_new` and is freed once.
  */
 void kband_signal_free(kband_signal *signal);
 
 /**
  * Takes the converter codes of a sample; gives the output until the next. It allocates nothing.
- *
- * # Safety
- * `signal` is a live handle; `output` may be written to.
  */
 kband_code kband_signal_sample(kband_signal *signal,
                                uint16_t accelerometer,
@@ -422,26 +391,17 @@ kband_code kband_signal_sample(kband_signal *signal,
 /**
  * The controller with the settings and the target of a scene. Free it with
  * `kband_controller_free`.
- *
- * # Safety
- * `scene` is a live handle; `controller` may be written to.
  */
 kband_code kband_controller_new(const kband_scene *scene, kband_controller **controller);
 
 /**
  * Frees a controller; null is ignored.
- *
- * # Safety
- * `controller` came from `kband_controller_new` and is freed once.
  */
 void kband_controller_free(kband_controller *controller);
 
 /**
  * Ends a drive cycle: takes the measurements of the signal path and the inputs of the board, and
  * gives the signal path its next command. `report` may be null. It allocates nothing.
- *
- * # Safety
- * `controller` and `signal` are live handles; `inputs` may be read and `report` written to.
  */
 kband_code kband_controller_cycle(kband_controller *controller,
                                   kband_signal *signal,
@@ -451,17 +411,11 @@ kband_code kband_controller_cycle(kband_controller *controller,
 /**
  * Computes one slice of what the controller plans, in the time left of a drive cycle; at most
  * `KBAND_PLAN_SLICES` a cycle. `more` tells whether more remain. It allocates nothing.
- *
- * # Safety
- * `controller` is a live handle; `more` may be written to.
  */
 kband_code kband_controller_plan(kband_controller *controller, bool *more);
 
 /**
  * Asks for another target: `kind` is a `kband_target`, `value` what it says of it.
- *
- * # Safety
- * `controller` is a live handle.
  */
 kband_code kband_controller_set_target(kband_controller *controller, int32_t kind, float value);
 
@@ -496,18 +450,12 @@ kband_code kband_impacts(const double *phase,
 /**
  * The band of k in which parts of restitution `low`..`high` (0..1) have the period-1 lock of an
  * order, 1..100 drive periods a flight. `KBAND_CODE_NONE` where they have no band in common.
- *
- * # Safety
- * `band` may be written to.
  */
 kband_code kband_band(double low, double high, uint32_t order, kband_band_of_lot *band);
 
 /**
  * Plans gear for a lot, as the board does; it takes some 0.1 s. `KBAND_CODE_NONE` where no k that
  * may be chosen is settled on.
- *
- * # Safety
- * `lot` may be read and `choice` written to.
  */
 kband_code kband_gear_plan(const kband_gear_lot *lot, kband_gear_choice *choice);
 
