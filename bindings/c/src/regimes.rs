@@ -93,9 +93,6 @@ pub struct GearChoice {
     pub share: f32,
 }
 
-/// Impacts of one slice of the search.
-const PLAN_SLICE: u32 = 10_000;
-
 /// Plans gear for a lot, as the board does; it takes some 0.1 s. `KBAND_CODE_NONE` where no k that
 /// may be chosen is settled on.
 #[unsafe(no_mangle)]
@@ -115,21 +112,20 @@ pub extern "C" fn kband_gear_plan(
             limits: GearLimits::NONE,
             contact: ContactTime::INSTANT,
         })?;
-        while planner.advance(PLAN_SLICE) {}
+        while planner.advance(10_000) {}
         let plan = planner.plan().filter(|plan| plan.settled).ok_or_else(|| {
             let message = format_args!("no k of these throws the parts so far");
             Failure::new(Code::None, message)
         })?;
         let [[second_tone, second_angle], [third_tone, third_angle]] = plan.tones;
-        let [band_low, band_high] = plan.band;
         let chosen = GearChoice {
             k: plan.k,
             second_tone,
             second_angle,
             third_tone,
             third_angle,
-            band_low,
-            band_high,
+            band_low: plan.band[0],
+            band_high: plan.band[1],
             share: plan.share,
         };
         put(choice, "choice", chosen)

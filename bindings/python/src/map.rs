@@ -1,6 +1,5 @@
 //! The impact map over arrays, and orbits.
 
-use std::f64::consts::TAU;
 use std::num::NonZero;
 use std::sync::{Mutex, PoisonError};
 

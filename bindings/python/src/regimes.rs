@@ -28,8 +28,7 @@ fn lot([low, high]: [f64; 2]) -> Result<Restitution, Refused> {
     Ok(Restitution::interval(low, high)?)
 }
 
-/// Common band of k of a lot: lowest k, highest k, and the k with the largest margin. `None`
-/// without a common band.
+/// Common band of k of a lot: lowest k, highest k, and the k with the largest margin.
 #[pyfunction]
 pub fn band(
     restitution: [f64; 2],
@@ -123,8 +122,7 @@ pub fn gear_shares(
     })
 }
 
-/// k, amplitudes and angles of the tones, gear band and predicted share, for the largest share in
-/// gear.
+/// k, amplitudes and angles of the tones, gear band and predicted share.
 type GearPlanned = (f32, [[f32; 2]; 2], [f32; 2], f32);
 
 /// Plans gear for a lot; `None` if no k throws the parts far enough.
@@ -202,8 +200,7 @@ pub fn basins(
     Ok((names, numbers, name(endings.from_rest())))
 }
 
-/// Phase and speed of the impacts of a part from rest at each k, after the settling impacts. NaN
-/// once the part rests for ever.
+/// Phase and speed of settled impacts of a part from rest at each k; NaN once it rests for ever.
 #[pyfunction]
 pub fn diagram(
     py: Python<'_>,
@@ -298,8 +295,7 @@ pub fn capture_plan(
     Ok((k, kicks.collect(), share))
 }
 
-/// Exponent per impact with its error, the same per drive cycle, mean flight in drive cycles, and
-/// type of the orbit.
+/// Exponent per impact with its error, the same per drive cycle, mean flight, type of the orbit.
 type Exponents = ([f64; 2], [f64; 2], f64, &'static str);
 
 /// The largest Lyapunov exponent at each k, of the orbit that begins beside the lock.
@@ -345,8 +341,7 @@ pub enum Along {
     Friction([f64; 2]),
 }
 
-/// Conveying speed at each k of a part from rest: mean over time in m/s, share of time in flight,
-/// and type of motion.
+/// Mean speed (m/s) at each k of a part from rest, share of time in flight, and type of motion.
 #[pyfunction]
 pub fn transport_speeds(
     py: Python<'_>,

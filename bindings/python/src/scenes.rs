@@ -85,16 +85,6 @@ fn fidelity(file: &SceneFile, name: Option<&str>) -> PyResult<Fidelity> {
     })
 }
 
-/// The moment of a drive cycle, as a dict.
-fn moment_dict<'py>(py: Python<'py>, moment: &Moment) -> PyResult<Bound<'py, PyDict>> {
-    let dict = report(py, &moment.report)?;
-    dict.set_item("time", moment.time)?;
-    dict.set_item("impacts", moment.strikes)?;
-    dict.set_item("displacement", moment.displacement)?;
-    dict.set_item("load", moment.load)?;
-    Ok(dict)
-}
-
 /// The controller's report of a drive cycle, as a dict.
 pub fn report<'py>(py: Python<'py>, report: &Report) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
@@ -214,7 +204,7 @@ impl Loop {
         Ok(Self(Mutex::new(engine)))
     }
 
-    /// Runs drive cycles; returns the last moment.
+    /// Runs drive cycles; returns the last moment as a dict.
     fn cycle<'py>(&mut self, py: Python<'py>, count: usize) -> PyResult<Bound<'py, PyDict>> {
         let engine = self.engine();
         py.detach(|| {
@@ -227,7 +217,12 @@ impl Loop {
         })?;
         let moment = self.engine().moment();
         let moment = moment.ok_or_else(|| PyValueError::new_err("no cycle has run"))?;
-        moment_dict(py, &moment)
+        let dict = report(py, &moment.report)?;
+        dict.set_item("time", moment.time)?;
+        dict.set_item("impacts", moment.strikes)?;
+        dict.set_item("displacement", moment.displacement)?;
+        dict.set_item("load", moment.load)?;
+        Ok(dict)
     }
 
     /// Impacts of the last cycle: number of the part, phase in rad, speed in m/s.

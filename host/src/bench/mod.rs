@@ -74,22 +74,11 @@ fn cpu_time() -> Duration {
     std::time::UNIX_EPOCH.elapsed().unwrap_or_default()
 }
 
-/// Run time of an impact over the rounds, in ns of CPU time.
-#[derive(Clone, Copy, Debug)]
-pub struct Time {
-    pub median: f64,
-    pub range: f64,
-}
-
-impl Time {
-    /// Median and interquartile range of the rounds.
-    pub fn from_rounds(mut rounds: Vec<f64>) -> Self {
-        rounds.sort_by(f64::total_cmp);
-        Self {
-            median: quantile(&rounds, 0.5),
-            range: quantile(&rounds, 0.75) - quantile(&rounds, 0.25),
-        }
-    }
+/// Median and interquartile range of the times of all rounds.
+pub fn median_and_range(mut rounds: Vec<f64>) -> [f64; 2] {
+    rounds.sort_by(f64::total_cmp);
+    let [low, median, high] = [0.25, 0.5, 0.75].map(|share| quantile(&rounds, share));
+    [median, high - low]
 }
 
 /// Errors of the phase of the next impact in rad, over impacts with the right root.

@@ -2,7 +2,7 @@
 
 use crate::arguments::{self, FormatArguments};
 use crate::bench::workload::WORKLOADS;
-use crate::bench::{Errors, Time, candidates};
+use crate::bench::{Errors, candidates, median_and_range};
 use crate::desk::{Desk, Progress};
 use crate::refusal::{Exit, Result};
 use crate::report::fields;
@@ -32,7 +32,8 @@ pub struct Arguments {
 struct Line {
     kernel: &'static str,
     workload: &'static str,
-    time: Time,
+    /// Median and interquartile range of the rounds in ns.
+    time: [f64; 2],
     errors: Errors,
 }
 
@@ -40,9 +41,9 @@ fields! {
     fn times(line: Line) {
         all KERNEL => line.kernel;
         all WORKLOAD => line.workload;
-        all IMPACT_TIME.digits(4) => line.time.median;
-        all IMPACT_TIME_RANGE.digits(2) => line.time.range;
-        all IMPACT_RATE.digits(3) => 1e9 / line.time.median;
+        all IMPACT_TIME.digits(4) => line.time[0];
+        all IMPACT_TIME_RANGE.digits(2) => line.time[1];
+        all IMPACT_RATE.digits(3) => 1e9 / line.time[0];
         all MEDIAN_ERROR.digits(2) => line.errors.median;
         all P99_ERROR.digits(2) => line.errors.p99;
         all MAX_ERROR.digits(2) => line.errors.largest;
@@ -69,7 +70,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         lines.extend(measured.map(|(candidate, times)| Line {
             kernel: candidate.name,
             workload,
-            time: Time::from_rounds(times),
+            time: median_and_range(times),
             errors: Errors::from_impacts(&candidate.impacts),
         }));
     }

@@ -110,8 +110,7 @@ const RESTITUTIONS: usize = 141;
 const RESTITUTION_STEP: f64 = 0.005;
 /// Largest order in the diagram of bands.
 const ORDERS: u32 = 3;
-/// Resolution of the gear map: amplitudes, parts of the lot, their runs, and drive periods of a
-/// run.
+/// Resolution of the gear map: amplitudes, parts of the lot, their runs, and their drive periods.
 const GEAR_AMPLITUDES: usize = 41;
 const GEAR_PARTS: usize = 5;
 const GEAR_RUNS: usize = 8;
@@ -122,8 +121,7 @@ const SECOND_TONE: Tone = Tone::new(0.15, 2.356);
 const BASIN_MAPS: usize = 21;
 const BASIN_SIDE: usize = 80;
 const BASIN_VELOCITY: f64 = 3.0;
-/// Impacts after which a start is undecided: a twentieth of those of `kband basins`, because the
-/// page has 130 000 starts.
+/// Impacts after which a start is undecided; the page has 130 000 starts.
 const BASIN_IMPACTS: usize = MAX_ORBIT_IMPACTS / 20;
 const THROWS: &str = "0.3..3.5:81";
 const FRICTIONS: [f64; 10] = [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0];
@@ -208,8 +206,7 @@ fn pairs(points: Vec<(f64, f64)>, scale: f64) -> Vec<[f64; 2]> {
     points.map(|(x, y)| [short(x), short(scale * y)]).collect()
 }
 
-/// Numbers of the page over the values of its sliders, in units of the map (b, `b w`, rad), speeds
-/// in mm/s.
+/// Numbers of the page over the values of its sliders: b, `b w`, rad, speeds in mm/s.
 fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json> {
     let settings = &outcome.file().scene.settings;
     Ok(json!({
@@ -240,8 +237,7 @@ fn bands() -> Result<Json> {
     for order in 1..=ORDERS {
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for n in 0..RESTITUTIONS {
-            // Separate edges: the band of a lot extends from the flip of its liveliest part to the
-            // birth of its deadest.
+            // A lot's band is from the flip of its liveliest part to the birth of its deadest.
             low.push(band::flip(restitution(n), order)?);
             high.push(band::first_return_edge(restitution(n), order)?);
         }

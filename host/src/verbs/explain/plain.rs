@@ -145,13 +145,9 @@ mod tests {
 
     #[test]
     fn marks_of_the_source_are_gone() {
-        let text = plain(
-            "## 1.2 A **few** numbers\n\n`k` is [small](page.md#t1) and *rising*.\n\n- one\n- two\n\n```console\n$ kband bands\n```\n",
-        );
-        assert_eq!(
-            text,
-            "1.2 A few numbers\n-----------------\n\nk is small and rising.\n\n- one\n- two\n\n    $ kband bands\n"
-        );
+        let source = "## 1.2 A **few** numbers\n\n`k` is [small](page.md#t1) and *rising*.\n\n- one\n- two\n\n```console\n$ kband bands\n```\n";
+        let text = "1.2 A few numbers\n-----------------\n\nk is small and rising.\n\n- one\n- two\n\n    $ kband bands\n";
+        assert_eq!(plain(source), text);
     }
 
     #[test]

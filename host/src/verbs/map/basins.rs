@@ -1,7 +1,4 @@
 //! `kband basins`: basins of attraction of the regimes, over phase (rad) and velocity (`b w`).
-//!
-//! The centre of each cell is a start; it is simulated on the exact map until its regime is
-//! decided.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;

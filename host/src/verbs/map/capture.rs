@@ -1,7 +1,4 @@
 //! `kband capture`: search for the kick of the amplitude that brings parts from rest into lock.
-//!
-//! It prints the controller's plan, a map of the captured share over factor and length (cycles) of
-//! the kick, and capture rates of random parts.
 
 use std::task::Poll;
 
@@ -177,10 +174,8 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Capture rates of a lot, shares of the parts 0..1, by Monte Carlo simulation.
-///
-/// Restitution and relative error of the amplitude are uniform within the lot's ranges. Each part
-/// is simulated on the exact map: without a kick, then with the plan's kicks until one captures it.
+/// Capture rates of a lot, shares of the parts 0..1, by Monte Carlo simulation. Restitution and
+/// relative error of the amplitude are uniform within the lot's ranges.
 struct Rates {
     alone: f64,
     /// After each attempt, including earlier ones.
@@ -191,7 +186,8 @@ impl Rates {
     fn measure(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Self> {
         let (runs, attempts) = (task.arguments.runs, task.arguments.attempts);
         let results = desk.try_map("capture runs", runs, |run| {
-            let mut random = random(task.arguments.seed as u64, run as u64);
+            let seed = (task.arguments.seed as u64).wrapping_mul(0xD129_0B26_68E5_4F27);
+            let mut random = SplitMix(SplitMix(seed.wrapping_add(run as u64)).bits());
             let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
             let part = Trial {
                 restitution: random.within(low, high),
@@ -221,12 +217,6 @@ impl Rates {
             by_attempt: (0..attempts).map(held_by).collect(),
         })
     }
-}
-
-/// Random numbers that depend only on seed and run.
-fn random(seed: u64, run: u64) -> SplitMix {
-    let mut random = SplitMix(seed.wrapping_mul(0xD129_0B26_68E5_4F27).wrapping_add(run));
-    SplitMix(random.bits())
 }
 
 fn describe_kick(kick: KickSettings) -> String {
@@ -394,11 +384,15 @@ impl Kicks {
         let lengths: Vec<f64> = self.lengths.iter().map(|length| (*length).into()).collect();
         let (left, right) = span(&lengths);
         let (bottom, top) = span(&self.factors);
-        let is_slow = self.slow.is_some();
-        let title = if is_slow {
-            "descent of the amplitude"
-        } else {
-            "hold"
+        let (title, shape) = match self.slow {
+            None => ("hold", "rectangular kicks".to_string()),
+            Some((hold, release_share)) => (
+                "descent of the amplitude",
+                format!(
+                    "kicks held {hold} cycles, then falling to {:.0} % of the way down",
+                    100.0 * (1.0 - release_share)
+                ),
+            ),
         };
         let length = Axis::new(title, "drive cycles", left, right);
         let factor = Axis::new("factor of the amplitude", "", bottom, top);
@@ -408,20 +402,13 @@ impl Kicks {
             .height(420.0)
             .heat(grid, captured);
         let place = |kick: KickSettings| {
-            let length = if is_slow { kick.descent } else { kick.hold };
+            let length = self.slow.map_or(kick.hold, |_| kick.descent);
             (f64::from(length), f64::from(kick.factor))
         };
         let planned = plan.best().map(|best| place(best.kick.settings()));
         if let Some((x, y)) = planned.filter(|(x, y)| *x <= right && *y <= top) {
             panel = panel.markers("planned as on the board", 1, vec![(x, y)]);
         }
-        let shape = match self.slow {
-            None => "rectangular kicks".to_string(),
-            Some((hold, release_share)) => format!(
-                "kicks held {hold} cycles, then falling to {:.0} % of the way down",
-                100.0 * (1.0 - release_share)
-            ),
-        };
         let (r, k) = (task.restitution(), number(task.lot.k, 4));
         let (error, parts) = (task.arguments.amplitude_error, task.arguments.parts);
         let time_constant = task.arguments.time_constant;

@@ -373,8 +373,7 @@ impl Diagram {
         picture
     }
 
-    /// The period-1 branch of an order over the columns: its attracting part, and the repelling
-    /// part below its flip.
+    /// The period-1 branch of an order: its attracting part, and the repelling one below its flip.
     fn period_one(&self, order: u32) -> [Vec<(f64, f64)>; 2] {
         if !self.bands.iter().any(|band| band.order == order) {
             return [Vec::new(), Vec::new()];

@@ -125,11 +125,8 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 /// Number of orbits among which the impacts are divided, unless the user gives a start.
 const DEFAULT_ORBITS: usize = 8;
 
-/// The mean exponent of several orbits from neighbouring starts, with the standard error from their
-/// scatter.
-///
-/// One orbit may stay near a transient for some 100 000 impacts (k = 0.34, R = 0.2). Its own
-/// scatter does not show that. If an orbit comes to rest, the first orbit alone is measured.
+/// The mean exponent of several orbits from neighbouring starts; of the first alone if one rests.
+/// One orbit may stay near a transient for some 100 000 impacts, which its own scatter hides.
 fn measure_several(map: &Map, start: PartState, settings: ExponentSettings) -> Result<Exponent> {
     let share = ExponentSettings {
         impacts: settings.impacts / DEFAULT_ORBITS as u32,

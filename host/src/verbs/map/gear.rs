@@ -1,7 +1,4 @@
 //! `kband gear`: amplitude and second tone at which parts of scattering restitution stay in gear.
-//!
-//! The method is Monte Carlo simulation on a grid of k and second tone (`survey`). Fresh runs then
-//! select the best points. The output is the share of time in gear, 0..1.
 
 mod survey;
 
@@ -19,7 +16,7 @@ use crate::arguments::{
 };
 use crate::causes;
 use crate::desk::Desk;
-use crate::picture::{Axis, Grid, Panel, Picture};
+use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Result};
 use crate::report::{Printout, Value, fields, number, numbers, span, when};
 pub(in crate::verbs) use survey::Lot;
@@ -92,9 +89,8 @@ const SECOND_TONE_AMPLITUDES: u32 = 5;
 
 /// Angles of the second tone in a search: first and last in rad, and their number.
 ///
-/// At order 1 with two tones the best of 32 angles around the circle was 2.2 to 2.9 rad. That holds
-/// for each R of 0.2, 0.3, 0.5 and e of 0.15, 0.25. For other orders and tones the whole circle is
-/// searched.
+/// At order 1 with two tones the best of 32 angles around the circle was 2.2 to 2.9 rad, for each R
+/// of 0.2, 0.3, 0.5 and e of 0.15, 0.25.
 fn angles(arguments: &Arguments) -> (f64, f64, u32) {
     if arguments.order == 1 && arguments.tones.third_tone.is_none() {
         (1.9, 3.0, 12)
@@ -178,24 +174,7 @@ struct NamedPoint<'a> {
     third: [f64; 2],
 }
 
-impl<'a> NamedPoint<'a> {
-    fn new(name: &'static str, point: &'a Point, arguments: &Arguments) -> Result<Self> {
-        let track = arguments.drive.track()?;
-        let amplitude = track.amplitude(point.k);
-        let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
-        Ok(Self {
-            name,
-            point,
-            sum: point.shares.sum(),
-            amplitude: 1e3 * amplitude,
-            peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-            // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
-            // and 8 at three times it. That of a mass grows as w^2.
-            force: [3.0 * arguments.quality * e, 4.0 * e],
-            third: [8.0 * arguments.quality * e3, 9.0 * e3],
-        })
-    }
-
+impl NamedPoint<'_> {
     /// A value of the second tone; `None` on one tone.
     fn of_tone(&self, value: f64) -> Option<f64> {
         (!self.point.wave.is_sine()).then_some(value)
@@ -257,8 +236,23 @@ fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint
     let mut points = vec![("one tone", &survey.one_tone), (two, &survey.two_tones)];
     let middle = survey.band_middle.as_ref();
     points.extend(middle.map(|point| ("middle of the band", point)));
-    let named = |(name, point)| NamedPoint::new(name, point, arguments);
-    points.into_iter().map(named).collect()
+    let track = arguments.drive.track()?;
+    let named = |(name, point): (&'static str, &'a Point)| {
+        let amplitude = track.amplitude(point.k);
+        let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
+        NamedPoint {
+            name,
+            point,
+            sum: point.shares.sum(),
+            amplitude: 1e3 * amplitude,
+            peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
+            // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
+            // and 8 at three times it. That of a mass grows as w^2.
+            force: [3.0 * arguments.quality * e, 4.0 * e],
+            third: [8.0 * arguments.quality * e3, 9.0 * e3],
+        }
+    };
+    Ok(points.into_iter().map(named).collect())
 }
 
 fn lot_name(arguments: &Arguments, survey: &Survey) -> String {
@@ -342,26 +336,10 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
     }
     let (lot_name, scatter) = (lot_name(arguments, survey), number(arguments.scatter, 4));
     let (order, runs, periods) = (arguments.order, arguments.runs, arguments.periods);
-    let mut picture = Picture::new("How much of the time parts are in gear")
+    Picture::new("How much of the time parts are in gear")
         .width(820.0)
         .caption(format!(
             "{lot_name}, scatter {scatter}, order {order}; from rest, {runs} runs of {periods} periods of each part"
         ))
-        .panel(over);
-    if arguments.tones.second_tone.is_none() {
-        let waves = 1..survey.waves.len();
-        let shares: Vec<f64> = waves.map(|wave| survey.best_over_k(wave)).collect();
-        let (from, to, count) = angles(arguments);
-        let half = 0.5 * (to - from) / f64::from(count - 1);
-        let step = arguments.largest_second_tone / f64::from(SECOND_TONE_AMPLITUDES);
-        let angle = Axis::new("angle th of the second tone", "rad", from - half, to + half);
-        let top = arguments.largest_second_tone + 0.5 * step;
-        let amplitude = Axis::new("amplitude e of the second tone", "", 0.5 * step, top);
-        let share = Axis::over_values("in gear", "", shares.iter().copied());
-        let best = Panel::new(angle, amplitude)
-            .heading("Over the second tone, each at its best k")
-            .heat(Grid::new(count as usize, shares), share);
-        picture = picture.panel(best);
-    }
-    picture
+        .panel(over)
 }

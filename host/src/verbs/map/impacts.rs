@@ -1,6 +1,4 @@
 //! `kband impacts`: the impact map evaluated impact by impact, in a selected number system.
-//!
-//! A row has phase and flight in rad, and the velocity after the impact in `b w`.
 
 pub mod rows;
 

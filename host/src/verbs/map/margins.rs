@@ -1,7 +1,4 @@
 //! `kband margins`: gain margin (1) and phase margin (degrees) of the amplitude loop.
-//!
-//! The margins (Nyquist criterion, `kband_control::LoopMargins`) are computed over the detuning,
-//! for seven qualities and three ratios of true to configured gain.
 
 use kband_control::{LoopMargins, Settings};
 

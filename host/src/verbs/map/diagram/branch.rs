@@ -1,8 +1,5 @@
-//! Branches of the bifurcation diagram: the impacts of every column, from each kind of start.
-//!
-//! A column is a pair of k and restitution. A branch starts every column from rest, or at the final
-//! state of the column before: continuation upwards or downwards. Bisection locates the columns
-//! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
+//! Branches of the bifurcation diagram: the impacts of every column, a pair of k and restitution. A
+//! branch starts each from rest, or at the final state of the one before (continuation).
 
 use kband::impact::{ContactTime, Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
 use kband::regime::Lock;
@@ -49,8 +46,7 @@ pub(super) enum Ending {
 }
 
 impl Ending {
-    /// Whether neighbouring columns have the same name: one regime, or shares in gear that round to
-    /// the same tenth.
+    /// Whether neighbouring columns have one regime, or one tenth of the share in gear.
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
@@ -87,10 +83,8 @@ pub(super) struct Stretch {
     pub(super) high: f64,
 }
 
-/// All branches over columns of k and restitution.
-///
-/// A followed branch is one task, because each column needs the one before. From rest, each column
-/// is a task.
+/// All branches over columns of k and restitution. A followed branch is one task, because each
+/// column needs the one before.
 pub(super) fn follow(
     arguments: &Arguments,
     tracks: &[(f64, f64)],
@@ -222,9 +216,7 @@ fn simulate_column(
     })
 }
 
-/// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
-///
-/// Bisection between two columns locates each edge.
+/// Stretches in which the period-1 orbits of orders 1 to 5 attract, each edge by bisection.
 pub(super) fn bands(over: Over, contact: ContactTime, values: &[f64]) -> Vec<Stretch> {
     let mut bands = Vec::new();
     for order in 1..=5 {

@@ -1,8 +1,7 @@
 //! Share of time in gear, 0..1, over a grid of k and waves, and the best points.
 //!
-//! The method is Monte Carlo simulation with common random numbers. Fresh runs select the best
-//! points of the map. Further fresh runs estimate their shares, because selection biases a share
-//! upwards (winner's curse).
+//! Monte Carlo simulation with common random numbers. Fresh runs select the best points; further
+//! ones estimate their shares, because selection biases a share upwards (winner's curse).
 
 use std::ops::Range;
 
@@ -98,8 +97,7 @@ impl Lot {
         Ok(shares)
     }
 
-    /// Adds these runs of every part. The seed depends only on part, run and stage (common random
-    /// numbers), to compare points.
+    /// Adds these runs of every part. The seed depends only on part, run and stage.
     fn add_runs(
         &self,
         Shares(shares): &mut Shares,
@@ -219,10 +217,5 @@ impl Survey {
     pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let count = self.k.len();
         (0..count).map(move |n| (self.k[n], self.map[wave * count + n][0]))
-    }
-
-    pub fn best_over_k(&self, wave: usize) -> f64 {
-        let shares = self.over_k(wave).map(|(_, share)| share);
-        shares.fold(0.0, f64::max)
     }
 }

@@ -56,9 +56,8 @@ fn unread(path: &Path, error: &std::io::Error) -> Refusal {
     Refusal::file(path, error, NEXT_READABLE_FILE)
 }
 
-/// Calls `each` with the line number and the values `k, restitution, phase, velocity` of every row.
-///
-/// `check_stop` receives the number of bytes read since its last call.
+/// Calls `each` with the line number and the values `k, restitution, phase, velocity` of every row,
+/// and `check_stop` with the number of bytes read since its last call.
 fn each_row(
     path: &Path,
     mut reader: impl BufRead,
@@ -127,10 +126,8 @@ fn launch<K: Kernel>(
     Ok(Row { kernel, state })
 }
 
-/// Checks all rows, and returns their number. The first invalid launch is refused with its line.
-/// Launches out of another arithmetic's range pass, because none has a wider range than f64.
-///
-/// `check_stop` receives the number of bytes read since its last call; its refusal ends the check.
+/// Checks all rows by the range of f64, the widest, and returns their number. The first invalid
+/// launch is refused with its line.
 pub fn check_rows(
     path: &Path,
     reader: impl BufRead,

@@ -1,8 +1,4 @@
 //! Claims of Hongler & Figour 1989 about chaos and its neighbourhood, each recomputed.
-//!
-//! A check simulates the exact map and compares with a reference or a bound. The ledger (`engine`)
-//! keeps the largest deviation of each row. Methods are Lyapunov exponents, Monte Carlo runs, and
-//! continuation of the period doublings. Units are those of the map: b, `b w`, rad.
 
 use std::f64::consts::TAU;
 
@@ -13,10 +9,10 @@ use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::classify::Regime;
 use kband::regime::exponent::{self, Dynamics, ExponentSettings};
 use kband::regime::{Lock, band};
-use kband::transport::{Conveyed, Conveying, SampleMean, locked, sensitivity};
+use kband::transport::{Conveyed, Conveying, locked, sensitivity};
 
-use super::engine::{Cases, Check, Ledger, convey, estimate};
-use super::hopping::{CHAOS, run_wide_chaos};
+use super::engine::{Cases, Check, Ledger, convey};
+use super::hopping::{CHAOS, mean_of, run_wide_chaos};
 use super::lock::lock;
 use crate::ending::Endings;
 use crate::refusal::Result;
@@ -172,8 +168,7 @@ fn robustness(rows: &mut Ledger) -> Result<()> {
     const NARROW_IMPACTS: u64 = 20_000;
     let time_mean = |k: f64| -> Result<(f64, f64, f64)> {
         let runs = run_wide_chaos(k, RUNS, WIDE_IMPACTS)?;
-        let means = runs.iter().filter_map(Conveyed::time_mean);
-        let (mean, error) = estimate(&SampleMean::from_values(means));
+        let (mean, error) = mean_of(&runs, Conveyed::time_mean);
         Ok((k, mean, error))
     };
     let wide = sensitivity(time_mean(0.03)?, time_mean(0.09)?);
@@ -243,8 +238,7 @@ fn diffusion(rows: &mut Ledger) -> Result<()> {
     let [one, many] = dispersions(0.35, 0.2, Map::state(0.8, 0.36)?)?;
     let [wide_one, wide_many] = dispersions(0.05, 0.9, Map::state(0.5, 4.0)?)?;
     for key in ["claim diffusion", "finding dispersion"] {
-        // Without diffusion only the ends of the blocks contribute: 1/300 of the dispersion of one
-        // flight.
+        // Without diffusion only the ends of the blocks contribute: 1/300 of that of one flight.
         rows.deviation(key, many / one / 0.02);
         rows.deviation(key, 0.1 / (wide_many / wide_one));
         rows.count(key, 2 * 60_000);
@@ -256,8 +250,7 @@ fn diffusion(rows: &mut Ledger) -> Result<()> {
 
 /// Claim: noise truncates the cascade.
 fn noise(rows: &mut Ledger) -> Result<()> {
-    // Between the third and the fourth flip the orbit repeats after eight impacts; with noise it
-    // never repeats.
+    // Between the third and the fourth flip the orbit repeats after eight impacts.
     let (k, restitution) = (0.3595, 0.2);
     let map = Map::build(k, restitution)?;
     let settings = effort(3000, 60_000);

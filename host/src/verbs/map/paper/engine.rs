@@ -170,12 +170,12 @@ pub(super) use crate::random::SplitMix as Cases;
 
 impl Cases {
     pub(super) fn settings(&mut self) -> TangentialSettings {
-        TangentialSettings {
-            restitution: self.within(0.0, 0.95),
-            amplitude_ratio: self.within(0.2, 3.0),
-            phase_lead: self.within(-3.0, 3.0),
-            incline_tangent: self.within(-0.3, 0.3),
-        }
+        along(
+            self.within(0.0, 0.95),
+            self.within(0.2, 3.0),
+            self.within(-3.0, 3.0),
+            self.within(-0.3, 0.3),
+        )
     }
 
     /// A flight short enough to integrate, its restitution, and its impact.
@@ -185,6 +185,16 @@ impl Cases {
         let launch = Map::state(self.within(0.0, TAU), self.within(0.05, 3.0))?;
         let impact = Map::build(k, restitution)?.impact(launch);
         Ok((Flight::new(k, launch, &impact), restitution, impact))
+    }
+}
+
+/// The motion along the track by the symbols of the paper: Rt, eta, gamma and tan(alpha).
+pub(super) const fn along(rt: f64, eta: f64, gamma: f64, tangent: f64) -> TangentialSettings {
+    TangentialSettings {
+        restitution: rt,
+        amplitude_ratio: eta,
+        phase_lead: gamma,
+        incline_tangent: tangent,
     }
 }
 

@@ -125,8 +125,7 @@ fn flight_time(rows: &mut Ledger) -> Result<()> {
         let size = (1.0 + psi) * d + k * d * d + 2.0;
         rows.compare_in("(8)", flight.height(), 0.0, size);
     }
-    // A hop of chatter: halfway the height is psi d/4. The printed form computes it as a difference
-    // of terms of order d.
+    // A hop of chatter: halfway the height is psi d/4, printed as a difference of terms of order d.
     for _ in 0..200 {
         let (k, t, psi) = (0.9, cases.within(3.3, 6.0), 2e-7);
         let d = psi / (k - t.sin());
@@ -230,11 +229,9 @@ fn first_return(rows: &mut Ledger) -> Result<()> {
     Ok(())
 }
 
-/// Distance and velocity after `d` of a point that starts at 0 with `velocity` at phase `t`.
-///
-/// Classical Runge-Kutta method in 4000 steps. Its error is of order `d^2 (d/4000)^4`, below 1e-10
-/// for d < 40.
-pub fn integrated(t: f64, d: f64, velocity: f64, acceleration: impl Fn(f64) -> f64) -> (f64, f64) {
+/// Distance and velocity after `d` of a point that starts at 0 with `velocity` at phase `t`, by the
+/// Runge-Kutta method. Its error is of order `d^2 (d/4000)^4`, below 1e-10 for d < 40.
+fn integrated(t: f64, d: f64, velocity: f64, acceleration: impl Fn(f64) -> f64) -> (f64, f64) {
     const STEPS: u32 = 4000;
     let h = d / f64::from(STEPS);
     let (mut distance, mut speed) = (0.0, velocity);
@@ -249,8 +246,7 @@ pub fn integrated(t: f64, d: f64, velocity: f64, acceleration: impl Fn(f64) -> f
     (distance, speed)
 }
 
-/// A flight of duration `d` from phase `t` with velocity `psi`; its initial velocity along the
-/// track is `phi`.
+/// A flight of duration `d` from phase `t` with velocity `psi`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flight {
     pub k: f64,

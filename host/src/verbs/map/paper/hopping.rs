@@ -1,5 +1,4 @@
-//! Equations (26) to (38): hopping parts, by sums over impacts and by intervals; bounds; dead
-//! parts.
+//! Equations (26) to (38): hopping parts by sums over impacts and by intervals; bounds; dead parts.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,7 +7,7 @@ use kband::regime::band;
 use kband::transport::stationary::{self, PhaseMeans};
 use kband::transport::{Conveyed, Conveying, SampleMean, locked};
 
-use super::engine::{Cases, Check, Flights, Ledger, convey, estimate};
+use super::engine::{Cases, Check, Flights, Ledger, along, convey, estimate};
 use super::lock::bands;
 use crate::refusal::Result;
 
@@ -24,12 +23,7 @@ pub(super) const CHECKS: &[Check] = &[
 ];
 
 /// Example in the paper's section on chaotic conveying (docs/theory-transport.md#t8.2).
-pub(super) const CHAOS: TangentialSettings = TangentialSettings {
-    restitution: 0.3,
-    amplitude_ratio: 2.0,
-    phase_lead: 0.0,
-    incline_tangent: 0.05,
-};
+pub(super) const CHAOS: TangentialSettings = along(0.3, 2.0, 0.0, 0.05);
 
 const IMPACTS: u64 = 4000;
 
@@ -211,15 +205,10 @@ fn share_of_bounds(k: f64, r: f64, launch_squared: f64, interval: f64) -> f64 {
 
 /// (29): the impact mean with a phase lead, from means over the impacts.
 fn with_lead(rows: &mut Ledger) -> Result<()> {
-    let leading = TangentialSettings {
-        restitution: 0.3,
-        amplitude_ratio: 1.7,
-        phase_lead: 0.6,
-        incline_tangent: 0.07,
-    };
-    let (eta, gamma) = (leading.amplitude_ratio, leading.phase_lead);
+    let (eta, gamma, tangent): (f64, f64, f64) = (1.7, 0.6, 0.07);
+    let leading = along(0.3, eta, gamma, tangent);
     for run in hop(leading)? {
-        let flight = 0.5 * run.k * (eta * gamma.cos() - leading.incline_tangent);
+        let flight = 0.5 * run.k * (eta * gamma.cos() - tangent);
         let sine = run.sum(|[t, ..]| t.sin());
         let chord = run.sum(|[t, _, _, d]| ((t + d).cos() - t.cos()) / d);
         let sum = run.sum(|[_, _, phi, _]| phi) - eta * gamma.cos() * run.sum(|[_, psi, ..]| psi)
@@ -304,8 +293,7 @@ fn correlated(rows: &mut Ledger) -> Result<()> {
     let (rho, rho_error) = estimate(&lag);
     rows.deviation("finding correlation", 10.0 * rho_error / rho.abs());
     rows.fill("finding correlation", &[(rho, 3), (rho_error, 1)]);
-    // A variance other than that of independent intervals is reported at 6 standard errors from
-    // one.
+    // A variance other than that of independent intervals is 6 standard errors from one.
     let (ratio, ratio_error) = estimate(&variances);
     rows.deviation("finding variance", 6.0 * ratio_error / (ratio - 1.0).abs());
     rows.fill("finding variance", &[(ratio, 3), (ratio_error, 1)]);
@@ -380,10 +368,8 @@ fn independent(rows: &mut Ledger) -> Result<()> {
     Ok(())
 }
 
-/// Largest launch velocity of a persistent orbit.
-///
-/// Fixed point of `psi = R (1 + sqrt((psi + 1)^2 + 4 k))`. Its only assumptions are a track within
-/// -1..1 and a track speed of at most 1.
+/// Largest launch velocity of a persistent orbit: fixed point of
+/// `psi = R (1 + sqrt((psi + 1)^2 + 4 k))`, for any track within -1..1 of speed at most 1.
 fn largest_launch(k: f64, restitution: f64) -> f64 {
     let next = |psi: f64, _| restitution * (1.0 + ((psi + 1.0).powi(2) + 4.0 * k).sqrt());
     (0..2000).fold(0.0, next)
@@ -418,6 +404,11 @@ pub(super) fn run_wide_chaos(k: f64, runs: u32, impacts: u64) -> Result<Vec<Conv
     (0..runs).map(run).collect()
 }
 
+/// Mean over runs, and its standard error.
+pub(super) fn mean_of(runs: &[Conveyed], value: fn(&Conveyed) -> Option<f64>) -> (f64, f64) {
+    estimate(&SampleMean::from_values(runs.iter().filter_map(value)))
+}
+
 /// (36), (37): longest mean interval and bound of the impact mean, both attained at the birth of
 /// the lock. The time mean may exceed the bound.
 fn bounds(rows: &mut Ledger) -> Result<()> {
@@ -437,11 +428,8 @@ fn bounds(rows: &mut Ledger) -> Result<()> {
     for mean in runs.iter().filter_map(Conveyed::impact_mean) {
         rows.at_most("(37)", mean, bound);
     }
-    let mean = |value: fn(&Conveyed) -> Option<f64>| {
-        estimate(&SampleMean::from_values(runs.iter().filter_map(value)))
-    };
-    let (time, time_error) = mean(Conveyed::time_mean);
-    let (impact, impact_error) = mean(Conveyed::impact_mean);
+    let (time, time_error) = mean_of(&runs, Conveyed::time_mean);
+    let (impact, impact_error) = mean_of(&runs, Conveyed::impact_mean);
     // Reference: long runs, rounded.
     let key = "finding time-mean";
     rows.compare_in(key, impact, 0.0463, 5e-5 + 6.0 * impact_error);
@@ -461,19 +449,14 @@ fn dead(rows: &mut Ledger) -> Result<()> {
         let margin = 0.01 * (PI - 2.0 * low);
         let phase = cases.within(low + margin, PI - low - margin);
         let (eta, tangent) = (cases.within(0.2, 3.0), cases.within(-0.3, 0.3));
-        let along = TangentialSettings {
-            restitution: 0.0,
-            amplitude_ratio: eta,
-            phase_lead: 0.0,
-            incline_tangent: tangent,
-        };
         let launch = Map::state(phase, 0.0)?;
         let impact = map.impact(launch);
         let d = impact.flight;
         if d <= 0.0 {
             continue;
         }
-        let mean = Tangential::build(k, along)?.distance(launch, &impact, 0.0) / d;
+        let tangential = Tangential::build(k, along(0.0, eta, 0.0, tangent))?;
+        let mean = tangential.distance(launch, &impact, 0.0) / d;
         rows.compare("(38)", 0.5 * k * d * (eta - tangent), mean);
         rows.print("(38)", d * (k - 0.5 * k * tangent), mean);
     }

@@ -7,7 +7,7 @@ use kband::regime::cascade::{Cascade, FEIGENBAUM};
 use kband::regime::{Lock, Multipliers, band};
 use kband::transport::locked;
 
-use super::engine::{Cases, Check, Ledger, convey};
+use super::engine::{Cases, Check, Ledger, along, convey};
 use crate::refusal::{Refusal, Result};
 
 pub(super) const CHECKS: &[Check] = &[
@@ -187,13 +187,10 @@ fn draw(seed: u64, lead: f64, inclines: (f64, f64)) -> Result<Vec<(Lock, Tangent
     let mut cases = Cases(seed);
     let draw = |(restitution, order, low, high)| {
         let k = low + cases.within(0.05, 0.95) * (high - low);
-        let along = TangentialSettings {
-            restitution: cases.within(0.0, 0.9),
-            amplitude_ratio: cases.within(0.2, 3.0),
-            phase_lead: cases.within(-lead, lead),
-            incline_tangent: cases.within(inclines.0, inclines.1),
-        };
-        Ok((lock(k, restitution, order)?, along))
+        let (rt, eta) = (cases.within(0.0, 0.9), cases.within(0.2, 3.0));
+        let gamma = cases.within(-lead, lead);
+        let tangent = cases.within(inclines.0, inclines.1);
+        Ok((lock(k, restitution, order)?, along(rt, eta, gamma, tangent)))
     };
     bands()?.into_iter().map(draw).collect()
 }

@@ -1,12 +1,7 @@
 //! `kband transport` with friction: conveying speed in mm/s and shares of time over one axis.
 //!
-//! The axis is the throw number, the amplitude (mm), the incline or phase lead (degrees), or the
-//! friction. Each value is an event-driven simulation with Coulomb friction
-//! (docs/theory-real-parts.md#t10.4), from rest and from every attracting lock. Bisection locates
-//! reversals of the speed.
-//!
-//! Regimes have the names of Hongler & Figour 1989: always in contact (S), hop and slide (H-S),
-//! hopping (H).
+//! Each value is an event-driven simulation with Coulomb friction
+//! (docs/theory-real-parts.md#t10.4), from rest and from every attracting lock.
 
 use kband::feeder::{Track, TrackSettings};
 use kband::impact::{Friction, FrictionSettings, Kernel, Map, Tone, Wave, WaveMap};
@@ -363,8 +358,7 @@ pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a
     Ok((report, Box::new(picture)))
 }
 
-/// Root of a function between `low` and `high`, by 40 bisections; `at_low` is its value at `low`.
-/// `None` if the function has no value at some point.
+/// Root of a function between `low` and `high`, by 40 bisections; `None` where it has no value.
 fn bisect(
     function: impl Fn(f64) -> Result<Option<f64>>,
     mut low: f64,
@@ -542,8 +536,7 @@ mod tests {
         assert_eq!(judged_by(on_tones, 2.0), 7);
     }
 
-    /// Compares speeds with a reference that states an error; `errors` is the tolerance in units of
-    /// that error. Returns the number of cases.
+    /// Number of cases of a reference that agree within `errors` times the error that it states.
     fn judged_by(speeds: &str, errors: f64) -> usize {
         let mut cases = 0;
         for line in speeds.lines().skip(1) {
@@ -570,8 +563,7 @@ mod tests {
         cases
     }
 
-    /// Friction holds a slope (tangent) of at most mu. On a steeper one no regime has a steady
-    /// speed.
+    /// Friction holds a slope (tangent) of at most mu; on a steeper one a part speeds up for ever.
     #[test]
     fn parts_that_friction_cannot_hold_have_no_speed() {
         for throw in [0.8, 1.5, 2.4] {

@@ -178,9 +178,8 @@ impl Over {
     }
 }
 
-/// Starts of parts at `k`: at rest, on each attracting lock, and starts spread evenly over phase
-/// and velocity. The method is the additive recurrence of the plastic number. Velocities extend
-/// slightly beyond the launch velocity of the highest bounces, `2.5 R/(1-R)`.
+/// Starts of parts at `k`: at rest, on each attracting lock, and starts spread evenly (additive
+/// recurrence of the plastic number), to beyond the velocity of the highest bounces, `2.5 R/(1-R)`.
 fn starts(k: f64, feeder: &Feeder) -> impl Iterator<Item = Origin> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
     let restitution = feeder.arguments.restitution;
@@ -410,8 +409,7 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     let forward = rows.iter().map(speed).filter(|speed| *speed > 0.0);
     let slowest = forward.fold(highest, f64::min);
     let axis = |low: f64, high: f64| Axis::new("conveying speed", "mm/s", low, high);
-    // On double logarithmic axes a speed proportional to b is a straight line, and a locked one is
-    // level.
+    // On double logarithmic axes a speed proportional to b is straight, and a locked one level.
     let up = if lowest < 0.0 || highest <= 0.0 {
         axis(lowest - room, highest + room)
     } else if highest > 3.0 * slowest {
