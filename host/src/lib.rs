@@ -1,7 +1,6 @@
 //! Host side of kband: the verbs of the command line, and the modules that they use.
 
 pub(crate) mod arguments;
-pub(crate) mod bench;
 pub mod board;
 pub(crate) mod causes;
 pub mod chip;

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::ffi::{CStr, c_char};
-use std::fmt::{self, Write};
+use std::fmt;
 use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -43,32 +43,9 @@ pub extern "C" fn kband_code_text(code: i32) -> *const c_char {
     text.unwrap_or(&c"no code of kband").as_ptr()
 }
 
-/// Longest message in bytes; it is cut there.
-const MESSAGE_BYTES: usize = 1024;
-
-/// Cause of the last failed call of this thread, in a fixed buffer without allocation.
-struct Message {
-    bytes: [u8; MESSAGE_BYTES],
-    used: usize,
-}
-
-impl Write for Message {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let room = MESSAGE_BYTES - self.used;
-        let mut count = text.len().min(room);
-        while !text.is_char_boundary(count) {
-            count -= 1;
-        }
-        self.bytes[self.used..self.used + count].copy_from_slice(&text.as_bytes()[..count]);
-        self.used += count;
-        Ok(())
-    }
-}
-
 thread_local! {
-    static MESSAGE: RefCell<Message> = const {
-        RefCell::new(Message { bytes: [0; MESSAGE_BYTES], used: 0 })
-    };
+    /// Cause of the last failed call of this thread.
+    static MESSAGE: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
 /// A failed call; its message is kept for the thread.
@@ -77,11 +54,7 @@ pub(crate) struct Failure(Code);
 
 impl Failure {
     pub(crate) fn new(code: Code, message: fmt::Arguments<'_>) -> Self {
-        MESSAGE.with_borrow_mut(|stored| {
-            stored.used = 0;
-            // Writing cannot fail: text beyond the buffer is cut.
-            let _ = stored.write_fmt(message);
-        });
+        MESSAGE.set(message.to_string());
         Self(code)
     }
 
@@ -143,8 +116,7 @@ pub(crate) fn require<T>(pointer: Option<T>, name: &str) -> Result<T, Failure> {
 /// `buffer` has `size` bytes, or is null with `size` 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kband_error(buffer: *mut c_char, size: usize) -> usize {
-    MESSAGE.with_borrow(|stored| {
-        let message = &stored.bytes[..stored.used];
+    MESSAGE.with_borrow(|message| {
         if !buffer.is_null() && size > 0 {
             let count = message.len().min(size - 1);
             // SAFETY: the caller guarantees the buffer, which does not overlap the message.
@@ -168,16 +140,5 @@ mod tests {
         // SAFETY: null with size 0.
         let length = unsafe { kband_error(std::ptr::null_mut(), 0) };
         assert_eq!(length, "an error of kband; report it".len());
-    }
-
-    #[test]
-    fn a_long_message_is_cut_between_characters() {
-        let long = "\u{e9}".repeat(MESSAGE_BYTES);
-        Failure::new(Code::Scene, format_args!("a{long}"));
-        let mut buffer = [1; MESSAGE_BYTES + 1];
-        // SAFETY: the buffer is as long as that.
-        let length = unsafe { kband_error(buffer.as_mut_ptr(), buffer.len()) };
-        assert_eq!(length, MESSAGE_BYTES - 1);
-        assert_eq!(buffer[length], 0);
     }
 }

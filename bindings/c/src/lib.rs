@@ -2,7 +2,7 @@
 //!
 //! A handle is used by one thread at a time: it is live or null, and freed once. Any other pointer
 //! is null, or to what the call reads or writes. After its creation the signal path and the
-//! controller allocate nothing.
+//! controller allocate nothing, unless a call fails.
 #![allow(unsafe_code)]
 
 use std::ffi::c_char;

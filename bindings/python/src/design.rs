@@ -39,9 +39,6 @@ impl Workers for Threads<'_> {
     }
 }
 
-/// Requested ranges, in the order of [`Ranges`]; `None` means the scene's own range.
-type GivenRanges = [Option<[f64; 2]>; 6];
-
 /// Row of a feeder: frequency (Hz), b (mm), angle of throw, phase lead, incline (degrees), k, e,
 /// th, e3, th3. Then share in gear, speed (m/s) and parts a minute, simulated and in the closed
 /// loop. Last the changes of ln(parts a minute) and of the share, for 1 % of b, 1 % of the
@@ -52,12 +49,12 @@ type Row = Vec<f64>;
 /// candidates tried and within the limits, and the deviation of the table from simulated parts.
 type DesignResult = (Option<Row>, Vec<Row>, Vec<Row>, [usize; 2], [f64; 4]);
 
-/// Searches feeders with the drive of a scene.
+/// Searches feeders with the drive of a scene; a range of `None` is the scene's own.
 #[pyfunction]
 pub fn design(
     py: Python<'_>,
     given: Given<'_>,
-    ranges: GivenRanges,
+    ranges: [Option<[f64; 2]>; 6],
     candidates: usize,
     least_share: f64,
     checked: usize,

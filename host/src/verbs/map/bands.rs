@@ -345,23 +345,3 @@ fn draw(arguments: &Arguments, wave: &Wave, track: &Track, drawing: &Drawing) ->
         .panel(bands)
         .panel(speed)
 }
-
-#[cfg(test)]
-mod tests {
-    use kband_control::Settings;
-
-    use super::*;
-
-    #[test]
-    fn gear_of_impacts_that_take_time_is_that_of_a_scene() {
-        let lot = Restitution::interval(0.28, 0.32).unwrap();
-        let contact = ContactTime::from_milliseconds(0.4, 50.0).unwrap();
-        let timed = row(lot, Some(0.04), 1, contact).unwrap().gear.unwrap();
-        let feeder = Settings {
-            contact: 0.4,
-            ..causes::unbounded(lot, 0.04, ContactTime::INSTANT)
-        };
-        let (plan, _) = causes::plan(&feeder, 1).unwrap();
-        assert_eq!((plan.k, plan.share), (timed.k, timed.share));
-    }
-}

@@ -278,9 +278,7 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
     ));
     let kick_alone = attempt_view().without(columns::SHARE);
     let kick = |kick: KickSettings| kick_alone.object(&(String::new(), kick, 0.0));
-    let cells: Vec<Attempt> = (map.cells().into_iter())
-        .map(|(kick, share)| (String::new(), kick, share))
-        .collect();
+    let cells = map.cells();
     let report = report.json(&serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
         "order": order,
@@ -369,10 +367,12 @@ impl Kicks {
     }
 
     /// Every kick of the map with its captured share, except those beyond the drive's limit.
-    fn cells(&self) -> Vec<(KickSettings, f64)> {
-        let cells = self.shares.iter().enumerate();
-        let cell = |(cell, share): (usize, &f64)| Some((self.kick(cell).ok()?.settings(), *share));
-        cells.filter_map(cell).collect()
+    fn cells(&self) -> Vec<Attempt> {
+        let cells = self.shares.iter().enumerate().filter_map(|(cell, share)| {
+            let kick = self.kick(cell).ok()?;
+            Some((String::new(), kick.settings(), *share))
+        });
+        cells.collect()
     }
 
     fn picture(&self, task: &Task<'_>, plan: &Plan) -> Picture {

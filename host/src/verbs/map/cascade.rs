@@ -68,21 +68,37 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
-    let numbered = Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
+    let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
     let points = flips.iter().enumerate();
     let points: Vec<(f64, f64)> = points.map(|(n, k)| ((n + 1) as f64, *k)).collect();
     let k = Axis::over_values("k = g cos α / (b ω²)", "", flips.iter().copied());
-    let mut places = Panel::new(numbered, k)
+    let mut places = Panel::new(numbered(), k)
         .height(230.0)
         .line("", 0, points.clone())
         .markers("flips", 0, points);
     if let Some(limit) = cascade.k_infinity() {
         places = places.level(limit.value, "chaos begins");
     }
+    let gaps = flips.windows(2).enumerate();
+    let gaps = gaps.map(|(n, pair)| ((n + 2) as f64, pair[0] - pair[1]));
+    let gaps: Vec<(f64, f64)> = gaps.collect();
     let (restitution, order) = (number(arguments.restitution, 6), arguments.order);
-    Picture::new("Period doublings down to chaos")
+    let mut picture = Picture::new("Period doublings down to chaos")
         .caption(format!("R = {restitution}, lock of order {order}"))
-        .panel(places)
+        .panel(places);
+    if let (Some(first), Some(end)) = (gaps.first().copied(), gaps.last().copied()) {
+        // Feigenbaum's law through the last gap, which follows it best.
+        let law = |(n, _): &(f64, f64)| (*n, end.1 * FEIGENBAUM.powf(end.0 - n));
+        let law = gaps.iter().map(law).collect();
+        let axis = Axis::new("gap to the flip before", "", 0.4 * end.1, 2.5 * first.1);
+        picture = picture.panel(
+            Panel::new(numbered(), axis.logarithmic())
+                .height(230.0)
+                .line("shrinking by Feigenbaum's 4.669", 1, law)
+                .markers("gaps", 0, gaps),
+        );
+    }
+    picture
 }
 
 struct Flip {

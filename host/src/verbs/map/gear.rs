@@ -16,7 +16,7 @@ use crate::arguments::{
 };
 use crate::causes;
 use crate::desk::Desk;
-use crate::picture::{Axis, Panel, Picture};
+use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Exit, Result};
 use crate::report::{Printout, Value, fields, number, numbers, span, when};
 pub(in crate::verbs) use survey::Lot;
@@ -336,10 +336,26 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
     }
     let (lot_name, scatter) = (lot_name(arguments, survey), number(arguments.scatter, 4));
     let (order, runs, periods) = (arguments.order, arguments.runs, arguments.periods);
-    Picture::new("How much of the time parts are in gear")
+    let mut picture = Picture::new("How much of the time parts are in gear")
         .width(820.0)
         .caption(format!(
             "{lot_name}, scatter {scatter}, order {order}; from rest, {runs} runs of {periods} periods of each part"
         ))
-        .panel(over)
+        .panel(over);
+    if arguments.tones.second_tone.is_none() {
+        let waves = 1..survey.waves.len();
+        let shares: Vec<f64> = waves.map(|wave| survey.best_over_k(wave)).collect();
+        let (from, to, count) = angles(arguments);
+        let half = 0.5 * (to - from) / f64::from(count - 1);
+        let step = arguments.largest_second_tone / f64::from(SECOND_TONE_AMPLITUDES);
+        let angle = Axis::new("angle th of the second tone", "rad", from - half, to + half);
+        let top = arguments.largest_second_tone + 0.5 * step;
+        let amplitude = Axis::new("amplitude e of the second tone", "", 0.5 * step, top);
+        let share = Axis::over_values("in gear", "", shares.iter().copied());
+        let best = Panel::new(angle, amplitude)
+            .heading("Over the second tone, each at its best k")
+            .heat(Grid::new(count as usize, shares), share);
+        picture = picture.panel(best);
+    }
+    picture
 }

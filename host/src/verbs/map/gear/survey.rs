@@ -37,11 +37,9 @@ enum Stage {
     Verdict,
 }
 
-impl Stage {
-    /// Number of runs for each point of the map.
-    fn effort(self) -> usize {
-        4_usize.pow(self as u32)
-    }
+/// Number of runs of a point in a stage, over that of the map.
+fn effort(stage: Stage) -> usize {
+    4_usize.pow(stage as u32)
 }
 
 pub(super) struct Shares(pub Vec<Share>);
@@ -93,7 +91,7 @@ impl Lot {
     /// Simulates every part at one point.
     fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares> {
         let mut shares = self.no_shares();
-        self.add_runs(&mut shares, wave, k, stage, 0..self.runs * stage.effort())?;
+        self.add_runs(&mut shares, wave, k, stage, 0..self.runs * effort(stage))?;
         Ok(shares)
     }
 
@@ -144,7 +142,7 @@ impl Lot {
 
     /// Simulated drive periods of each part at a named point.
     pub(super) fn run_periods(&self) -> f64 {
-        0.75 * self.periods * (self.runs * Stage::Verdict.effort()) as f64
+        0.75 * self.periods * (self.runs * effort(Stage::Verdict)) as f64
     }
 
     /// k in the middle of the lot's band; `None` without a band.
@@ -217,5 +215,10 @@ impl Survey {
     pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let count = self.k.len();
         (0..count).map(move |n| (self.k[n], self.map[wave * count + n][0]))
+    }
+
+    pub fn best_over_k(&self, wave: usize) -> f64 {
+        let shares = self.over_k(wave).map(|(_, share)| share);
+        shares.fold(0.0, f64::max)
     }
 }

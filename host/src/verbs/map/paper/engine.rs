@@ -170,12 +170,8 @@ pub(super) use crate::random::SplitMix as Cases;
 
 impl Cases {
     pub(super) fn settings(&mut self) -> TangentialSettings {
-        along(
-            self.within(0.0, 0.95),
-            self.within(0.2, 3.0),
-            self.within(-3.0, 3.0),
-            self.within(-0.3, 0.3),
-        )
+        let (rt, eta) = (self.within(0.0, 0.95), self.within(0.2, 3.0));
+        along(rt, eta, self.within(-3.0, 3.0), self.within(-0.3, 0.3))
     }
 
     /// A flight short enough to integrate, its restitution, and its impact.

@@ -41,10 +41,6 @@ impl Run {
         self.conveyed.impact_mean().unwrap_or(f64::NAN)
     }
 
-    fn interval(&self) -> f64 {
-        self.conveyed.mean_interval().unwrap_or(f64::NAN)
-    }
-
     fn sum(&self, term: impl Fn([f64; 4]) -> f64) -> f64 {
         self.flights.iter().copied().map(term).sum()
     }
@@ -157,7 +153,8 @@ fn in_phase(rows: &mut Ledger) -> Result<()> {
     let count = IMPACTS as f64;
     let (eta, tangent) = (CHAOS.amplitude_ratio, CHAOS.incline_tangent);
     for run in hop(CHAOS)? {
-        let (k, r, ends, interval) = (run.k, run.restitution, run.ends(), run.interval());
+        let (k, r, ends) = (run.k, run.restitution, run.ends());
+        let interval = run.conveyed.mean_interval().unwrap_or(f64::NAN);
         let expected = stationary::mean_velocity(k, r, interval);
         let launch = run.sum(|[_, psi, ..]| psi) / count;
         rows.compare_in("finding launch", expected, launch, ends);
