@@ -42,8 +42,6 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-const PAGE: &str = "kband-report.html";
-
 const FIGURES: &str = include_str!("report/figures.js");
 /// Figures of the page, one a line: heading of their section, name, caption.
 const SECTIONS: &str = include_str!("report/sections.tsv");
@@ -53,7 +51,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let scene = read.scene(&read.table)?;
     let target = match &arguments.out {
         Some(path) => Destination::output(path, "html")?,
-        None => Destination::default_name(Path::new(PAGE), page::own, "--out FILE.html")?,
+        None => {
+            Destination::default_name(Path::new("kband-report.html"), page::own, "--out FILE.html")?
+        }
     };
     target.ends_in("--out", &["html", "htm"])?;
     let fidelity = scene.fidelity.unwrap_or_default();

@@ -99,9 +99,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             (None, Some(_)) => measure(&map, start, settings)?,
             (None, None) => measure_several(&map, start, settings)?,
         };
+        // Both exponents add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope.
+        let second = 2.0 * arguments.restitution.ln() - exponent.per_impact.value;
+        let rests = matches!(exponent.dynamics, Dynamics::Rest { .. });
         Ok(Row {
             k: values[n],
-            second: second(&exponent, arguments.restitution).filter(|_| !scatters),
+            second: (!rests && !scatters && second.is_finite()).then_some(second),
             multipliers: lock.map(|lock| lock.multipliers()),
             exponent,
             ending,
@@ -178,14 +181,6 @@ impl Row {
     }
 }
 
-/// The smaller exponent: both add up to 2 ln R, as det J = R^2 psi/psi' and the speeds telescope
-/// along an orbit.
-fn second(exponent: &Exponent, restitution: f64) -> Option<f64> {
-    let rests = matches!(exponent.dynamics, Dynamics::Rest { .. });
-    let value = 2.0 * restitution.ln() - exponent.per_impact.value;
-    (!rests && value.is_finite()).then_some(value)
-}
-
 /// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
 /// transient has one too, until it comes to rest.
 fn describe_motion(row: &Row) -> &'static str {
@@ -234,16 +229,6 @@ fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Res
     let report = view.printout(rows).heading(format!(
         "R = {r}{scatter}, {impacts} impacts after {settle} to settle; exponents per impact"
     ));
-    let only = match rows {
-        [only] => only.multipliers,
-        _ => None,
-    };
-    let multipliers = only.map(|multipliers| {
-        let attracts = multipliers.modulus() < 1.0;
-        let effect = if attracts { "it attracts" } else { "it repels" };
-        let (order, values) = (arguments.order, spell(multipliers));
-        format!("Floquet multipliers of the period-1 orbit of order {order}: {values} ({effect})")
-    });
     let band = arguments.band.then(|| match band {
         Some(band) => format!(
             "chaotic band, measured: k = {:.4}..{:.4}, {:.0} % of it with a positive exponent, no rest \
@@ -255,7 +240,7 @@ fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Res
         ),
         None => "no chaotic band: below the cascade the parts come to rest".into(),
     });
-    Ok(report.notes(multipliers).notes(band))
+    Ok(report.notes(band))
 }
 
 pub(super) fn spell(multipliers: Multipliers) -> String {

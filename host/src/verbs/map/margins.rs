@@ -31,12 +31,6 @@ const GAIN_RATIOS: [f32; 3] = [1.0, 0.5, 2.0];
 /// Largest drawn gain margin; larger ones are drawn at this value.
 const MAX_DRAWN_MARGIN: f64 = 100.0;
 
-/// Detunings, -0.2..0.2 (drive frequency over resonance, minus 1), denser near the resonance.
-fn detunings() -> Vec<f32> {
-    let parts = (-120..=120).map(|n| n as f32 / 120.0);
-    parts.map(|part| 0.2 * part * part.abs()).collect()
-}
-
 struct Line {
     quality: f32,
     gain_ratio: f32,
@@ -45,7 +39,10 @@ struct Line {
 
 impl Line {
     fn new(quality: f32, gain_ratio: f32) -> Result<Self> {
-        let margins = detunings().into_iter().map(|detuning| {
+        // Detunings, drive frequency over resonance minus 1, denser near the resonance.
+        let parts = (-120..=120).map(|n| n as f32 / 120.0);
+        let detunings = parts.map(|part| 0.2 * part * part.abs());
+        let margins = detunings.map(|detuning| {
             let configured = Settings {
                 quality,
                 frequency: 50.0 * (1.0 + detuning),

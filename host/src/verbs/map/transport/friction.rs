@@ -521,16 +521,8 @@ fn picture(over: Over, range: Range, rows: &[Row], notes: &[Note], text: &str) -
 
 #[cfg(test)]
 mod tests {
+    use super::super::from_rest;
     use super::*;
-
-    fn run(options: &str) -> Vec<Row> {
-        let arguments = crate::verbs::read(options).unwrap();
-        let feeder = Feeder::build(&arguments).unwrap();
-        let over = arguments.over.unwrap_or(Over::Throw);
-        let task = Task::new(feeder, over).unwrap();
-        let values = task.range.values();
-        values.flat_map(|value| task.rows(value).unwrap()).collect()
-    }
 
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
@@ -549,6 +541,7 @@ mod tests {
 
     /// Number of cases of a reference that agree within `errors` times the error that it states.
     fn judged_by(speeds: &str, errors: f64) -> usize {
+        let desk = Desk::new(Some(2)).unwrap();
         let mut cases = 0;
         for line in speeds.lines().skip(1) {
             let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
@@ -561,11 +554,11 @@ mod tests {
                 [e, th, e3, th3] => format!("--second-tone {e},{th} --third-tone {e3},{th3}"),
                 _ => String::new(),
             };
-            let rows = run(&format!(
+            let options = format!(
                 "--throw {throw} --amplitude-ratio {eta} --friction {mu} --incline={incline} --phase-lead={lead} \
                  --restitution {restitution} {tones}"
-            ));
-            let mean = rows[0].mean().unwrap();
+            );
+            let mean = from_rest(&options, &desk).unwrap()[0].mean().unwrap();
             // After 20 cycles the speed is within 2e-5 of a steady slide.
             let deviation = (mean - velocity).abs();
             assert!(deviation < errors * error + 2e-5, "{line}: {mean}");
