@@ -54,7 +54,7 @@ impl<'a> Launches<'a> {
 
     fn state(&self, n: usize) -> Result<PartState, Refused> {
         let state = Map::state(pick(self.phase, n), pick(self.speed, n));
-        state.map_err(|refused| Refused::from(refused).at(n))
+        state.map_err(Refused::element(n))
     }
 
     fn track(&self, n: usize) -> [f64; 2] {
@@ -77,8 +77,7 @@ impl Maps {
         match &mut self.0 {
             Some((_, map)) => Ok(map),
             none => {
-                let map = Map::build(k, restitution);
-                let map = map.map_err(|refused| Refused::from(refused).at(n))?;
+                let map = Map::build(k, restitution).map_err(Refused::element(n))?;
                 Ok(&none.insert((bits, map)).1)
             }
         }
@@ -128,8 +127,7 @@ fn fly_on_tones(
 ) -> Result<(), Refused> {
     for (n, (phase, speed)) in (from..).zip(phase.iter_mut().zip(speed)) {
         let [k, restitution] = launches.track(n);
-        let map = WaveMap::on(*wave, k, restitution);
-        let map = map.map_err(|refused| Refused::from(refused).at(n))?;
+        let map = WaveMap::on(*wave, k, restitution).map_err(Refused::element(n))?;
         let next = map.impact(launches.state(n)?).next;
         (*phase, *speed) = (next.phase, next.velocity);
     }
@@ -252,16 +250,15 @@ pub fn orbits(
     work::map(py, &shape, rows.len(), threads, |n, stop| {
         let mut row = rows[n].lock().unwrap_or_else(PoisonError::into_inner);
         let ([k, restitution], start) = (launches.track(n), launches.state(n)?);
-        let of_row = |refused| Refused::from(refused).at(n);
         // Checked after the map, whose range of restitution is narrower.
         let seed = stream(seed, n as u64);
-        let scatter = || Scatter::build(restitution, scatter, seed).map_err(of_row);
+        let scatter = || Scatter::build(restitution, scatter, seed).map_err(Refused::element(n));
         if wave.is_sine() {
-            let map = Map::build(k, restitution).map_err(of_row)?;
+            let map = Map::build(k, restitution).map_err(Refused::element(n))?;
             let orbit = Orbit::new(&map, start).scattering(scatter()?);
-            row.take_all(orbit.map_err(of_row)?, stop);
+            row.take_all(orbit.map_err(Refused::element(n))?, stop);
         } else {
-            let map = WaveMap::on(wave, k, restitution).map_err(of_row)?;
+            let map = WaveMap::on(wave, k, restitution).map_err(Refused::element(n))?;
             row.take_all(Orbit::new(&map, start).scattering(scatter()?), stop);
         }
         Ok(())

@@ -12,12 +12,9 @@ pub enum Refused {
 }
 
 impl Refused {
-    /// The same refusal of an element of an array.
-    pub fn at(self, index: usize) -> Self {
-        match self {
-            Self::Value(refused, _) => Self::Value(refused, Some(index)),
-            other => other,
-        }
+    /// Makes the refusal of an element of an array.
+    pub fn element(index: usize) -> impl Fn(OutOfRange) -> Self {
+        move |refused| Self::Value(refused, Some(index))
     }
 
     /// As an exception; `shape` is that of the arrays.

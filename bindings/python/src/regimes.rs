@@ -98,8 +98,7 @@ pub fn gear_shares(
     let shape = [k.len()];
     let batch_size = (TASK_PERIODS / periods).max(1.0) as usize;
     work::map(py, &shape, k.len(), threads, |n, stop| {
-        let of_k = |refused| Refused::from(refused).at(n);
-        let map = WaveMap::on(wave, k[n], 0.5).map_err(of_k)?;
+        let map = WaveMap::on(wave, k[n], 0.5).map_err(Refused::element(n))?;
         let mut shares = vec![Share::default(); restitutions.len()];
         for (part, restitution) in restitutions.iter().enumerate() {
             let draws = |run: usize| {
@@ -212,7 +211,7 @@ pub fn diagram(
 ) -> PyResult<Vec<(Vec<f64>, Vec<f64>)>> {
     let shape = [k.len()];
     work::map(py, &shape, k.len(), threads, |n, stop| {
-        let map = Map::build(k[n], restitution).map_err(|refused| Refused::from(refused).at(n))?;
+        let map = Map::build(k[n], restitution).map_err(Refused::element(n))?;
         let states = Orbit::from_rest(&map).filter_map(|event| match event {
             OrbitEvent::Impact(impact) => Some(impact.next),
             _ => None,
@@ -256,10 +255,9 @@ pub fn capture_plan(
         let message = format!("k = {k} is refused; accepted: {accepted}");
         return Err(PyValueError::new_err(message));
     }
-    let start = 0.0;
     let lag = DriveLagSettings {
         time_constant,
-        start,
+        start: 0.0,
         limit,
     };
     let lot = Lot {
@@ -314,8 +312,7 @@ pub fn exponents(
     let settings = ExponentSettings { settle, impacts };
     let shape = [k.len()];
     work::map(py, &shape, k.len(), threads, |n, _| {
-        let of_k = |refused| Refused::from(refused).at(n);
-        let map = Map::build(k[n], restitution).map_err(of_k)?;
+        let map = Map::build(k[n], restitution).map_err(Refused::element(n))?;
         let start = start_near_lock(&map, order);
         let result = if scatter > 0.0 {
             let scatter = Scatter::build(restitution, scatter, stream(seed, n as u64))?;
@@ -372,8 +369,7 @@ pub fn transport_speeds(
     let effort = Effort { settle, impacts };
     let shape = [k.len()];
     work::map(py, &shape, k.len(), threads, |n, _| {
-        let of_k = |refused| Refused::from(refused).at(n);
-        let map = Map::build(k[n], restitution).map_err(of_k)?;
+        let map = Map::build(k[n], restitution).map_err(Refused::element(n))?;
         let result = match along {
             Along::Kept(kept) => {
                 let tangential = Tangential::build(k[n], TangentialSettings::on(&track, kept))?;
