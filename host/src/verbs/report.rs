@@ -89,7 +89,7 @@ fn page(feeder: &Feeder, outcome: &Outcome, written: &str, desk: &Desk) -> Resul
         + &page::table(&heads, &feeder.bands_in_words())
         + &page::folded("the scene", written)
         + &page::folded("how this page was made", &provenance);
-    let title = format!("A feeder at {} Hz", number(feeder.frequency(), 6));
+    let title = format!("A feeder at {} Hz", number(feeder.track.frequency(), 6));
     let mut page = Page::new(&title, data, FIGURES).section("In plain words", &text);
     let lines = SECTIONS.lines().filter_map(|line| line.split_once('\t'));
     let lines: Vec<(&str, &str)> = lines.collect();
@@ -160,10 +160,6 @@ impl Feeder {
         })
     }
 
-    fn frequency(&self) -> f64 {
-        short(self.track.frequency())
-    }
-
     fn millimetres(&self, k: f64) -> f64 {
         short(1e3 * self.track.amplitude(k))
     }
@@ -212,7 +208,7 @@ fn all(feeder: &Feeder, outcome: &Outcome, desk: &Desk) -> Result<Json> {
     Ok(json!({
         "provenance": provenance::object(Map::new()),
         "feeder": {
-            "frequency_hz": feeder.frequency(),
+            "frequency_hz": short(feeder.track.frequency()),
             "incline_degrees": short(feeder.track.incline().to_degrees()),
             "gravity_m_s2": short(f64::from(settings.gravity)),
             "restitution_low": short(feeder.lot.low()),

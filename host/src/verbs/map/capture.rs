@@ -271,6 +271,11 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
         )),
         None => report.note("no kick of the plan captured a part: raise --effort"),
     };
+    let (impacts, set_ups, tried) = (plan.impacts, plan.set_ups, plan.kicks);
+    let (effort, max_effort) = (plan.effort(), task.arguments.effort);
+    report = report.note(format!(
+        "the plan took {impacts} impacts and {set_ups} set-ups of the map ({effort} of {max_effort} of effort), {tried} kicks tried"
+    ));
     let kick_alone = attempt_view().without(columns::SHARE);
     let kick = |kick: KickSettings| kick_alone.object(&(String::new(), kick, 0.0));
     let cells = map.cells();

@@ -18,9 +18,7 @@ use crate::report::{Printout, fields, number};
   kband cascade --restitution 0.2 --second-tone 0.1,2.487
   kband cascade --restitution 0.2 --noise 0.01
 
-JSON has flips (k of the doublings 1->2, 2->4, ...), ratios of their distances, and k_infinity. \
-Multipliers and exponents are those of the orbit born at the flip, in the middle of its window; the \
-exponents add up to 2 ln R.")]
+JSON has flips (k of the doublings 1->2, 2->4, ...), ratios of their distances, and k_infinity.")]
 pub struct Arguments {
     /// Restitution of the part, 0..1, 1 excluded.
     #[arg(long, value_name = "R", default_value = "0.2", value_parser = arguments::number)]
@@ -178,6 +176,10 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout> {
         "the flip after the last could not be followed: at R = {r} the doubled orbit loses a flight or \
          the gaps have come down to rounding"
     ));
+    let report = report.note(
+        "Floquet multipliers and both exponents are those of the orbit born at the flip, in the middle of its window; the exponents \
+         add up to 2 ln R",
+    );
     report
         .notes([chaos, scattered, lost].into_iter().flatten())
         .json(&serde_json::json!({

@@ -245,6 +245,8 @@ impl Diagram {
         let count = all.len();
         all.retain(|(_, _, columns, _)| 100 * columns >= self.values.len());
         let left_out = count - all.len();
+        let drawn = self.branches.iter().flat_map(|branch| &branch.columns);
+        let drawn: usize = drawn.map(|column| column.states.len()).sum();
         let (range, count) = (span(self.range.low, self.range.high, 6), self.range.count);
         let heading = format!(
             "Regimes over {name} = {range} ({count} columns), {}",
@@ -262,9 +264,10 @@ impl Diagram {
         });
         let rows = Arc::clone(self);
         let impact_columns = [START, self.over.column(), PHASE, VELOCITY, REGIME];
+        let count = format!("{drawn} impacts; --out FILE.svg draws them, FILE.csv lists them");
         report
             .notes(bands)
-            .note("--out FILE.svg draws the impacts, FILE.csv lists them")
+            .note(count)
             .csv(&impact_columns, move |out| rows.impacts(out))
             .json(&serde_json::json!({
                 "over": name,

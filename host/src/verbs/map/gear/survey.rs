@@ -84,13 +84,9 @@ impl Lot {
         restitutions(self.restitution, self.parts)
     }
 
-    fn no_shares(&self) -> Shares {
-        Shares(vec![Share::default(); self.restitutions().len()])
-    }
-
     /// Simulates every part at one point.
     fn simulate(&self, wave: &Wave, k: f64, stage: Stage) -> Result<Shares> {
-        let mut shares = self.no_shares();
+        let mut shares = Shares(vec![Share::default(); self.restitutions().len()]);
         self.add_runs(&mut shares, wave, k, stage, 0..self.runs * effort(stage))?;
         Ok(shares)
     }
@@ -132,7 +128,7 @@ impl Lot {
     /// others are left out.
     pub fn at(&self, wave: &Wave, k: f64) -> Result<[f64; 2]> {
         let half = self.runs.div_ceil(2);
-        let mut shares = self.no_shares();
+        let mut shares = Shares(vec![Share::default(); self.restitutions().len()]);
         self.add_runs(&mut shares, wave, k, Stage::Map, 0..half)?;
         if shares.mean() > 0.0 {
             self.add_runs(&mut shares, wave, k, Stage::Map, half..self.runs)?;
