@@ -11,7 +11,9 @@ use pyo3::types::PyDict;
 use crate::refused::Refused;
 use crate::scenes::{Given, impact, report, scene, target};
 
-const INPUTS: [(&str, fn(&mut Inputs) -> &mut bool); 7] = [
+type Input = (&'static str, fn(&mut Inputs) -> &mut bool);
+
+const INPUTS: [Input; 7] = [
     ("enable", |inputs| &mut inputs.enable),
     ("over_temperature", |inputs| &mut inputs.over_temperature),
     ("link_heard", |inputs| &mut inputs.link_heard),

@@ -93,9 +93,11 @@ struct Launch {
     state: PartState,
 }
 
+type Workload = (&'static str, fn(f64) -> f64);
+
 /// Every workload: its name, and the velocity of a launch from a random number of 0..1. Those of
 /// chatter are log-uniform: hops on the way to rest.
-const WORKLOADS: [(&str, fn(f64) -> f64); 3] = [
+const WORKLOADS: [Workload; 3] = [
     ("high", |part| 20.0 * part),
     ("low", |part| 3.0 * part),
     ("chatter", |part| 10_f64.powf(-6.0 * part)),

@@ -127,8 +127,7 @@ fn start(cell: usize, side: usize, top: f64) -> PartState {
 /// velocities 0..`top`.
 pub fn ends(endings: &Endings, side: usize, top: f64, desk: &Desk) -> Result<Vec<Regime>> {
     Map::state(0.0, top)?;
-    // Long blocks keep the registers full except for the last orbits; short ones suit any number of
-    // threads.
+    // Long blocks keep the registers full; short ones suit any number of threads.
     let rows = (side * side / 64).max(ORBITS_PER_BLOCK).div_ceil(side);
     let ends = desk.map("basins", side.div_ceil(rows), |task| {
         let all = task * rows..side.min((task + 1) * rows);

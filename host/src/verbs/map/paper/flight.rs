@@ -212,8 +212,7 @@ fn first_return(rows: &mut Ledger) -> Result<()> {
         let deepest = (1..steps).map(height).fold(f64::INFINITY, f64::min);
         rows.at_most("(12a,b)", -deepest, 0.0);
     }
-    // Launches 0.01 apart, before and after one that grazes the track, differ in flight by more
-    // than half a cycle.
+    // Launches 0.01 apart, before and after one that grazes, differ by more than half a cycle.
     let map = Map::build(0.2, 0.5)?;
     let mut jumps = false;
     for phase in 0..40 {

@@ -51,8 +51,7 @@ impl Run {
     }
 }
 
-/// Runs of a part in hopping regimes. A run with a rest, which is rare in wide chaos, has no impact
-/// mean and is left out.
+/// Runs of a part in hopping regimes, without those with a rest, which have no impact mean.
 fn hop(settings: TangentialSettings) -> Result<Vec<Run>> {
     let mut runs = Vec::new();
     for (k, restitution) in [
@@ -307,8 +306,7 @@ fn correlated(rows: &mut Ledger) -> Result<()> {
     Ok(())
 }
 
-/// (31) to (33), which assume independent intervals: (9) and (10) averaged over all sequences of
-/// two interval lengths.
+/// (31) to (33), for independent intervals: averages over all sequences of two interval lengths.
 fn independent(rows: &mut Ledger) -> Result<()> {
     const N: usize = 9;
     let mut cases = Cases(15);
@@ -406,8 +404,7 @@ pub(super) fn mean_of(runs: &[Conveyed], value: fn(&Conveyed) -> Option<f64>) ->
     estimate(&SampleMean::from_values(runs.iter().filter_map(value)))
 }
 
-/// (36), (37): longest mean interval and bound of the impact mean, both attained at the birth of
-/// the lock. The time mean may exceed the bound.
+/// (36), (37): longest mean interval and bound of the impact mean, attained where a lock is born.
 fn bounds(rows: &mut Ledger) -> Result<()> {
     for (restitution, order, _, k) in bands()? {
         if restitution > 0.91 {

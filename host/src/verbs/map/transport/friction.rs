@@ -560,8 +560,8 @@ mod tests {
             );
             let mean = from_rest(&options, &desk).unwrap()[0].mean().unwrap();
             // After 20 cycles the speed is within 2e-5 of a steady slide.
-            let deviation = (mean - velocity).abs();
-            assert!(deviation < errors * error + 2e-5, "{line}: {mean}");
+            let allowed = errors * error + 2e-5;
+            assert!((mean - velocity).abs() < allowed, "{line}: {mean}");
             cases += 1;
         }
         cases
