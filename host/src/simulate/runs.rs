@@ -286,6 +286,39 @@ mod tests {
         }
     }
 
+    /// R = 0.3, s = 0.05 at k = 0.45: share in gear 0.811 by an independent program
+    /// (regime/gear/mod.rs). Any number of threads gives the same bits.
+    #[test]
+    fn the_share_in_gear_agrees_with_the_map_in_both_fidelities() {
+        let actual = "actual = [0.3, 0.3, 0.3, 0.3, 0.3, 0.3]\nscatter = 0.05 #";
+        let text = super::super::DEFAULT.replace("scatter = 0.04", actual);
+        let text = text.replace("restitution = [0.18, 0.22]", "restitution = 0.3");
+        let mut file = SceneFile::parse(&text).unwrap();
+        file.scene.target = Target::K(0.45);
+        file.duration = 60.0;
+        for fidelity in Fidelity::ALL {
+            let run = |threads| {
+                let desk = Desk::new(Some(threads)).unwrap();
+                Runs::run("", &file, 3, fidelity, &desk).unwrap()
+            };
+            let runs = run(1);
+            assert_eq!(runs, run(3));
+            // 18 parts for 2750 periods, a loss every 27: the standard error of the mean is 0.01.
+            let share = runs.in_gear().unwrap();
+            assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
+            assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);
+            let first = &runs.runs[0];
+            assert!(first.regime.starts_with("in gear 0.8"), "{first:?}");
+        }
+        // Without scatter a part in lock is always in gear.
+        file.scene.scatter.clear();
+        file.scene.target = Target::Locked { order: 1 };
+        file.duration = 10.0;
+        let desk = Desk::new(Some(1)).unwrap();
+        let runs = Runs::run("", &file, 1, Fidelity::Envelope, &desk).unwrap();
+        assert!(runs.in_gear().unwrap() > 0.9, "{runs:?}");
+    }
+
     #[test]
     fn the_interval_of_a_share_holds_it_and_stays_within_0_and_1() {
         let run = |reached| Run {

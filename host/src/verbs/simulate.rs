@@ -294,6 +294,49 @@ fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) ->
         alone.scene.target = Target::Locked { order };
     }
     let planned = Runs::run("planned kicks", file, count, fidelity, desk)?;
-    let alone = Runs::run("band alone", &alone, count, fidelity, desk)?;
+    let kicks = |target| {
+        use Target::{Chaotic, Locked, PartsPerMinute, Speed};
+        matches!(
+            target,
+            Locked { .. } | Chaotic | Speed(_) | PartsPerMinute(_)
+        )
+    };
+    let alone = if alone.scene.targets().any(kicks) {
+        Runs::run("band alone", &alone, count, fidelity, desk)?
+    } else {
+        Runs {
+            name: "band alone",
+            ..planned.clone()
+        }
+    };
     Ok([planned, alone])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_kicks_the_band_alone_has_the_same_runs() {
+        let desk = Desk::new(Some(1)).unwrap();
+        let scene = crate::simulate::DEFAULT;
+        let targets = [
+            "k = 0.43",
+            "amplitude = 0.23",
+            "identify = true",
+            "locked = 1",
+        ];
+        for target in targets {
+            let text = scene.replacen("gear = 1 ", target, 1);
+            let mut file = SceneFile::parse(&text).unwrap();
+            file.duration = 6.0;
+            let mut without = file.clone();
+            without.scene.settings.capture_attempts = 0.0;
+            let fidelity = Fidelity::Envelope;
+            let [planned, alone] = many_runs(&file, 2, fidelity, &desk).unwrap();
+            let expected = Runs::run("band alone", &without, 2, fidelity, &desk).unwrap();
+            assert_eq!(alone, expected, "{target}");
+            assert_eq!(planned.runs == alone.runs, target != "locked = 1");
+        }
+    }
 }
