@@ -1,6 +1,7 @@
 //! Host side of kband: the verbs of the command line, and the modules that they use.
 
 pub(crate) mod arguments;
+pub(crate) mod bench;
 pub mod board;
 pub(crate) mod causes;
 pub mod chip;

@@ -9,7 +9,7 @@ TAU = 2.0 * math.pi
 
 
 def launches(top):
-    """The launches of host/src/verbs/bench.rs: SplitMix64 from 1."""
+    """The launches of host/src/bench/workload.rs: SplitMix64 from 1."""
     mask = (1 << 64) - 1
     state = 1
 

@@ -13,7 +13,7 @@ struct Launch {
     double k, phase, velocity;
 };
 
-// The launches of host/src/verbs/bench.rs: SplitMix64 from 1.
+// The launches of host/src/bench/workload.rs: SplitMix64 from 1.
 static std::vector<Launch> launches(double top, int count) {
     std::uint64_t state = 1;
     auto part = [&] {

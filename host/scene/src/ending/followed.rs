@@ -58,6 +58,9 @@ impl Followed {
                 order: lock.order(),
             });
         }
+        if endings.comes_to_rest(impact.next) {
+            return Verdict::Rests;
+        }
         if let Some((impacts, time)) = self.saved.returned(impact.next, self.count, self.time) {
             return Verdict::Ends(periodic(impacts as u32, (time / TAU).round() as u32));
         }
@@ -118,6 +121,8 @@ impl Followed {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
     Continues,
+    /// The orbit rests before the part is thrown again.
+    Rests,
     /// Depends on whether flights stay in gear of this order; the orbit is then judged again.
     NeedsGear(u32),
     Ends(Regime),
@@ -177,8 +182,9 @@ impl SavedState {
         shortest: None,
     };
 
-    /// Impacts and time of one period. Two returns must agree to the last bits, because in chaos
-    /// one may occur by chance. An approaching orbit is nearer after two periods than after one.
+    /// Impacts and time of one period. Two returns must agree to the last bits: in chaos one may
+    /// occur by chance. An approaching orbit is nearer after two periods than after one, so shorter
+    /// periods have a larger tolerance.
     #[inline]
     fn returned(&mut self, state: PartState, count: usize, time: f64) -> Option<(usize, f64)> {
         let Some((impacts, first_time)) = self.first else {

@@ -95,3 +95,28 @@ impl Observer for Gears {
         self.time += wait;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use kband::impact::{Kernel, Map, Orbit, Scatter};
+
+    use super::*;
+
+    #[test]
+    fn a_scattering_orbit_has_the_share_of_the_gear_map() {
+        // docs/theory-real-parts.md#t10.1: by an independent program (regime/gear/mod.rs).
+        for (k, restitution, expected) in [(0.45, 0.3, 0.811), (0.41, 0.2, 0.935)] {
+            let map = Map::build(k, restitution).unwrap();
+            let runs = (0..20).map(|seed| {
+                let scatter = Scatter::build(restitution, 0.05, seed).unwrap();
+                let mut gears = Gears::start_now().unwrap();
+                let mut orbit = Orbit::from_rest(&map).scattering(scatter).unwrap();
+                orbit.watch(1000, &mut gears);
+                gears.longest()
+            });
+            let in_gear = InGear::from_orbits(runs).unwrap();
+            assert_eq!(in_gear.order, 1);
+            assert!((in_gear.share - expected).abs() < 0.03, "{in_gear}");
+        }
+    }
+}

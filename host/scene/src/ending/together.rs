@@ -12,7 +12,8 @@ use super::followed::{Followed, Verdict};
 use super::{Endings, MAX_ORBIT_IMPACTS};
 
 /// Number of impacts for which irregular flights must stay in gear to count as chaos. Of 89 000
-/// orbits below the flips, 6500 stayed for 100 000, and the last other one left after 29 640.
+/// orbits below the flips (orders 1 to 3, R 0.025 to 0.925), from next to the period-1 orbit, the
+/// last left after 29 640 impacts; 6500 stayed for 100 000.
 const MAX_GEAR_IMPACTS: usize = 40_000;
 const SETTLING_IMPACTS: usize = 1000;
 
@@ -47,8 +48,11 @@ pub(super) fn after_rest(tracks: &[Endings]) -> Vec<Regime> {
         let mut query = Query::new(track, track, followed);
         if query.add_impact(endings, &first) {
             thrown.push((first.next, query));
-        } else if let Verdict::Ends(end) = query.verdict {
-            ends[track] = end;
+        } else {
+            ends[track] = match query.verdict {
+                Verdict::Ends(end) => end,
+                _ => hops_and_rests(tracks, &query, first.next),
+            };
         }
     }
     follow(tracks, thrown.into_iter(), &mut ends, |query, last| {
@@ -120,7 +124,7 @@ fn follow(
             |query, impact| query.add_impact(&tracks[query.track], impact),
             |query, last| match query.verdict {
                 Verdict::Ends(end) => ends[query.index] = end,
-                Verdict::Continues => ends[query.index] = rested(&query, last),
+                Verdict::Continues | Verdict::Rests => ends[query.index] = rested(&query, last),
                 Verdict::NeedsGear(_) => waiting.push((last, query)),
             },
         );
@@ -288,6 +292,40 @@ mod tests {
 
     use super::*;
 
+    fn alone(
+        endings: &Endings,
+        start: Option<PartState>,
+        mut followed: Followed,
+    ) -> Option<Regime> {
+        for event in endings.orbit(start) {
+            match event {
+                OrbitEvent::Impact(impact) => match followed.take(endings, &impact) {
+                    Verdict::Ends(end) => return Some(end),
+                    Verdict::Continues => {}
+                    Verdict::Rests => return None,
+                    Verdict::NeedsGear(order) => {
+                        let period = TAU * f64::from(order);
+                        let mut orbit = endings.orbit(Some(endings.start_near_lock(order)));
+                        let stays = (0..MAX_GEAR_IMPACTS).all(|n| match orbit.next() {
+                            Some(OrbitEvent::Impact(impact)) => {
+                                n < SETTLING_IMPACTS || gear::is_in_gear(impact.flight, period)
+                            }
+                            Some(OrbitEvent::LiftOff { .. }) => n == 0,
+                            Some(OrbitEvent::Rest { .. }) | None => false,
+                        });
+                        endings.set_stays(order, stays);
+                        if let Verdict::Ends(end) = followed.judge(endings) {
+                            return Some(end);
+                        }
+                    }
+                },
+                OrbitEvent::Rest { .. } => return None,
+                OrbitEvent::LiftOff { .. } => {}
+            }
+        }
+        None
+    }
+
     #[test]
     fn many_tracks_side_by_side_end_as_each_alone() {
         // The cascade, chaos in and out of gear, hopping and resting, and k above 1.
@@ -304,9 +342,16 @@ mod tests {
             let ends = of_each(&together, starts.into_iter());
             for (n, (k, restitution)) in places.iter().copied().enumerate() {
                 let one = Endings::with_contact(k, restitution, 1500, contact).unwrap();
-                let alone = (one.from_rest(), one.classify(start));
-                let side_by_side = (together[n].from_rest(), ends[n]);
-                assert_eq!(side_by_side, alone, "{k} {restitution}");
+                let after_rest = alone(&one, None, Followed::new(MAX_ORBIT_IMPACTS));
+                let from_rest = together[n].from_rest();
+                let hops = matches!(from_rest, Regime::HopAndRest { .. } | Regime::Rest);
+                assert_eq!(after_rest.is_none(), hops, "{k} {restitution}");
+                if let Some(end) = after_rest {
+                    assert_eq!(from_rest, end, "{k} {restitution}");
+                }
+                assert_eq!(one.from_rest(), from_rest, "{k} {restitution}");
+                let end = alone(&one, Some(start), Followed::new(1500));
+                assert_eq!(ends[n], end.unwrap_or(one.from_rest()), "{k} {restitution}");
                 chaotic += u32::from(ends[n] == Regime::Chaotic);
             }
             ends
@@ -316,6 +361,7 @@ mod tests {
 
     #[test]
     fn a_part_hops_and_rests_for_as_many_cycles_as_its_orbit_takes() {
+        let start = PartState::new(0.7, 0.1);
         for (k, restitution) in [(0.43, 0.2), (0.6, 0.5), (0.97, 0.1), (0.45, 0.0)] {
             let endings = Endings::new(k, restitution, 1500).unwrap();
             let map = Map::build(k, restitution).unwrap();
@@ -335,7 +381,12 @@ mod tests {
                 }
             }
             let cycles = (time / TAU).round() as u32;
-            assert_eq!(endings.from_rest(), Regime::HopAndRest { cycles }, "{k}");
+            // The table of states that certainly come to rest, for many starts, changes no result.
+            let many = Endings::new(k, restitution, 1500).unwrap();
+            many.classify_all([start; 64].into_iter());
+            for endings in [endings, many] {
+                assert_eq!(endings.from_rest(), Regime::HopAndRest { cycles }, "{k}");
+            }
         }
     }
 }

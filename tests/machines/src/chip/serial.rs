@@ -47,12 +47,15 @@ pub struct Serial {
     pub other_end: (u64, u64),
     /// Whether the transmitter has failed: the byte being sent never ends.
     pub stuck: bool,
+    /// Number of bytes lost by overrun, or that ended between a read of status and one of data.
+    pub lost: u64,
 }
 
 /// Rate of the desk's end, bit/s.
 const RATE: u64 = 115_200;
 
 impl Serial {
+    /// Builds a port of a chip.
     pub fn new(kind: Kind) -> Self {
         Self {
             status: SENT | EMPTY,
@@ -69,6 +72,7 @@ impl Serial {
         *self = Self {
             coming: std::mem::take(&mut self.coming),
             sent: std::mem::take(&mut self.sent),
+            lost: self.lost,
             cycle: self.cycle,
             other_end: self.other_end,
             ..Self::new(self.kind)
@@ -108,6 +112,7 @@ impl Serial {
         self.cycle > 0 && self.bits() == self.other_end.1 && (ratio - 1.0).abs() < 0.03
     }
 
+    /// Whether a character has a parity bit.
     pub fn has_parity(&self) -> bool {
         self.control[0] & PARITY != 0
     }
@@ -122,6 +127,8 @@ impl Serial {
                 self.status
             }
             0x04 => {
+                let unseen = self.status & RECEIVED != 0 && self.read_flags & RECEIVED == 0;
+                self.lost += u64::from(unseen);
                 self.status &= !RECEIVED;
                 self.status &= !(self.read_flags & (OVERRUN | IDLE));
                 self.read_flags = 0;
@@ -198,6 +205,7 @@ impl Serial {
                 self.received.push_back(byte);
             } else if self.status & RECEIVED != 0 {
                 self.status |= OVERRUN;
+                self.lost += 1;
             } else {
                 self.data = byte.into();
                 self.status |= RECEIVED;

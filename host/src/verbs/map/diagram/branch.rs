@@ -1,5 +1,8 @@
-//! Branches of the bifurcation diagram: the impacts of every column, a pair of k and restitution. A
-//! branch starts each from rest, or at the final state of the one before (continuation).
+//! Branches of the bifurcation diagram: the impacts of every column, from each kind of start.
+//!
+//! A column is a pair of k and restitution. A branch starts every column from rest, or at the final
+//! state of the column before: continuation upwards or downwards. Bisection locates the columns
+//! between which the period-1 orbits attract. Heights are velocities in `b w`, or phases in rad.
 
 use kband::impact::{ContactTime, Kernel, Map, Observer, Orbit, OrbitEvent, PartState};
 use kband::regime::Lock;
@@ -46,7 +49,8 @@ pub(super) enum Ending {
 }
 
 impl Ending {
-    /// Whether neighbouring columns have one regime, or one tenth of the share in gear.
+    /// Whether neighbouring columns have the same name: one regime, or shares in gear that round to
+    /// the same tenth.
     fn is_one_with(self, other: Self) -> bool {
         let tenth = |gear: InGear| (gear.order, (10.0 * gear.share).round() as u32);
         match (self, other) {
@@ -83,8 +87,10 @@ pub(super) struct Stretch {
     pub(super) high: f64,
 }
 
-/// All branches over columns of k and restitution. A followed branch is one task, because each
-/// column needs the one before.
+/// All branches over columns of k and restitution.
+///
+/// A followed branch is one task, because each column needs the one before. From rest, each column
+/// is a task.
 pub(super) fn follow(
     arguments: &Arguments,
     tracks: &[(f64, f64)],
@@ -101,6 +107,12 @@ pub(super) fn follow(
             ColumnStart::Down => tasks.push((start, columns.clone().rev().collect())),
         }
     }
+    // Threads take tasks from both ends of the list, where the long tasks are.
+    tasks.sort_by_key(|(start, _)| match start {
+        ColumnStart::Up => 0,
+        ColumnStart::Rest => 1,
+        ColumnStart::Down => 2,
+    });
     let results = desk.try_map("diagram", tasks.len(), |task| -> Result<_> {
         let (start, order) = &tasks[task];
         let mut state = None;
@@ -189,11 +201,13 @@ fn simulate_column(
     // Without scatter the classifier decides the ending.
     let scatters = arguments.scatter.scatter > 0.0;
     let mut gears = scatters.then(Gears::start_now).transpose()?;
-    while count < total
-        && let before = orbit.state()
-        && let Some(event) = orbit.next()
-    {
+    let mut take = |before: PartState, event: OrbitEvent| {
         let is_settled = count >= arguments.settle;
+        if let OrbitEvent::Impact(impact) = event {
+            count += 1;
+            last = Some(impact.next);
+            states.extend(is_settled.then_some(impact.next));
+        }
         if let Some(gears) = gears.as_mut().filter(|_| is_settled) {
             match event {
                 OrbitEvent::Impact(impact) => gears.impact(before, &impact),
@@ -201,10 +215,34 @@ fn simulate_column(
                 OrbitEvent::LiftOff { wait, phase } => gears.lift_off(wait, phase),
             }
         }
+        count
+    };
+    // Without scatter, an orbit is periodic once a state returns with all its bits (Brent's
+    // method).
+    let (mut saved, mut save_next, mut since) = (None, 16, Vec::new());
+    let mut done = 0;
+    while done < total
+        && let before = orbit.state()
+        && let Some(event) = orbit.next()
+    {
+        done = take(before, event);
+        if scatters {
+            continue;
+        }
+        since.push((before, event));
         if let OrbitEvent::Impact(impact) = event {
-            count += 1;
-            last = Some(impact.next);
-            states.extend(is_settled.then_some(impact.next));
+            if saved == Some(impact.next) {
+                for (before, event) in since.iter().cycle() {
+                    if done == total {
+                        break;
+                    }
+                    done = take(*before, *event);
+                }
+            } else if done >= save_next {
+                saved = Some(impact.next);
+                save_next = 2 * done;
+                since.clear();
+            }
         }
     }
     let hops = count == total;
@@ -216,7 +254,9 @@ fn simulate_column(
     })
 }
 
-/// Stretches in which the period-1 orbits of orders 1 to 5 attract, each edge by bisection.
+/// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
+///
+/// Bisection between two columns locates each edge.
 pub(super) fn bands(over: Over, contact: ContactTime, values: &[f64]) -> Vec<Stretch> {
     let mut bands = Vec::new();
     for order in 1..=5 {
