@@ -527,12 +527,10 @@ mod tests {
     #[test]
     fn speeds_are_those_of_small_steps_and_of_another_engine() {
         // tests/reference/friction.py: by small time steps and a finite contact time. The error is
-        // that of doubling the contact time. It is first order in that time, so it equals the
-        // distance to the limit.
+        // that of doubling that time: first order in it, so the distance to the limit.
         let stepped = include_str!("../../../../../tests/reference/friction.csv");
         assert_eq!(judged_by(stepped, 2.0), 6);
-        // tests/reference/friction_siconos.py: by Siconos, a solver for unilateral contacts. The
-        // error is that of its limit.
+        // tests/reference/friction_siconos.py: by Siconos, with the error of its contact limit.
         let siconos = include_str!("../../../../../tests/reference/friction-siconos.csv");
         assert_eq!(judged_by(siconos, 1.0), 8);
         let on_tones = include_str!("../../../../../tests/reference/friction-tones.csv");
