@@ -205,9 +205,9 @@ impl Link {
         Ok(())
     }
 
-    /// Sets the longest wait for a response.
-    pub fn set_answer_timeout(&mut self, answer_timeout: Duration) {
-        self.answer_timeout = answer_timeout;
+    /// Sets the longest wait for a response; returns the one before.
+    pub fn set_answer_timeout(&mut self, answer_timeout: Duration) -> Duration {
+        std::mem::replace(&mut self.answer_timeout, answer_timeout)
     }
 
     /// Waits for `time`; returns the messages without a request, oldest first.

@@ -231,9 +231,9 @@ fn wait(
 
 /// Waits until the board answers with its new image, which is on trial.
 fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<()> {
-    link.set_answer_timeout(ANSWER_TIMEOUT);
+    let usual = link.set_answer_timeout(ANSWER_TIMEOUT);
     let mut restarted = false;
-    wait(link, desk, "the new image", |link, messages| {
+    let started = wait(link, desk, "the new image", |link, messages| {
         let started = |message: &BoardMessage| matches!(message, BoardMessage::Started(_));
         restarted |= messages.iter().any(started);
         match link.update_state() {
@@ -244,7 +244,9 @@ fn wait_for_trial(link: &mut Link, desk: &Desk) -> Result<()> {
             Err(refusal) if link.is_over() => Err(refusal),
             state => Ok(state.is_ok_and(|(_, on_trial)| on_trial)),
         }
-    })
+    });
+    link.set_answer_timeout(usual);
+    started
 }
 
 /// Compares the board with its backup and confirms the image on trial; returns the result in words.
