@@ -1,6 +1,6 @@
 //! `kband status`: present state of a board.
 
-use std::io::{IsTerminal, stdout};
+use std::io::{IsTerminal, Write, stdout};
 use std::time::{Duration, Instant};
 
 use kband_control::wire::{Request, Status, Telemetry};
@@ -37,19 +37,22 @@ const POLL_INTERVAL: Duration = Duration::from_millis(500);
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let mut link = arguments.address.open(Emulated::Running)?;
     let mut cache = CauseCache::default();
-    let format = arguments.printed.format;
-    let on_screen = arguments.live && format == Format::Table && stdout().is_terminal();
+    let on_screen =
+        arguments.live && arguments.printed.format == Format::Table && stdout().is_terminal();
     loop {
         let status = BoardStatus::request(&mut link)?.with_causes(&mut link, &mut cache)?;
         if on_screen {
-            // Moves the cursor home and clears the screen.
-            report::print("\x1b[H\x1b[J")?;
-        }
-        status.printout()?.print(format)?;
-        if arguments.live {
-            std::thread::sleep(POLL_INTERVAL);
+            // Moves the cursor home and clears the screen; the next line reports a closed terminal.
+            let _ = write!(stdout(), "\x1b[H\x1b[J");
+            report::print(&status.screen())?;
+        } else {
+            status.printout()?.print(arguments.printed.format)?;
         }
         if !arguments.live || desk.check_stop().is_err() {
+            return Ok(Exit::Done);
+        }
+        std::thread::sleep(POLL_INTERVAL);
+        if desk.check_stop().is_err() {
             return Ok(Exit::Done);
         }
     }
@@ -57,6 +60,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 
 /// Longest wait for a row of telemetry: some cycles at 5 Hz, on a busy machine.
 const TELEMETRY_TIMEOUT: Duration = Duration::from_secs(5);
+const SCREEN_COLUMNS: usize = 80;
 
 pub struct BoardStatus {
     name: String,
@@ -112,6 +116,7 @@ impl BoardStatus {
         self.status.recipe
     }
 
+    /// The fault that keeps the drive off.
     pub fn fault(&self) -> Option<Fault> {
         Fault::numbered(self.telemetry.fault)
     }
@@ -197,6 +202,49 @@ impl BoardStatus {
         }
         let next = format!("next: {}", self.next());
         Printout::new(table).note(next).json(&self.to_json())
+    }
+
+    /// The status within 23 lines of 80 columns: short items are paired, alarms share a line.
+    pub fn screen(&self) -> String {
+        let alarms = self.alarms();
+        let mut rows: Vec<(&str, String)> = Vec::new();
+        for (item, value) in self.rows() {
+            match rows.last_mut() {
+                Some((last, held)) if *last == item => *held += &format!(", {value}"),
+                _ if alarms.iter().all(|(alarm, _)| *alarm != item) => rows.push((item, value)),
+                _ => {}
+            }
+        }
+        let active = alarms.iter().filter(|(_, active)| *active);
+        let active: Vec<&str> = active.map(|(alarm, _)| *alarm).collect();
+        let none = if active.is_empty() { "none" } else { "" };
+        rows.push(("active alarms", active.join(", ") + none));
+        let cause = causes::describe(&self.causes).into_iter().next();
+        rows.extend(cause.map(|cause| ("predicted", cause)));
+        let cell = |item: &str, value: &str| {
+            let begin = format!("{item:<20} ");
+            let rest = " ".repeat(begin.len());
+            let wrap = textwrap::Options::new(SCREEN_COLUMNS)
+                .initial_indent(&begin)
+                .subsequent_indent(&rest);
+            textwrap::fill(value, wrap)
+        };
+        let (mut text, mut beside) = (String::new(), None::<String>);
+        for (item, value) in rows {
+            let cell = cell(item, &value);
+            // A short item waits for another short one, to share a line.
+            if cell.chars().count() >= SCREEN_COLUMNS / 2 {
+                text += &(cell + "\n");
+            } else if let Some(left) = beside.take() {
+                text += &format!("{left:<41}{cell}\n");
+            } else {
+                beside = Some(cell);
+            }
+        }
+        for last in beside.into_iter().chain([cell("next", &self.next())]) {
+            text += &(last + "\n");
+        }
+        text
     }
 
     /// Inputs that stop the drive while they are active.
@@ -301,7 +349,10 @@ fn row(link: &mut Link) -> Result<Telemetry> {
 
 #[cfg(test)]
 mod tests {
+    use kband_control::{GearMargin, Load};
+
     use super::*;
+    use crate::report::Format;
 
     fn status() -> BoardStatus {
         BoardStatus {
@@ -328,6 +379,42 @@ mod tests {
         };
         for (item, expected) in [("clock failed", "no"), ("amplitude", "-"), ("k ", "-")] {
             assert_eq!(value(item), expected, "{printed}");
+        }
+    }
+
+    #[test]
+    fn the_live_view_fits_a_terminal_of_80_columns_and_24_lines() {
+        let mut now = status();
+        let limits = Limits::ALL.iter().fold(0, |all, limit| all | limit.bits());
+        (now.telemetry.limits, now.telemetry.target_band) = (limits, Some([0.392_12, 0.477_43]));
+        now.telemetry.margin = Some(GearMargin::default());
+        now.telemetry.load = Some(Load::default());
+        let inputs = &mut now.status.inputs;
+        (inputs.over_temperature, inputs.over_current) = (true, true);
+        (inputs.supply_low, inputs.clock_failed) = (true, true);
+        (inputs.control_late, inputs.stack_low) = (true, true);
+        let cause = causes::misfit(&kband_control::Settings::default(), 0.327);
+        for fault in [0, Fault::AmplitudeOscillates.number()] {
+            now.telemetry.fault = fault;
+            now.causes = vec![cause.clone(); 3];
+            let text = now.screen();
+            // The last line is left for the cursor.
+            assert!(text.lines().count() < 24, "{text}");
+            let mut widths = text.lines().map(|line| line.chars().count());
+            assert!(widths.all(|width| width <= 80), "{text}");
+            let message = text.split_whitespace().collect::<Vec<_>>().join(" ");
+            for limit in Limits::ALL {
+                let named = format!("{} (limit {})", limit.name(), limit.number());
+                assert!(message.contains(&named), "{text}");
+            }
+            for expected in [
+                &cause.remedy,
+                &now.next(),
+                "stack low",
+                "time since its start",
+            ] {
+                assert!(message.contains(expected), "{expected}: {text}");
+            }
         }
     }
 

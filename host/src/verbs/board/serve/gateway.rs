@@ -54,15 +54,16 @@ impl Gateway {
 
     fn request_news(&mut self, news: &mut Vec<BoardMessage>) -> Result<()> {
         let request = Request::Get("frequency");
-        let frequency = self.link.request(&request, BoardMessage::from_response)?;
-        if let Some(BoardMessage::Setting(_, frequency)) = &frequency
-            && !self.has_telemetry
-        {
+        let frequency = self.link.request(&request, |response| match response {
+            Response::Setting(setting) => setting.value,
+            _ => 0.0,
+        })?;
+        news.push(BoardMessage::Setting("frequency".into(), frequency));
+        if !self.has_telemetry {
             // One row a second.
-            self.link.begin_telemetry(*frequency as u16)?;
+            self.link.begin_telemetry(frequency as u16)?;
             self.has_telemetry = true;
         }
-        news.extend(frequency);
         for message in self.link.listen(Duration::ZERO)? {
             if let BoardMessage::Started(_) = message {
                 // A board starts with its telemetry off and an empty log.
@@ -72,12 +73,13 @@ impl Gateway {
         }
         loop {
             let request = Request::Event(self.next_event);
-            let event = self.link.request(&request, BoardMessage::from_response)?;
-            let Some(BoardMessage::Event(record)) = &event else {
-                return Ok(());
-            };
-            self.next_event = record.number.wrapping_add(1);
-            news.extend(event);
+            let event = self.link.request(&request, |response| match response {
+                Response::Event(event) => event,
+                _ => None,
+            })?;
+            let Some(event) = event else { return Ok(()) };
+            self.next_event = event.number.wrapping_add(1);
+            news.push(BoardMessage::Event(event));
         }
     }
 }
