@@ -525,14 +525,22 @@ impl Station {
         // A refused value does not end a simulation.
         settings.check().map_err(out_of_range)?;
         Self::check_signal(settings)?;
-        if self.simulated.get().is_some() && self.at_rest() {
-            self.end_simulation();
-        }
         let report = self.report.get();
-        match (report.state, report.fault) {
+        let (mut state, mut fault) = (report.state, report.fault);
+        let ends_simulation = self.simulated.get().is_some() && self.at_rest();
+        if ends_simulation && let Some((interlock, _)) = &*self.board_interlock_and_target.borrow()
+        {
+            // The end of the simulation restores the board's own fault.
+            fault = interlock.fault;
+            state = fault.map_or(State::Off, |_| State::Fault);
+        }
+        match (state, fault) {
             // The desk sets one value at a time; saving them acknowledges the fault.
             (State::Off, _) | (State::Fault, Some(Fault::SettingsInvalid)) => {}
             _ => return Err(Refusal::Running),
+        }
+        if ends_simulation {
+            self.end_simulation();
         }
         self.renew_controller(settings, self.target(), &keep(&self.interlock()))?;
         self.settings.set(*settings);

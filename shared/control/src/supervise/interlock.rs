@@ -14,7 +14,8 @@ const LOCKOUT_SECONDS: f32 = 60.0;
 /// The causes that keep the drive off.
 #[derive(Clone, Debug, Default)]
 pub struct Interlock {
-    pub(crate) fault: Option<Fault>,
+    /// The fault that keeps the drive off, if any.
+    pub fault: Option<Fault>,
     /// Whether the enable input must be off once before the drive may start.
     latched: bool,
     locked_out: bool,
