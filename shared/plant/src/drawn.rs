@@ -252,7 +252,7 @@ fn ready_stays_off_while_heavy_parts_beat() {
     assert!(result.swing < MAX_VARIATION[1], "{result:?}");
 }
 
-/// A mode at the second tone of four times the configured quality swings past the requested tone.
+/// A mode at the second tone of 17 times the configured quality swings past the requested tone.
 #[test]
 fn a_sharp_mode_keeps_the_acceleration_limit() {
     let mut draw = Draw(Noise::new(71_008));

@@ -14,6 +14,8 @@ const MAX_SWEEP_POINTS: u16 = 400;
 const SETTLING_TIME_CONSTANTS: f32 = 4.0;
 /// Additional settling cycles, for the dead time from a command to its measured amplitude.
 const SETTLING_CYCLES: f32 = 4.0;
+/// Share of the requested output below which a sweep is not reduced any more, so that it ends.
+const MIN_SWEEP_SHARE: f32 = 0.02;
 /// Time constant of the phase loop over that of the envelope, which has settled then.
 const PHASE_LOOP_RATIO: f32 = 4.0;
 
@@ -85,6 +87,7 @@ impl Resonance {
     pub fn halve_sweep(&mut self) {
         if let Some(sweep) = &mut self.sweep
             && f32::from(sweep.cycles) > DEAD_TIME_CYCLES
+            && sweep.share > MIN_SWEEP_SHARE
         {
             sweep.share *= 0.5;
             sweep.cycles = 0;
