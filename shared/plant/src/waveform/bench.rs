@@ -48,7 +48,7 @@ pub struct Bench {
     parts: Vec<Part, PARTS>,
     /// The parts, if any has mass.
     massive: Vec<MassivePart, PARTS>,
-    /// Time before which no part of the impact map has an event, unless one at rest lifts off.
+    /// Time in 2^-32 turns before which no part has an event, unless one at rest lifts off.
     next_event: u64,
     any_at_rest: bool,
     /// Acceleration by the weight of lying parts in m/s^2, deflection of the spring under all in m.
