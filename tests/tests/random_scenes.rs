@@ -324,6 +324,23 @@ fn run_at(fidelity: Fidelity, scene: &Scene, seconds: f64) -> Option<End> {
     Some(end)
 }
 
+/// Whether the fidelities have no end in common over [`NOISES`] noises. Noise alone changes the end
+/// of 24 of 2000 scenes within the waveform, and of 32 within the envelope.
+fn end_apart(scene: &Scene, seconds: f64) -> bool {
+    let ends = [Fidelity::Envelope, Fidelity::Waveform].map(|fidelity| {
+        let end = |noise| {
+            let mut scene = scene.clone();
+            scene.seed = scene.seed.wrapping_add(noise);
+            run_at(fidelity, &scene, seconds).map(|end| (end.state, end.fault))
+        };
+        (0..NOISES).map(end).collect::<Vec<_>>()
+    });
+    let [fast, slow] = ends;
+    !fast.iter().any(|end| slow.contains(end))
+}
+
+const NOISES: u64 = 6;
+
 #[derive(Default)]
 struct Ends {
     /// Number of scenes, and of refused ones.
@@ -346,13 +363,15 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         let name = format!("scene {n}, {:?}, {} parts", scene.target, scene.parts.len());
         use Fidelity::{Envelope, Waveform};
         let ends = [Envelope, Envelope, Waveform].map(|which| run_at(which, &scene, seconds));
-        (name, ends)
+        let ended = |end: &Option<End>| end.as_ref().map(|end| (end.state, end.fault));
+        let apart = ended(&ends[0]) != ended(&ends[2]) && end_apart(&scene, seconds);
+        (name, ends, apart)
     });
     let mut all = Ends {
         count: count as usize,
         ..Ends::default()
     };
-    for (name, ends) in played.unwrap() {
+    for (name, ends, apart) in played.unwrap() {
         let [Some(fast), Some(repeated), Some(slow)] = ends else {
             all.refused += 1;
             continue;
@@ -367,8 +386,8 @@ fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
         }
         all.faults += usize::from(slow.fault.is_some());
         all.other_faults += usize::from(fast.fault != slow.fault);
-        let [fast, slow] = [fast, slow].map(|end| (end.state, end.fault));
-        if fast != slow {
+        if apart {
+            let [fast, slow] = [fast, slow].map(|end| (end.state, end.fault));
             let ends = format!("{name}: {fast:?} and {slow:?}");
             all.disagreeing.push(ends);
         }
@@ -385,9 +404,8 @@ fn a_feeder_keeps_to_its_rules_under_any_settings() {
     let ends = play(count, number("KBAND_SEED", 1), scene);
     assert!(ends.wrong.is_empty(), "{:#?}", ends.wrong);
     assert!(10 * ends.refused < ends.count, "{} refused", ends.refused);
-    // Measured with seed 31: 37 of 2000 end apart, most of them only with the same noise. At a rate
-    // of 2 % one seed of 10 000 exceeds the bound (Poisson).
-    let expected = 0.02 * count as f64;
+    // At a rate of 1 % one seed of 10 000 exceeds the bound (Poisson).
+    let expected = 0.01 * count as f64;
     let most = expected + 4.0 * expected.sqrt() + 2.0;
     let apart = ends.disagreeing.len();
     assert!(apart as f64 <= most, "{apart}");

@@ -260,3 +260,12 @@ fn a_sharp_mode_keeps_the_acceleration_limit() {
     let results = run_fidelities(&scene, 120).unwrap();
     assert!((0.9..1.05).contains(&results[0].max_excess), "{results:?}");
 }
+
+/// Eight heavy parts, while the reference rises to an amplitude at which the limit halves the tones.
+#[test]
+fn tones_fit_the_amplitude_before_it_is_reached() {
+    let mut draw = Draw(Noise::new(81_015));
+    let scene = (0..=4).map(|_| feeder(&mut draw)).last().unwrap();
+    let result = run_fidelities(&scene, 120).unwrap()[0];
+    assert!((0.9..1.05).contains(&result.max_excess), "{result:?}");
+}

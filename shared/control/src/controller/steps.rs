@@ -60,7 +60,7 @@ impl Controller {
                 self.control_amplitude(&view);
                 self.listen(&view, goal);
                 self.follow_resonance(view.measured);
-                self.control_tones(&view.motion, &mut events);
+                self.control_tones(&view.motion, goal, &mut events);
             }
             self.detect_missed_impacts(&view, goal);
             self.advance_state(goal, view.measured, &mut events);
@@ -169,7 +169,7 @@ impl Controller {
     }
 
     /// Controls the upper tones, if the settings allow any, and only at the selected setpoint.
-    fn control_tones(&mut self, motion: &TrackMotion, events: &mut Events) {
+    fn control_tones(&mut self, motion: &TrackMotion, goal: f32, events: &mut Events) {
         if !self.tones.allowed() {
             return;
         }
@@ -185,7 +185,8 @@ impl Controller {
             } else {
                 Shape::SINE
             },
-            reference: self.reference.value,
+            // Tones that follow a rising reference would be too large while they fall.
+            reference: self.reference.value.max(goal),
             square: self.scale.angular_squared,
             headroom: self.settings.output_maximum - self.output,
             min_amplitude: MIN_FIRST_TONE_RATIO * self.scale.min_amplitude,
