@@ -231,41 +231,39 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
     }
 }
 
+/// A feeder of a seed, by its number.
+fn numbered(seed: u64, number: usize) -> Scene {
+    let mut draw = Draw(Noise::new(seed));
+    (0..=number).map(|_| feeder(&mut draw)).last().unwrap()
+}
+
 /// A heavy part that does not fit the lot leaves gear while the reference rises. With a ramp of 17
 /// cycles the amplitude oscillates; with four time constants of the envelope it reaches the limit.
 #[test]
 fn a_rise_waits_for_heavy_parts_on_two_tones() {
-    let mut draw = Draw(Noise::new(427_200));
-    let mut scene = (0..=110).map(|_| feeder(&mut draw)).last().unwrap();
+    let mut scene = numbered(427_200, 110);
     scene.scatter.extend([0.2]);
     let result = run_fidelities(&scene, 800).unwrap()[0];
     assert!((0.95..1.05).contains(&result.max_excess), "{result:?}");
 }
 
-/// Eight heavy parts on two tones beat with the load over 60 to 80 cycles, until fault 16.
+/// Eight heavy parts on two tones beat with the load over 60 to 80 cycles. One heavy part on a weak
+/// drive lowers the amplitude by a tenth, with the output at its limit. Both end with fault 16.
 #[test]
 fn ready_stays_off_while_heavy_parts_beat() {
-    let mut draw = Draw(Noise::new(9759));
-    let scene = (0..=39).map(|_| feeder(&mut draw)).last().unwrap();
-    let result = run_fidelities(&scene, 600).unwrap()[0];
-    assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
-    assert!(result.swing < MAX_VARIATION[1], "{result:?}");
+    for (seed, number, cycles) in [(9759, 39, 600), (81_023, 43, 360)] {
+        let result = run_fidelities(&numbered(seed, number), cycles).unwrap()[0];
+        assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
+        assert!(result.swing < MAX_VARIATION[1], "{result:?}");
+    }
 }
 
 /// A mode at the second tone of 17 times the configured quality swings past the requested tone.
+/// Eight heavy parts push while the reference rises and the limit halves the tones.
 #[test]
-fn a_sharp_mode_keeps_the_acceleration_limit() {
-    let mut draw = Draw(Noise::new(71_008));
-    let scene = (0..=91).map(|_| feeder(&mut draw)).last().unwrap();
-    let results = run_fidelities(&scene, 120).unwrap();
-    assert!((0.9..1.05).contains(&results[0].max_excess), "{results:?}");
-}
-
-/// Eight heavy parts, while the reference rises to an amplitude at which the limit halves the tones.
-#[test]
-fn tones_fit_the_amplitude_before_it_is_reached() {
-    let mut draw = Draw(Noise::new(81_015));
-    let scene = (0..=4).map(|_| feeder(&mut draw)).last().unwrap();
-    let result = run_fidelities(&scene, 120).unwrap()[0];
-    assert!((0.9..1.05).contains(&result.max_excess), "{result:?}");
+fn upper_tones_keep_the_acceleration_limit() {
+    for (seed, number) in [(71_008, 91), (81_015, 4)] {
+        let results = run_fidelities(&numbered(seed, number), 120).unwrap();
+        assert!((0.9..1.05).contains(&results[0].max_excess), "{results:?}");
+    }
 }

@@ -52,6 +52,9 @@ const PEAK: f32 = 1.04;
 const STEADY_CYCLES: u8 = 64;
 /// Cycles without a reversal after which READY may return: heavy parts beat over 60 to 80 cycles.
 const READY_CYCLES: u8 = 160;
+/// Largest relative error of the amplitude at READY, and the allowance for noise in standard errors.
+const READY_ERROR: f32 = 0.08;
+const READY_STANDARD_ERRORS: f32 = 4.0;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
 
@@ -65,21 +68,27 @@ struct ReversalCounter {
     count: u8,
     since: u8,
     unsteady: bool,
+    /// Whether the amplitude is too far from its reference for READY.
+    deviates: bool,
 }
 
 impl ReversalCounter {
     /// Adds a cycle's amplitude and its standard error, in m. Returns whether it oscillates.
     fn cycle(&mut self, measured: f32, reference: f32, ceiling: f32, error: f32) -> bool {
+        let tolerance = READY_ERROR * reference + READY_STANDARD_ERRORS * error;
+        let deviates = (measured - reference).abs() > tolerance;
         // A reference that is not a number restarts the count.
         let unchanged = (reference - self.reference).abs() <= REFERENCE_CHANGE * self.reference;
         if !unchanged || reference <= 0.0 {
             *self = Self {
                 reference,
                 extreme: measured,
+                deviates,
                 ..Self::default()
             };
             return false;
         }
+        self.deviates = deviates;
         let reversal = if self.rising {
             self.extreme - measured
         } else {
@@ -257,9 +266,9 @@ impl FaultDetector {
         (fault, frozen || saturated || no_response || weak)
     }
 
-    /// Whether the amplitude does not oscillate about its reference.
+    /// Whether the amplitude is at its reference and does not oscillate about it.
     pub fn is_steady(&self) -> bool {
-        !self.reversals.unsteady
+        !self.reversals.unsteady && !self.reversals.deviates
     }
 }
 
