@@ -212,7 +212,8 @@ fn reported_errors_cover_the_share_of_a_wrong_lot() {
 /// Lots 541 and 660 of seed 9001: the sensor's gain is 1.24 times the configured one, and all parts
 /// land together and rest. Lot 64 of seed 340203: the gain is 0.76, and half of the parts do so. Lot
 /// 28 of seed 413: the gain is 0.72, and parts land together in every third cycle, bounce and rest.
-/// Lot 29 of seed 9759, with a finer sensor: the gain is 0.75, and parts do so irregularly.
+/// Lot 29 of seed 9759, with a finer sensor: the gain is 0.75, and parts do so irregularly. Lot 1 of
+/// seed 81037, with the same sensor: the share was estimated as 0.71 with an error of 0.21.
 #[test]
 fn ready_is_off_where_parts_land_together_and_rest() {
     for (seed, lot) in [
@@ -221,9 +222,10 @@ fn ready_is_off_where_parts_land_together_and_rest() {
         (340_203, 64),
         (413, 28),
         (9759, 29),
+        (81_037, 1),
     ] {
         let (mut scene, _) = random_lot(seed, lot);
-        if seed == 9759 {
+        if [9759, 81_037].contains(&seed) {
             scene.settings.sensitivity = 0.06;
         }
         for mut closed in Loop::both(&scene) {
