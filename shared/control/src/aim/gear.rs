@@ -24,9 +24,10 @@ pub fn drive_limits(settings: &Settings) -> GearLimits {
 }
 
 fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
+    let [amplitude, acceleration] = settings.reference_limits();
     GearLimits {
-        displacement: scale.k(settings.amplitude_limit * 1e-3),
-        acceleration: scale.normal_gravity / settings.acceleration_limit,
+        displacement: scale.k(amplitude * 1e-3),
+        acceleration: scale.normal_gravity / acceleration,
         output: scale.k(settings.output_maximum * scale.full_amplitude),
         overtones: upper_response(settings)
             .map(|response| scale.full_amplitude / absolute(response)),

@@ -26,10 +26,6 @@ fn min_acceleration(settings: &Settings) -> f32 {
     MIN_RESOLVED_STEPS * step
 }
 
-/// Share of the hard limits that the reference uses on a track with heavy parts. Impacts that are not
-/// heard push the track without being measured: by 8 % at 5 % of its mass, with a weak sensor.
-const CEILING_SHARE_UNDER_LOAD: f32 = 0.97;
-
 #[derive(Clone, Copy, Debug)]
 pub struct Scale {
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
@@ -38,7 +34,7 @@ pub struct Scale {
     pub angular_squared: f32,
     /// Advance of the phase per sample.
     pub step: u32,
-    /// Largest amplitude that both hard limits allow, in m.
+    /// Largest reference within both hard limits, in m.
     pub ceiling: f32,
     pub ceiling_limit: Limits,
     pub envelope: Envelope,
@@ -78,12 +74,10 @@ impl Scale {
         self.angular_squared = angular * angular;
         self.step = phase_step(frequency);
         self.min_amplitude = min_acceleration(settings) / self.angular_squared;
-        let by_acceleration = settings.acceleration_limit / self.angular_squared;
-        let by_amplitude = settings.amplitude_limit * 1e-3;
+        let [amplitude, acceleration] = settings.reference_limits();
+        let (by_amplitude, by_acceleration) =
+            (amplitude * 1e-3, acceleration / self.angular_squared);
         self.ceiling = by_acceleration.min(by_amplitude);
-        if settings.track_mass > 0.0 {
-            self.ceiling *= CEILING_SHARE_UNDER_LOAD;
-        }
         self.ceiling_limit = if by_acceleration < by_amplitude {
             Limits::ACCELERATION
         } else {

@@ -20,8 +20,10 @@ const MAX_BOUND_ERROR: f32 = 0.1;
 const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
 /// Share of time in gear above which gear is detected.
 const GEAR_DETECTED_SHARE: f32 = 0.5;
-/// Largest error of the share at which gear is detected. Lots in gear had at most 0.18.
+/// Largest error of the share at which gear is detected, below [`FULL_SHARE`]: lots in gear had at
+/// most 0.18. Parts that scatter less than configured are in gear for all of the time, within 0.24.
 const MAX_DETECTION_ERROR: f32 = 0.18;
+const FULL_SHARE: f32 = 0.985;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;
 /// Share of time in single flights above which they prove gear of one part alone.
@@ -153,7 +155,7 @@ impl Listener {
         let shares = match self.share.share {
             Some(estimate) if self.in_gear_detected => estimate.share > GEAR_LOST_SHARE,
             Some(estimate) => {
-                let certain = estimate.error < MAX_DETECTION_ERROR;
+                let certain = estimate.error < MAX_DETECTION_ERROR || estimate.share > FULL_SHARE;
                 certain && estimate.share - estimate.error > GEAR_DETECTED_SHARE
             }
             None => false,
