@@ -319,7 +319,7 @@ fn a_recipe_gives_the_setpoint_of_its_own_parts() {
     used.use_recipe(&Recipe::of(target, &machine)).unwrap();
     assert_eq!(planned(used.clone()), planned(build(&machine, target)));
     // A refused recipe changes nothing.
-    let mut far = Recipe::of(Target::Amplitude(0.99), &machine);
+    let mut far = Recipe::of(Target::Amplitude(1.01), &machine);
     let refused = used.check_recipe(&far).unwrap_err();
     assert_eq!(refused.parameter, "target amplitude");
     far.values[2] = 0.4;

@@ -223,8 +223,13 @@ impl Listener {
         (self.share.profile()).map_or(f32::INFINITY, StrikeProfile::time_to_loss)
     }
 
-    /// Estimated share of time in gear; `None` if only a lower bound exists.
+    /// Estimated share of time in gear; `None` if only a lower bound exists, or with stray energy.
     pub fn in_gear(&self) -> Option<GearShare> {
+        let strays = (self.share.evidence).is_some_and(|evidence| evidence.long.has_stray());
+        self.fitted_share().filter(|_| !strays)
+    }
+
+    fn fitted_share(&self) -> Option<GearShare> {
         if self.share.has_fit {
             return self.share.share;
         }
@@ -256,7 +261,7 @@ impl Listener {
 
     /// Confidence that the parts are in a lock, 0..1.
     pub fn confidence(&self, lock: Option<&LockWindow>) -> f32 {
-        let in_gear = self.in_gear();
+        let in_gear = self.fitted_share();
         let upper_bound = in_gear.map_or(1.0, |estimate| estimate.share + 2.0 * estimate.error);
         (lock.map_or(0.0, |lock| self.phases.lock_confidence(lock.order))).min(upper_bound)
     }

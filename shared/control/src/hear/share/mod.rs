@@ -154,8 +154,13 @@ pub struct Agreement {
 }
 
 impl Agreement {
+    /// Whether parts land together, bounce and rest.
+    pub fn has_stray(&self) -> bool {
+        self.stray > 0.0
+    }
+
     fn fits(&self) -> bool {
-        self.excess < 0.0 && self.stray <= 0.0
+        self.excess < 0.0 && !self.has_stray()
     }
 }
 
