@@ -256,13 +256,14 @@ fn ready_stays_off_while_heavy_parts_beat() {
     assert!(result.swing < MAX_VARIATION[1], "{result:?}");
 }
 
-/// A mode at the second tone of 17 times the configured quality swings past the requested tone. One
-/// that cancels the resonance's motion would ring if its tone ended at once. Heavy parts push while
-/// the limit halves the tones, unheard, or with one part outside the lot.
+/// A mode at the second tone of 16 times the configured quality swings past the requested tone, or
+/// beats with it at other angles. One that cancels the resonance's motion would ring if its tone
+/// ended at once. Heavy parts push while the limit halves the tones, unheard, or outside the lot.
 #[test]
 fn hard_limits_hold_with_sharp_modes_and_heavy_parts() {
     for (seed, number, cycles) in [
         (71_008, 91, 120),
+        (91_001, 12, 160),
         (85_011, 44, 120),
         (81_015, 4, 120),
         (81_034, 46, 900),

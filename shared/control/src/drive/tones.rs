@@ -11,7 +11,7 @@ use kband::feeder::{OutOfRange, accept};
 use num_complex::Complex32 as Complex;
 
 /// Acceleration over the hard limit that switches the upper tones off at once.
-const MAX_ACCELERATION_RATIO: f32 = 1.06;
+const MAX_ACCELERATION_RATIO: f32 = 1.04;
 /// Smallest share of the requested tones that does not count as limited.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
@@ -255,24 +255,28 @@ impl Tones {
         share
     }
 
-    /// Lets the upper tones fall to 0 if they accelerate the track beyond the hard limit. An abrupt end
-    /// would make a mode ring.
+    /// Lets the upper tones fall to 0 if they accelerate the track beyond the hard limit, at their
+    /// angles now or at the requested ones. An abrupt end would make a mode ring.
     fn limit_peak(&mut self, inputs: &ToneInputs, first: f32) {
+        let acceleration = first * inputs.square;
         let mut excess = 0.0_f32;
+        let measured = inputs.motion.phasors().map(absolute);
         for ((tone, requested), measured) in
-            (self.loops.iter().zip(self.shape.tones())).zip(inputs.motion.phasors())
+            (self.loops.iter().zip(self.shape.tones())).zip(measured)
         {
             if requested.ratio > 0.0 && !tone.is_silent() {
-                excess = excess.max(absolute(measured) / requested.ratio);
+                excess = excess.max(measured / requested.ratio);
             }
         }
-        if excess <= 0.0 {
+        if excess <= 0.0 || acceleration > self.acceleration_limit {
             return;
         }
-        let peak = 1.0 + (self.peaks[1] - 1.0) * excess;
-        let first_acceleration = first * inputs.square;
-        if first_acceleration * peak > MAX_ACCELERATION_RATIO * self.acceleration_limit
-            && first_acceleration <= self.acceleration_limit
+        let max_peak = MAX_ACCELERATION_RATIO * self.acceleration_limit / acceleration;
+        let [second, third] = measured;
+        // The exact peak takes a search.
+        let may_exceed = 1.0 + 4.0 * second + 9.0 * third > max_peak;
+        if 1.0 + (self.peaks[1] - 1.0) * excess > max_peak
+            || may_exceed && inputs.motion.shape().peaks()[1] > max_peak
         {
             self.loops().for_each(|tone| tone.disabled = true);
         }
