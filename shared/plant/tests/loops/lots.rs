@@ -237,6 +237,20 @@ fn ready_is_off_where_parts_land_together_and_rest() {
     }
 }
 
+/// Lot 17 of seed 85004: no part is in gear, and the fit gave a share of 1.00 +- 0.09. The energy
+/// beside the predicted impacts refutes it.
+#[test]
+fn a_share_with_stray_energy_is_not_reported() {
+    let (mut scene, _) = random_lot(85_004, 17);
+    scene.settings.sensitivity = 0.06;
+    for mut closed in Loop::both(&scene) {
+        let reports = (0..WINDOWS * WINDOW).map(|_| closed.cycle().0.report);
+        let last = reports.skip(WINDOW as usize);
+        let reported = last.filter(|report| report.in_gear - 3.0 * report.in_gear_error > 0.3);
+        assert_eq!(reported.count(), 0);
+    }
+}
+
 /// Time in s at which a lot of R 0.18 to 0.22 without scatter changes.
 const CHANGED_AT: f64 = 8.0;
 
