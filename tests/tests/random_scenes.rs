@@ -339,6 +339,7 @@ fn end_apart(scene: &Scene, seconds: f64) -> bool {
     !fast.iter().any(|end| slow.contains(end))
 }
 
+/// Number of noises with which a scene runs to compare its ends.
 const NOISES: u64 = 6;
 
 #[derive(Default)]

@@ -10,7 +10,7 @@ use core::f32::consts::PI;
 use kband::feeder::{OutOfRange, accept};
 use num_complex::Complex32 as Complex;
 
-/// Acceleration over the hard limit that switches the upper tones off at once.
+/// Acceleration over the hard limit from which the upper tones fall to 0.
 const MAX_ACCELERATION_RATIO: f32 = 1.04;
 /// Smallest share of the requested tones that does not count as limited.
 const MIN_TONE_SHARE: f32 = 0.95;

@@ -20,9 +20,9 @@ const MAX_BOUND_ERROR: f32 = 0.1;
 const MIN_SINGLE_FLIGHT_RATIO: f32 = 0.5;
 /// Share of time in gear above which gear is detected.
 const GEAR_DETECTED_SHARE: f32 = 0.5;
-/// Largest error of the share at which gear is detected, below [`FULL_SHARE`]: lots in gear had at
-/// most 0.18. Parts that scatter less than configured are in gear for all of the time, within 0.24.
+/// Largest error of a share below [`FULL_SHARE`] at which gear is detected. Lots in gear had less.
 const MAX_DETECTION_ERROR: f32 = 0.18;
+/// Share above which gear is detected with any error: parts scatter less than configured.
 const FULL_SHARE: f32 = 0.985;
 /// Share of time in gear below which gear is lost (hysteresis).
 const GEAR_LOST_SHARE: f32 = 0.4;

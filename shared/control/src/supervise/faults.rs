@@ -52,8 +52,9 @@ const PEAK: f32 = 1.04;
 const STEADY_CYCLES: u8 = 64;
 /// Cycles without a reversal after which READY may return: heavy parts beat over 60 to 80 cycles.
 const READY_CYCLES: u8 = 160;
-/// Largest relative error of the amplitude at READY, and the allowance for noise in standard errors.
+/// Largest relative error of the amplitude at READY.
 const READY_ERROR: f32 = 0.08;
+/// Allowance of READY for noise, in standard errors of the amplitude.
 const READY_STANDARD_ERRORS: f32 = 4.0;
 /// Relative change of the reference that restarts the count of reversals.
 const REFERENCE_CHANGE: f32 = 0.05;
