@@ -2,7 +2,7 @@
 
 use super::drive::Swing;
 use super::law::Law;
-use core::f64::consts::TAU;
+use core::f64::consts::{PI, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::{
     ContactTime, Friction, Hop, Impact, Kernel, Map, PartState, Release, Scatter, Tangential, Tone,
@@ -193,9 +193,11 @@ impl Part {
             None => {
                 let map = self.map(k)?;
                 let lift_off = map.lift_off()?;
-                // The sample is late by up to one; the launch itself is at arcsin k.
+                // The launch is at arcsin k. The throw is late by up to a sample; after a search
+                // for lift-off it may also be early.
                 let delay = wrap_angle(swing.phase.radians() - lift_off);
-                let start = time.saturating_sub((delay / TAU * Phase::TURN) as u64);
+                let delay = if delay > PI { delay - TAU } else { delay };
+                let start = time.saturating_add_signed((-delay / TAU * Phase::TURN) as i64);
                 let Release { launch, impact } = Release::build(&map, lift_off, 0.0)?;
                 (Flight::on_sine(&map, launch.phase, impact), start)
             }
