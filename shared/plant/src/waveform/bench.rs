@@ -57,9 +57,10 @@ pub struct Bench {
     hopper: Hopper,
     /// Gravity normal to the track in m/s^2.
     normal_gravity: f64,
-    /// Gravity down the track in m/s^2, and its motion along itself over that normal to it.
+    /// Gravity down the track in m/s^2, and its motion along itself over that normal to it, for
+    /// each tone n: eta cos, eta sin of n gamma.
     down: f64,
-    along: [f64; 2],
+    along: [[f64; 2]; 1 + UPPER],
     noise: Noise,
     output: f32,
     /// Time in steps of 2^-32 turns of the drive.
@@ -135,7 +136,9 @@ impl Bench {
             hopper: Hopper::new(scene),
             normal_gravity: track.normal_gravity(),
             down: track.normal_gravity() * track.incline_tangent(),
-            along: [libm::cos(lead), libm::sin(lead)].map(|part| part * track.amplitude_ratio()),
+            along: [lead, 2.0 * lead, 3.0 * lead].map(|lead| {
+                [libm::cos(lead), libm::sin(lead)].map(|part| part * track.amplitude_ratio())
+            }),
             noise: Noise::new(scene.seed),
             output: 0.0,
             time: 0,
@@ -304,6 +307,7 @@ impl Bench {
             gravity: [self.normal_gravity, self.down],
             angular,
             along: self.along,
+            upper: self.upper_motions(),
             level: -self.sagged,
             law: self.law,
         };
@@ -331,9 +335,7 @@ impl Bench {
             self.pressed = -push as f32;
         }
         let accelerated = stroke.acceleration(ground.sample);
-        let [cosine, sine] = self.along;
-        // In harmonic motion the derivative of the acceleration is -w^2 times the velocity.
-        let along = cosine * accelerated - sine * angular * stroke.to[1];
+        let [.., along] = ground.along([stroke.to[0], stroke.to[1], accelerated]);
         for index in 0..self.massive.len() {
             let arrives = self.hopper.arrives(index);
             if arrives > now {
@@ -443,6 +445,16 @@ impl Bench {
             let [dx, dv] = mode.motion();
             [x + dx, v + dv]
         })
+    }
+
+    /// Displacement in m and velocity in m/s of each upper tone; 0 if none leads along the track.
+    fn upper_motions(&self) -> [[f64; 2]; UPPER] {
+        let filter = self.tone_filter.as_ref();
+        let filter = filter.filter(|_| self.along[0][1] != 0.0);
+        let motions = filter.map(|filter| filter.motions(all(&self.drive, &self.modes)));
+        motions
+            .unwrap_or_default()
+            .map(|motion| motion.map(f64::from))
     }
 
     /// Swing of the track with this motion at an angular frequency in rad/s.

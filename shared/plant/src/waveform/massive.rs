@@ -5,6 +5,7 @@
 
 use crate::model::law::Law;
 use kband::impact::Scatter;
+use kband_control::UPPER;
 
 /// Number of bisections of a sample for an impact; they resolve 1e-9 of it.
 const BISECTIONS: usize = 30;
@@ -25,21 +26,34 @@ pub struct Ground {
     pub gravity: [f64; 2],
     /// Angular frequency of the drive in rad/s.
     pub angular: f64,
-    /// Motion along the track over that normal to it: eta cos gamma, eta sin gamma.
-    pub along: [f64; 2],
+    /// Motion along the track over that normal to it, for each tone n: eta cos, eta sin of n gamma.
+    pub along: [[f64; 2]; 1 + UPPER],
+    /// Displacement (m) and velocity (m/s) of each upper tone.
+    pub upper: [[f64; 2]; UPPER],
     /// Mean displacement of the swinging track in m.
     pub level: f64,
     pub law: Law,
 }
 
 impl Ground {
-    /// Displacement and velocity along the track from those normal to it.
-    fn along(&self, [x, v]: [f64; 2]) -> [f64; 2] {
-        let ([cosine, sine], x) = (self.along, x - self.level);
-        [
-            cosine * x + sine * v / self.angular,
-            cosine * v - sine * self.angular * x,
-        ]
+    /// Displacement, velocity and acceleration along the track from those normal to it. Each tone
+    /// is harmonic: the derivative of its acceleration is `-(n w)^2` times its velocity.
+    pub fn along(&self, [x, v, a]: [f64; 3]) -> [f64; 3] {
+        let led = |[x, v, a]: [f64; 3], [cosine, sine]: [f64; 2], angular: f64| {
+            let velocity = cosine * v - sine * angular * x;
+            let position = cosine * x + sine * v / angular;
+            [position, velocity, cosine * a - sine * angular * v]
+        };
+        let (mut first, mut sum) = ([x - self.level, v, a], [0.0; 3]);
+        for (n, (&[x, v], along)) in self.upper.iter().zip(&self.along[1..]).enumerate() {
+            let angular = (n + 2) as f64 * self.angular;
+            let upper = [x, v, -angular * angular * x];
+            let led = led(upper, *along, angular);
+            first = core::array::from_fn(|i| first[i] - upper[i]);
+            sum = core::array::from_fn(|i| sum[i] + led[i]);
+        }
+        let led = led(first, self.along[0], self.angular);
+        core::array::from_fn(|i| led[i] + sum[i])
     }
 }
 
@@ -190,7 +204,7 @@ impl MassivePart {
 
     /// Begins a flight with height and velocity `own`, and a velocity along the track over it.
     fn fly(&mut self, ground: &Ground, track: [f64; 2], own: [f64; 2], along: f64, now: u64) {
-        let [launch_position, track_velocity] = ground.along(track);
+        let [launch_position, track_velocity, _] = ground.along([track[0], track[1], 0.0]);
         self.began = now;
         self.motion = Motion::Flying(Fall {
             height: own[0],
@@ -234,8 +248,7 @@ impl MassivePart {
         let speed = (v - own).max(0.0);
         let restitution = self.restitution.draw();
         let [after, launch_velocity] = collide(v, own, self.share, restitution);
-        let before = [x, v];
-        let [track_position, track_velocity] = ground.along(before);
+        let [track_position, track_velocity, _] = ground.along([x, v, 0.0]);
         let [travel, along] = fall.along(down, below * sample);
         self.displacement += travel - (track_position - fall.launch_position);
         let relative = along - track_velocity;

@@ -4,6 +4,7 @@ mod bounds;
 mod capture;
 mod commissioned;
 mod contact;
+mod conveying;
 mod fidelity;
 mod held;
 mod hopper;
