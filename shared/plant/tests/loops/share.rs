@@ -1,6 +1,6 @@
 //! The estimated share in gear of many parts compared with the plant's own.
 
-use super::fidelity::{lot, measure_share};
+use super::fidelity::{lot, measure_share, tune};
 use kband_control::Target;
 use kband_plant::{EnvelopeLoop, Scene};
 
@@ -32,6 +32,25 @@ fn share_of_a_crowd_is_within_three_errors() {
         let mean = all.iter().sum::<f64>() / all.len() as f64;
         assert!(mean.abs() < 0.03 + 0.02, "{range:?} {scatter}: {mean}");
     }
+}
+
+/// The chaos of this lot has no common k. The drive slowly leaves the amplitude that held gear.
+#[test]
+fn an_estimate_of_another_amplitude_is_withdrawn() {
+    let mut scene = Scene {
+        target: Target::Chaotic,
+        ..lot([0.08, 0.12], 0.0, 0.36, 3, 1)
+    };
+    tune(&mut scene, 20.0);
+    let mut closed = EnvelopeLoop::build(&scene).unwrap();
+    let mut last = 0.0;
+    for _ in 0..400 {
+        let report = closed.cycle().report;
+        if report.in_gear_error.is_finite() {
+            last = report.k;
+        }
+    }
+    assert!((0.3..0.39).contains(&last), "{last}");
 }
 
 #[test]

@@ -293,6 +293,12 @@ impl ShareEstimator {
     pub fn cycle(&mut self, cycle: &Cycle, drive_state: &DriveState) {
         self.age_stale_share();
         if !drive_state.settled {
+            let predicted = self.profiler.as_ref().map(|profiler| profiler.settings().k);
+            let is_other = |k: f32| (drive_state.k - k).abs() > STALE_SHARE_TOLERANCE * k;
+            if predicted.is_some_and(is_other) {
+                // No new share is estimated while the amplitude changes.
+                (self.share, self.margin) = (None, None);
+            }
             return;
         }
         let frequency = drive_state.step as f32 * SAMPLE_RATE as f32 * (1.0 / Phase::TURN as f32);
