@@ -376,7 +376,8 @@ impl Outcome {
         let in_air: f64 = strikes.map(|strike| f64::from(strike.flight)).sum();
         let frequency = f64::from(self.file.scene.settings.frequency);
         let watched = END_PERIOD.min(self.file.duration) * frequency;
-        in_air / (watched * parts.len().max(1) as f64)
+        // The flight that began before the period counts whole.
+        (in_air / (watched * parts.len().max(1) as f64)).min(1.0)
     }
 
     /// Mean impact phase of the first part if all are locked, in rad.

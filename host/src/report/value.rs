@@ -105,8 +105,8 @@ pub fn counted<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<(T, usiz
     counts
 }
 
-/// `value` with this many significant digits, as C's `%g`. Trailing zeros are dropped. An exponent
-/// is used below 1e-5 and for integers longer than the digits. 17 digits give back the same f64.
+/// `value` with this many significant digits. Trailing zeros are dropped. An exponent is used below
+/// 1e-5, and from 1e6 for integers longer than the digits. 17 digits give back the same f64.
 pub fn number(value: impl Into<f64>, digits: usize) -> String {
     let value = value.into();
     if value == 0.0 || !value.is_finite() {
@@ -123,11 +123,12 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
             text.to_string()
         }
     };
-    if exponent < -5 || exponent >= digits as i32 {
+    if !(-5..(digits as i32).max(6)).contains(&exponent) {
         format!("{}e{exponent}", trim(mantissa))
     } else {
-        let decimals = (digits as i32 - 1 - exponent) as usize;
-        trim(&format!("{value:.decimals$}"))
+        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
+        let rounded = scientific.parse().unwrap_or(value);
+        trim(&format!("{rounded:.decimals$}"))
     }
 }
 
@@ -185,6 +186,7 @@ mod tests {
         assert_eq!(number(1234567.0, 3), "1.23e6");
         assert_eq!(number(0.3930521675, 6), "0.393052");
         assert_eq!(number(9.9999999, 3), "10");
+        assert_eq!(number(129.6, 2), "130");
         assert_eq!(number(2e-7, 6), "2e-7");
     }
 
