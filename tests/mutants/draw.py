@@ -18,6 +18,7 @@ FOLDERS = (
     "shared/bus/src/",
     "shared/plant/src/",
     "firmware/src/",
+    "host/scene/src/",
     "host/src/simulate/",
     "host/src/verbs/simulate",
 )
@@ -84,6 +85,7 @@ def listed(root):
                 "kband-bus",
                 "kband-plant",
                 "kband-firmware",
+                "kband-scene",
                 "kband-host",
             )
         ),

@@ -52,10 +52,11 @@ PROGRAMS = {
     "firmware": ("kband-firmware", "kband_firmware"),
     "loader": ("kband-loader", "kband_loader"),
     "hazards": ("kband-machines", "hazards"),
+    "scene": ("kband-scene", "kband_scene"),
     "host": ("kband-host", "kband"),
     "c": ("kband-c", "interface"),
     "python": ("kband-python", "pytest.sh"),
-    **{name: ("kband-host", name) for name in ("command_line", "regimes")},
+    **{name: ("kband-host", name) for name in ("command_line", "regimes", "report")},
     **{
         name: ("kband-tests", name)
         for name in (
@@ -73,11 +74,11 @@ PROGRAMS = {
         )
     },
 }
-LIBRARIES = ("map", "control", "bus", "plant", "firmware", "loader", "host")
+LIBRARIES = ("map", "control", "bus", "plant", "firmware", "loader", "scene", "host")
 # Test groups for a drawn mutant: each group runs for mutants that passed the previous one. The last
 # one takes minutes, and runs for the firmware's mutants.
 DRAWN = (
-    ("map", "control", "bus", "plant", "firmware"),
+    ("map", "control", "bus", "plant", "firmware", "scene"),
     (
         "loops",
         "scenes",
@@ -91,6 +92,7 @@ DRAWN = (
         "host",
         "command_line",
         "regimes",
+        "report",
         "random_scenes",
     ),
     ("hazards", "ends", "flashed"),

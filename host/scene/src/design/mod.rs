@@ -415,12 +415,13 @@ mod tests {
         let file = default_scene();
         let base = Ranges::from_scene(&file);
         type Change = fn(&mut Ranges);
-        let cases: [(Change, &str); 8] = [
+        let cases: [(Change, &str); 9] = [
             (|ranges| ranges.frequency = [60.0, 50.0], "5..500"),
             (|ranges| ranges.throw_angle = [0.0, 30.0], "5..90"),
             (|ranges| ranges.incline = [f64::NAN; 2], "-60..60"),
             (|ranges| ranges.tones = [0.0, 0.1], "0 without"),
             (|ranges| ranges.candidates = 10, "1000.."),
+            (|ranges| ranges.checked = 101, "1..100"),
             (|ranges| ranges.least_share = 1.5, "0..1"),
             // 10 mm exceed the stroke, and from 25 Hz on also 120 m/s^2.
             (|ranges| ranges.amplitude = [10.0, 20.0], "of the drive"),

@@ -441,6 +441,19 @@ mod tests {
     use super::*;
     use crate::regime::Lock;
 
+    fn profiler(r: f64, order: u32, k: f32, tones: Tones, contact: ContactTime) -> StrikeProfiler {
+        let restitution = Restitution::single(r).unwrap();
+        let settings = StrikeSettings {
+            restitution,
+            scatter: 0.05,
+            order,
+            k,
+            tones,
+            contact,
+        };
+        StrikeProfiler::new(settings).unwrap()
+    }
+
     /// The lock of the profile against the closed form, to second order in the contact time.
     #[test]
     fn lock_of_a_contact_is_that_of_the_closed_form() {
@@ -454,21 +467,33 @@ mod tests {
                 let contact = ContactTime::build(contact).unwrap();
                 let exact = Lock::with_contact(k, restitution, order, contact).unwrap();
                 let exact = exact.unwrap().state();
-                let profiler = StrikeProfiler::new(StrikeSettings {
-                    restitution: Restitution::single(restitution).unwrap(),
-                    scatter: 0.05,
-                    order,
-                    k: k as f32,
-                    tones: [[0.0; 2]; 2],
-                    contact,
-                });
-                let (phase, velocity) = profiler.unwrap().find_lock(restitution as f32).unwrap();
+                let profiler = profiler(restitution, order, k as f32, [[0.0; 2]; 2], contact);
+                let (phase, velocity) = profiler.find_lock(restitution as f32).unwrap();
                 let bound = 1e-5 + 0.6 * contact.radians() * contact.radians();
                 let error = (phase.radians() - exact.phase).abs();
                 assert!(error < bound, "{k} {contact:?}: phase {error}");
                 let error = (f64::from(velocity) - exact.velocity).abs();
                 assert!(error < bound, "{k} {contact:?}: velocity {error}");
             }
+        }
+    }
+
+    /// On one, two and three tones.
+    #[test]
+    fn a_part_launched_on_the_lock_repeats_its_flight() {
+        for (k, tones) in [
+            (0.44, [[0.0; 2]; 2]),
+            (0.35, [[0.15, 2.4], [0.0; 2]]),
+            (0.35, [[0.15, 2.4], [0.05, 5.3]]),
+        ] {
+            let profiler = profiler(0.25, 1, k, tones, ContactTime::INSTANT);
+            let (phase, velocity) = profiler.find_lock(0.25).unwrap();
+            let (draw, span) = (Draw::new(0.25, 0.0, 1), Span::from_periods(9, 0));
+            let part = SimulatedPart::new(draw, profiler.gear, span);
+            let (mut landed, mut part) = (Phase::ZERO, part.with_launch(phase, velocity));
+            part.simulate_flight(&profiler.map, |impact| landed = impact.phase);
+            let distance = (landed - phase).bits() as i32 as f32 * (TAU / Phase::TURN as f32);
+            assert!(distance.abs() < 1e-3, "{tones:?}: {distance}");
         }
     }
 
