@@ -368,13 +368,6 @@ fn a_reader_that_goes_away_ends_a_run_quietly() {
 }
 
 #[test]
-fn a_map_of_regimes_stays_below_its_limit() {
-    let wide = "diagram --show regimes --restitution 0..0.9:2 --format csv --k 1.5..2";
-    let rows = kband(folder(), wide).done();
-    assert_eq!(outcome::stripped(&rows).lines().count(), 1 + 2000);
-}
-
-#[test]
 fn a_file_of_more_than_100_mb_is_announced_before_it_is_written() {
     let folder = folder();
     let mut child = start(&folder, "simulate --duration 86400 --trace trace.csv");

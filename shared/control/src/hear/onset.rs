@@ -96,12 +96,6 @@ impl OnsetDetector {
             || self.ringing > Self::BLANKING_THRESHOLD as f32 * Self::MEDIAN_THRESHOLD * self.median
     }
 
-    /// Filters the acceleration of one sample (m/s^2) and detects an onset; returns its height.
-    pub fn sample(&mut self, acceleration: f32) -> Option<f32> {
-        let residual = self.residual(acceleration);
-        self.detect(residual)
-    }
-
     /// Filters the acceleration of one sample; returns the residual in m/s^2.
     #[inline]
     pub fn residual(&mut self, acceleration: f32) -> f32 {

@@ -600,7 +600,8 @@ mod tests {
             let drive = (swing * turned).re as f32;
             let reading = drive + ringing.acceleration() + sigma * noise[0].gauss();
             // The detector first adapts to the noise.
-            if detector.sample(reading).is_some() && sample >= from {
+            let residual = detector.residual(reading);
+            if detector.detect(residual).is_some() && sample >= from {
                 detected[0].push(sample);
             }
             ringing.step();

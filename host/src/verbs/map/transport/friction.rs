@@ -242,8 +242,14 @@ impl<'a> Task<'a> {
             && let Some((best, _)) = moving.max_by(|a, b| a.1.total_cmp(&b.1))
         {
             let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
-            let range = [(best - step).max(-180.0), (best + step).min(180.0)];
-            let best = golden_section_maximum(velocity, range)?;
+            let (low, high) = ((best - step).max(-180.0), (best + step).min(180.0));
+            let slope = |lead: f64| -> Result<Option<f64>> {
+                let half = 0.01 * step;
+                Ok(velocity(lead + half)?
+                    .zip(velocity(lead - half)?)
+                    .map(|(a, b)| a - b))
+            };
+            let best = bisect(slope, low, high, 1.0)?;
             notes.extend(best.map(|best| (best, "conveys most")));
         }
         Ok(notes)
@@ -380,32 +386,6 @@ fn bisect(
             low = middle;
         } else {
             high = middle;
-        }
-    }
-    Ok(Some(0.5 * (low + high)))
-}
-
-/// Maximum of a function of one maximum, by 30 steps of the golden-section search (Kiefer 1953).
-/// `None` if the function has no value at some point.
-fn golden_section_maximum(
-    function: impl Fn(f64) -> Result<Option<f64>>,
-    [mut low, mut high]: [f64; 2],
-) -> Result<Option<f64>> {
-    let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let [mut a, mut b] = [high - golden * (high - low), low + golden * (high - low)];
-    let (mut at_a, mut at_b) = (function(a)?, function(b)?);
-    for _ in 0..30 {
-        if at_a.is_none() || at_b.is_none() {
-            return Ok(None);
-        }
-        if at_a > at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - golden * (high - low);
-            at_a = function(a)?;
-        } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + golden * (high - low);
-            at_b = function(b)?;
         }
     }
     Ok(Some(0.5 * (low + high)))
