@@ -28,7 +28,7 @@ fn lot(seed: u64, lot: u64) -> Scene {
             shape: Shape::of_two(tone),
         },
     };
-    scene.friction = Some([0.4; 2]).filter(|_| lot % 3 == 0);
+    scene.friction = Some([0.4; 2]).filter(|_| lot.is_multiple_of(3));
     let settings = &mut scene.settings;
     settings.incline = between(noise, -8.0, 8.0) as f32;
     settings.amplitude_ratio = between(noise, 0.5, 3.0) as f32;
