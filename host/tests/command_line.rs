@@ -338,11 +338,12 @@ fn a_seed_on_the_command_line_is_the_scenes() {
 }
 
 #[test]
-fn a_scene_from_stdin_runs() {
+fn a_scene_from_stdin_with_a_removed_key_runs() {
     let folder = folder();
+    let scene = scene(&folder).replace("[drive]", "[drive]\noutput_minimum = 0.05");
     let mut child = start(&folder, "simulate - --duration 1");
     let mut stdin = child.stdin.take().unwrap();
-    std::io::Write::write_all(&mut stdin, scene(&folder).as_bytes()).unwrap();
+    std::io::Write::write_all(&mut stdin, scene.as_bytes()).unwrap();
     drop(stdin);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0));
