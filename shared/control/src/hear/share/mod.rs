@@ -294,9 +294,8 @@ impl ShareEstimator {
         self.age_stale_share();
         if !drive_state.settled {
             let predicted = self.profiler.as_ref().map(|profiler| profiler.settings().k);
-            let is_other = |k: f32| (drive_state.k - k).abs() > STALE_SHARE_TOLERANCE * k;
-            if predicted.is_some_and(is_other) {
-                // No new share is estimated while the amplitude changes.
+            // No new share is estimated while the amplitude changes.
+            if predicted.is_some_and(|k| (drive_state.k - k).abs() > STALE_SHARE_TOLERANCE * k) {
                 (self.share, self.margin) = (None, None);
             }
             return;
