@@ -9,9 +9,9 @@ use kband_plant::Scene;
 
 /// Drive cycles until the parts hop steadily, and of the measurement.
 const CYCLES: [u32; 2] = [200, 1000];
-/// Largest RMS difference of the mean speeds, over the track's largest speed along itself. Noise
-/// alone, which changes chaotic hops, gives 0.04 (measured with 11 times 12 lots).
-const MAX_DIFFERENCE: f64 = 0.06;
+/// Smallest difference of two mean speeds, over the track's largest speed along itself, that counts.
+/// Other noise brings parts to another attractor in up to 3 of 30 lots; a light mass in none of 150.
+const DIFFERENCE: f64 = 0.1;
 /// Largest time in turns by which a throw may precede the last impact: 0.2 rad.
 const MAX_OVERLAP: f64 = 0.04;
 
@@ -68,7 +68,7 @@ fn convey(scene: &Scene, waveform: bool) -> f64 {
 #[test]
 fn random_lots_convey_alike_in_both_plants_and_with_mass() {
     let (seed, lots) = (number("KBAND_SEED", 1), number("KBAND_LOTS", 12));
-    let mut squares = [0.0; 2];
+    let mut differing = [0; 2];
     for n in 0..lots {
         let scene = lot(seed, n);
         let mut heavy = scene.clone();
@@ -76,11 +76,11 @@ fn random_lots_convey_alike_in_both_plants_and_with_mass() {
         heavy.drive.mass = 10.0;
         let slow = convey(&scene, true);
         let others = [convey(&scene, false), convey(&heavy, true)];
-        let both = slow != 0.0 && others.iter().all(|other| *other != 0.0);
-        for (square, other) in squares.iter_mut().zip(others).filter(|_| both) {
-            *square += (other - slow) * (other - slow);
+        let all = slow != 0.0 && others.iter().all(|other| *other != 0.0);
+        for (count, other) in differing.iter_mut().zip(others) {
+            *count += u64::from(all && (other - slow).abs() > DIFFERENCE);
         }
     }
-    let rms = squares.map(|square| (square / lots as f64).sqrt());
-    assert!(rms.iter().all(|rms| *rms < MAX_DIFFERENCE), "{rms:?}");
+    let [envelope, heavy] = differing;
+    assert!(envelope <= lots / 5 && heavy <= lots / 15, "{differing:?}");
 }
