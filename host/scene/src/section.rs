@@ -27,7 +27,7 @@ pub(crate) fn pair(value: &Value) -> Option<(f64, f64)> {
 }
 
 /// Key of older scenes without effect.
-const REMOVED_KEY: &str = "output_minimum";
+const REMOVED_KEY: &str = "drive.output_minimum";
 
 /// One table of a scene file; keys that remain at the end are unknown.
 pub(crate) struct Section {
@@ -191,7 +191,7 @@ impl Section {
     }
 
     pub fn finish(&self) -> Result<(), Refusal> {
-        let Some(key) = self.table.keys().find(|key| *key != REMOVED_KEY) else {
+        let Some(key) = self.table.keys().find(|key| self.path(key) != REMOVED_KEY) else {
             return Ok(());
         };
         let mut requested = self.requested.iter();

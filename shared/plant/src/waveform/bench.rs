@@ -447,14 +447,12 @@ impl Bench {
         })
     }
 
-    /// Displacement in m and velocity in m/s of each upper tone; 0 if none leads along the track.
-    fn upper_motions(&self) -> [[f64; 2]; UPPER] {
+    /// Displacement in m and velocity in m/s of each upper tone; `None` without a phase lead.
+    fn upper_motions(&self) -> Option<[[f64; 2]; UPPER]> {
         let filter = self.tone_filter.as_ref();
-        let filter = filter.filter(|_| self.along[0][1] != 0.0);
-        let motions = filter.map(|filter| filter.motions(all(&self.drive, &self.modes)));
-        motions
-            .unwrap_or_default()
-            .map(|motion| motion.map(f64::from))
+        let filter = filter.filter(|_| self.along[0][1] != 0.0)?;
+        let motions = filter.motions(all(&self.drive, &self.modes));
+        Some(motions.map(|motion| motion.map(f64::from)))
     }
 
     /// Swing of the track with this motion at an angular frequency in rad/s.

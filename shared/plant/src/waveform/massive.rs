@@ -28,8 +28,8 @@ pub struct Ground {
     pub angular: f64,
     /// Motion along the track over that normal to it, for each tone n: eta cos, eta sin of n gamma.
     pub along: [[f64; 2]; 1 + UPPER],
-    /// Displacement (m) and velocity (m/s) of each upper tone.
-    pub upper: [[f64; 2]; UPPER],
+    /// Displacement (m) and velocity (m/s) of each upper tone; `None` without a phase lead.
+    pub upper: Option<[[f64; 2]; UPPER]>,
     /// Mean displacement of the swinging track in m.
     pub level: f64,
     pub law: Law,
@@ -45,7 +45,8 @@ impl Ground {
             [position, velocity, cosine * a - sine * angular * v]
         };
         let (mut first, mut sum) = ([x - self.level, v, a], [0.0; 3]);
-        for (n, (&[x, v], along)) in self.upper.iter().zip(&self.along[1..]).enumerate() {
+        let upper = self.upper.iter().flatten();
+        for (n, (&[x, v], along)) in upper.zip(&self.along[1..]).enumerate() {
             let angular = (n + 2) as f64 * self.angular;
             let upper = [x, v, -angular * angular * x];
             let led = led(upper, *along, angular);
