@@ -8,7 +8,7 @@ use kband_scene::{Distribution, Fidelity, Outcome, SceneFile, Watch};
 use crate::desk::Desk;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
-use crate::report::{Column, Table, Value, columns, fields, finite};
+use crate::report::{Column, Table, Value, fields, finite};
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
@@ -52,36 +52,25 @@ fields! {
     }
 }
 
-/// Runs with one method of control.
+/// Runs of one scene, in order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Runs {
-    /// Name of the method.
-    pub name: &'static str,
-    /// Runs in order.
-    pub runs: Vec<Run>,
-}
+pub struct Runs(pub Vec<Run>);
 
 impl Runs {
     /// `count` runs of `file`, drawn by the scene's seed and the number of the run.
-    pub fn run(
-        name: &'static str,
-        file: &SceneFile,
-        count: usize,
-        fidelity: Fidelity,
-        desk: &Desk,
-    ) -> Result<Self> {
-        let runs = desk.try_map(name, count, |n| run_one(&drawn(file, n as u64), fidelity))?;
-        Ok(Self { name, runs })
+    pub fn run(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) -> Result<Self> {
+        let run = |n| run_one(&drawn(file, n as u64), fidelity);
+        desk.try_map("runs", count, run).map(Self)
     }
 
     /// Number of runs that reached the requested state.
     pub fn reached(&self) -> usize {
-        self.runs.iter().filter(|run| run.reached.is_some()).count()
+        self.0.iter().filter(|run| run.reached.is_some()).count()
     }
 
     /// Times in s at which they reached it, ascending.
     pub fn times(&self) -> Vec<f64> {
-        let mut times: Vec<f64> = self.runs.iter().filter_map(|run| run.reached).collect();
+        let mut times: Vec<f64> = self.0.iter().filter_map(|run| run.reached).collect();
         times.sort_by(f64::total_cmp);
         times
     }
@@ -100,7 +89,7 @@ impl Runs {
     /// Estimated share of time in gear, over the time with an estimate; `None` without one.
     pub fn in_gear_estimated(&self) -> Option<f64> {
         let (mut weighted_share, mut estimated_time) = (0.0, 0.0);
-        for run in &self.runs {
+        for run in &self.0 {
             if let (Some(share), Some(time)) = (run.in_gear_estimated, run.in_gear_coverage) {
                 weighted_share += share * time;
                 estimated_time += time;
@@ -120,13 +109,13 @@ impl Runs {
     }
 
     fn mean(&self, value: impl Fn(&Run) -> Option<f64>) -> Option<f64> {
-        let sum = self.runs.iter().map(value).sum::<Option<f64>>()?;
-        (!self.runs.is_empty()).then(|| sum / self.runs.len() as f64)
+        let sum = self.0.iter().map(value).sum::<Option<f64>>()?;
+        (!self.0.is_empty()).then(|| sum / self.0.len() as f64)
     }
 
     /// Share of runs that reached it, and its 95 % confidence interval (Wilson).
     pub fn share(&self) -> (f64, f64, f64) {
-        let n = self.runs.len().max(1) as f64;
+        let n = self.0.len().max(1) as f64;
         let p = self.reached() as f64 / n;
         let z = 1.959_964;
         let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
@@ -190,9 +179,8 @@ fn target_state(target: Target) -> State {
     }
 }
 
-pub fn table(all: &[Runs]) -> Table {
-    let blocks = all.iter().map(|runs| (vec![runs.name.into()], runs));
-    table_of(vec![columns::CONTROL.text()], blocks)
+pub fn table(runs: &Runs) -> Table {
+    table_of(Vec::new(), std::iter::once((Vec::new(), runs)))
 }
 
 /// A row for each run, which begins with the cells of its block under `columns`.
@@ -204,7 +192,7 @@ pub(super) fn table_of<'a>(
     columns.extend(view.columns());
     let mut table = Table::new(&columns);
     for (cells, runs) in blocks {
-        for (n, run) in runs.runs.iter().enumerate() {
+        for (n, run) in runs.0.iter().enumerate() {
             let mut row = cells.clone();
             row.extend(view.row(&(n, run.clone())));
             table.push_row(row);
@@ -215,8 +203,7 @@ pub(super) fn table_of<'a>(
 
 fields! {
     pub fn summary(runs: Runs) {
-        all CONTROL.text() => runs.name;
-        all RUNS => runs.runs.len();
+        all RUNS => runs.0.len();
         all RUNS_REACHED.titled("reached") => runs.reached();
         all SHARE.digits(4) => runs.share().0;
         all LOW_95.digits(4) => runs.share().1;
@@ -231,30 +218,27 @@ fields! {
 }
 
 /// Draws the share of runs that reached the requested state over time.
-pub fn draw(all: &[Runs], file: &SceneFile) -> Picture {
+pub fn draw(runs: &Runs, file: &SceneFile) -> Picture {
     let end = file.duration;
     let share = Axis::new("runs in the wanted state", "%", -5.0, 105.0);
-    let mut panel = Panel::new(Axis::new("time", "s", 0.0, end), share);
-    for (series, runs) in all.iter().enumerate() {
-        let step = 100.0 / runs.runs.len().max(1) as f64;
-        let mut points = vec![(0.0, 0.0)];
-        let times = runs.times();
-        let stride = times.len().div_ceil(400).max(1);
-        for (n, time) in times.iter().enumerate() {
-            if n % stride == 0 || n + 1 == times.len() {
-                let (x, y) = (*time, (n + 1) as f64 * step);
-                points.push((x, points[points.len() - 1].1));
-                points.push((x, y));
-            }
+    let step = 100.0 / runs.0.len().max(1) as f64;
+    let mut points = vec![(0.0, 0.0)];
+    let times = runs.times();
+    let stride = times.len().div_ceil(400).max(1);
+    for (n, time) in times.iter().enumerate() {
+        if n % stride == 0 || n + 1 == times.len() {
+            let (x, y) = (*time, (n + 1) as f64 * step);
+            points.push((x, points[points.len() - 1].1));
+            points.push((x, y));
         }
-        points.push((end, points[points.len() - 1].1));
-        panel = panel.line(runs.name, series, points);
     }
+    points.push((end, points[points.len() - 1].1));
+    let panel = Panel::new(Axis::new("time", "s", 0.0, end), share).line("", 0, points);
     let settings = &file.scene.settings;
     Picture::new("How soon the parts are where they are wanted")
         .caption(format!(
             "{} runs, R drawn from {}..{}, amplitude error up to {} %, target {}",
-            all.first().map_or(0, |runs| runs.runs.len()),
+            runs.0.len(),
             settings.restitution_low,
             settings.restitution_high,
             settings.amplitude_error * 100.0,
@@ -274,9 +258,9 @@ mod tests {
         let desk = Desk::new(Some(2)).unwrap();
         let mut runs = |count, seed| {
             file.scene.seed = seed;
-            Runs::run("", &file, count, Fidelity::Envelope, &desk)
+            Runs::run(&file, count, Fidelity::Envelope, &desk)
                 .unwrap()
-                .runs
+                .0
         };
         let one = runs(1, 3);
         assert_eq!(runs(6, 3)[..1], one);
@@ -299,15 +283,15 @@ mod tests {
         for fidelity in Fidelity::ALL {
             let run = |threads| {
                 let desk = Desk::new(Some(threads)).unwrap();
-                Runs::run("", &file, 3, fidelity, &desk).unwrap()
+                Runs::run(&file, 3, fidelity, &desk).unwrap()
             };
             let runs = run(1);
             assert_eq!(runs, run(3));
             // 18 parts for 2750 periods, a loss every 27: the standard error of the mean is 0.01.
             let share = runs.in_gear().unwrap();
             assert!((share - 0.811).abs() < 0.03, "{fidelity:?}: {share}");
-            assert!(runs.runs[0].in_gear != runs.runs[1].in_gear);
-            let first = &runs.runs[0];
+            assert!(runs.0[0].in_gear != runs.0[1].in_gear);
+            let first = &runs.0[0];
             assert!(first.regime.starts_with("in gear 0.8"), "{first:?}");
         }
         // Without scatter a part in lock is always in gear.
@@ -315,7 +299,7 @@ mod tests {
         file.scene.target = Target::Locked { order: 1 };
         file.duration = 10.0;
         let desk = Desk::new(Some(1)).unwrap();
-        let runs = Runs::run("", &file, 1, Fidelity::Envelope, &desk).unwrap();
+        let runs = Runs::run(&file, 1, Fidelity::Envelope, &desk).unwrap();
         assert!(runs.in_gear().unwrap() > 0.9, "{runs:?}");
     }
 
@@ -325,7 +309,7 @@ mod tests {
             reached,
             ..Run::default()
         };
-        let share_of = |runs| Runs { name: "", runs }.share();
+        let share_of = |runs| Runs(runs).share();
         let runs = (0..100).map(|n| run((n < 90).then_some(1.0)));
         let (share, low, high) = share_of(runs.collect());
         // Wilson's interval for 90 of 100 (Brown, Cai & DasGupta 2001): 0.826..0.945.

@@ -132,7 +132,7 @@ pub struct Sweep {
 
 fields! {
     fn summary(point: Point) {
-        all RUNS => point.runs.runs.len();
+        all RUNS => point.runs.0.len();
         all SHARE.titled("reached").digits(4) => point.runs.share().0;
         all LOW_95.digits(4) => point.runs.share().1;
         all HIGH_95.digits(4) => point.runs.share().2;
@@ -143,14 +143,14 @@ fields! {
         all IN_GEAR_ESTIMATED.digits(3) => point.runs.in_gear_estimated();
         all IN_GEAR_COVERAGE.digits(3) => point.runs.in_gear_coverage();
         all SPEED.digits(4) => point.middle(|run| run.speed * 1e3);
-        all STATE => most_frequent(point.runs.runs.iter().map(|run| run.state.name()));
-        all REGIME => most_frequent(point.runs.runs.iter().map(|run| run.regime.as_str()));
+        all STATE => most_frequent(point.runs.0.iter().map(|run| run.state.name()));
+        all REGIME => most_frequent(point.runs.0.iter().map(|run| run.regime.as_str()));
     }
 }
 
 impl Point {
     fn middle(&self, value: impl Fn(&Run) -> f64) -> Option<f64> {
-        let mut all: Vec<f64> = self.runs.runs.iter().map(value).collect();
+        let mut all: Vec<f64> = self.runs.0.iter().map(value).collect();
         all.sort_by(f64::total_cmp);
         let middle = all.get(all.len() / 2).copied();
         middle.filter(|value| value.is_finite())
@@ -210,10 +210,7 @@ impl Sweep {
         let mut runs = runs.into_iter();
         let points = scenes.into_iter().map(|(values, _)| Point {
             values,
-            runs: Runs {
-                name: "sweep",
-                runs: runs.by_ref().take(count).collect(),
-            },
+            runs: Runs(runs.by_ref().take(count).collect()),
         });
         Ok(Self {
             points: points.collect(),
@@ -243,7 +240,7 @@ impl Sweep {
 
     /// Share of runs that reached the requested state over the swept key, or over the first two.
     pub fn draw(&self, file: &SceneFile) -> Picture {
-        let count = self.points.first().map_or(0, |point| point.runs.runs.len());
+        let count = self.points.first().map_or(0, |point| point.runs.0.len());
         let further: Vec<&str> = (self.axes.iter().skip(2))
             .map(|axis| axis.key.as_str())
             .collect();

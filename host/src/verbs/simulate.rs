@@ -6,7 +6,6 @@ mod summary;
 use std::path::{Path, PathBuf};
 
 use kband::feeder::Restitution;
-use kband_control::Target;
 use kband_plant::{Moment, Sample};
 
 use crate::board::{Address, Emulated};
@@ -56,8 +55,7 @@ pub struct Arguments {
     /// Duration in s instead of the scene's.
     #[arg(long, value_name = "S", value_parser = arguments::within(0.1, 86_400.0, "s"))]
     duration: Option<f64>,
-    /// Number of runs with random restitution, amplitude error and noise, beside as many runs with
-    /// the amplitude from the band alone.
+    /// Number of runs with random restitution, amplitude error and noise.
     #[arg(long, value_name = "N", value_parser = arguments::count(1, 1_000_000))]
     runs: Option<usize>,
     /// Seed of all random numbers (noise, parts, runs) instead of the scene's.
@@ -189,10 +187,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     let fidelity = arguments.fidelity(&file)?;
     if let Some(count) = arguments.runs {
-        let all = many_runs(&file, count, fidelity, desk)?;
+        let all = Runs::run(&file, count, fidelity, desk)?;
         arguments.look.write(&picture, &runs::draw(&all, &file))?;
-        let report = runs::summary().printout(&all);
         let table = runs::table(&all);
+        let report = runs::summary().printout(&[all]);
         return print_runs(report, &table, &picture, trace, arguments.format);
     }
     if let Some(trace) = trace.filter(|trace| trace.ending() == "csv") {
@@ -284,59 +282,4 @@ fn print_runs(
     let picture = format!("picture          {}", picture.path().display());
     report.note(picture).notes(runs).print(format)?;
     Ok(Exit::Done)
-}
-
-/// Runs of the controller, and of an amplitude set from the lock's band alone.
-fn many_runs(file: &SceneFile, count: usize, fidelity: Fidelity, desk: &Desk) -> Result<[Runs; 2]> {
-    let mut alone = file.clone();
-    alone.scene.settings.capture_attempts = 0.0;
-    if let Target::Gear { order } = file.scene.target {
-        alone.scene.target = Target::Locked { order };
-    }
-    let planned = Runs::run("planned kicks", file, count, fidelity, desk)?;
-    let kicks = |target| {
-        use Target::{Chaotic, Locked, PartsPerMinute, Speed};
-        matches!(
-            target,
-            Locked { .. } | Chaotic | Speed(_) | PartsPerMinute(_)
-        )
-    };
-    let alone = if alone.scene.targets().any(kicks) {
-        Runs::run("band alone", &alone, count, fidelity, desk)?
-    } else {
-        Runs {
-            name: "band alone",
-            ..planned.clone()
-        }
-    };
-    Ok([planned, alone])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn without_kicks_the_band_alone_has_the_same_runs() {
-        let desk = Desk::new(Some(1)).unwrap();
-        let scene = crate::simulate::DEFAULT;
-        let targets = [
-            "k = 0.43",
-            "amplitude = 0.23",
-            "identify = true",
-            "locked = 1",
-        ];
-        for target in targets {
-            let text = scene.replacen("gear = 1 ", target, 1);
-            let mut file = SceneFile::parse(&text).unwrap();
-            file.duration = 6.0;
-            let mut without = file.clone();
-            without.scene.settings.capture_attempts = 0.0;
-            let fidelity = Fidelity::Envelope;
-            let [planned, alone] = many_runs(&file, 2, fidelity, &desk).unwrap();
-            let expected = Runs::run("band alone", &without, 2, fidelity, &desk).unwrap();
-            assert_eq!(alone, expected, "{target}");
-            assert_eq!(planned.runs == alone.runs, target != "locked = 1");
-        }
-    }
 }

@@ -60,7 +60,7 @@ pub fn table(lots: &[Row], count: usize) -> Vec<String> {
         let gear = lot.drives.iter().map(|&drive| ("gear", GEAR, drive));
         for (name, target, drive) in std::iter::once(("lock", LOCK, ONE_TONE)).chain(gear) {
             let file = scene(lot, target, drive);
-            let runs = Runs::run("gear", &file, count, Fidelity::Envelope, &desk).unwrap();
+            let runs = Runs::run(&file, count, Fidelity::Envelope, &desk).unwrap();
             let (expected, k, Shape { second, third }, peak) = planned(&file.scene);
             let [afforded, third_afforded, _] = drive;
             let cells = [
