@@ -189,6 +189,8 @@ settings! {
 /// Share of the hard limits that the reference uses on a track with heavy parts. Impacts that are
 /// not heard raise its amplitude unmeasured: by 8 % at 5 % of its mass, with a weak sensor.
 const REFERENCE_SHARE_UNDER_LOAD: f32 = 0.95;
+/// The same with upper tones, which parts that leave gear raise too, by 23 % of the acceleration.
+const REFERENCE_SHARE_ON_TONES: f32 = 0.9;
 
 impl Settings {
     /// The configured lot of parts.
@@ -222,13 +224,18 @@ impl Settings {
         self.amplitude_limit.min(by_acceleration)
     }
 
+    /// Share of the hard limits that the reference uses, 0..1.
+    pub(crate) fn reference_share(&self) -> f32 {
+        match self.upper_tones() {
+            _ if self.track_mass <= 0.0 => 1.0,
+            0 => REFERENCE_SHARE_UNDER_LOAD,
+            _ => REFERENCE_SHARE_ON_TONES,
+        }
+    }
+
     /// Largest amplitude in mm and acceleration in m/s^2 of the reference, within the hard limits.
     pub(crate) fn reference_limits(&self) -> [f32; 2] {
-        let share = if self.track_mass > 0.0 {
-            REFERENCE_SHARE_UNDER_LOAD
-        } else {
-            1.0
-        };
+        let share = self.reference_share();
         [self.amplitude_limit, self.acceleration_limit].map(|limit| share * limit)
     }
 

@@ -9,9 +9,10 @@ use kband::arithmetic::Noise;
 use kband_control::{Fault, Report, Shape, Target, UpperTone};
 use std::vec::Vec;
 
-/// Largest true amplitude and acceleration over their hard limits, and after fault 2 (sensor
-/// saturated), with the output's model as the bound.
-const MAX_EXCESS: [f32; 2] = [1.1, 1.2];
+/// Largest true amplitude and acceleration over their hard limits, with heavy parts that strike
+/// between two measurements, and after fault 2 (sensor saturated), with the output's model as the
+/// bound.
+const MAX_EXCESS: [f32; 3] = [1.1, 1.15, 1.2];
 /// Largest peak-to-peak amplitude over its reference at READY, without and with heavy parts: 8 % to
 /// each side as measured, and 8 % by impacts that are not heard. Measured: 0.12 and 0.21.
 const MAX_VARIATION: [f32; 2] = [0.16, 0.24];
@@ -239,7 +240,10 @@ fn drawn_feeders_keep_limits_and_steady_ready() {
         let differs = scene.drive.quality != scene.settings.quality;
         for (n, result) in results.into_iter().enumerate() {
             let saturated = result.fault == Fault::SensorSaturated.number();
-            let max_excess = MAX_EXCESS[usize::from(saturated)];
+            let max_excess = match saturated {
+                true => MAX_EXCESS[2],
+                false => MAX_EXCESS[usize::from(scene.has_mass())],
+            };
             let keeps = !result.broken
                 && result.max_excess <= max_excess
                 && result.ringing <= max_excess * (1.0 + released(&scene))
@@ -276,7 +280,8 @@ fn ready_stays_off_while_heavy_parts_beat() {
 
 /// A mode at the second tone of 16 times the configured quality swings past the requested tone, or
 /// beats with it at other angles. One that cancels the resonance's motion would ring if its tone
-/// ended at once. Heavy parts push while the limit halves the tones, unheard, or outside the lot.
+/// ended at once. Heavy parts push while the limit halves the tones, unheard, outside the lot, or on
+/// tones whose peak is at the limit.
 #[test]
 fn hard_limits_hold_with_sharp_modes_and_heavy_parts() {
     for (seed, number, cycles) in [
@@ -284,12 +289,14 @@ fn hard_limits_hold_with_sharp_modes_and_heavy_parts() {
         (91_001, 12, 160),
         (85_011, 44, 120),
         (81_015, 4, 120),
-        (81_034, 46, 900),
         (85_003, 9, 600),
+        (611_133, 83, 100),
+        (620_052, 56, 200),
+        (620_057, 69, 500),
     ] {
         let results = run_fidelities(&numbered(seed, number), cycles).unwrap();
         assert!(
-            (0.9..MAX_EXCESS[0]).contains(&results[0].max_excess),
+            (0.9..MAX_EXCESS[1]).contains(&results[0].max_excess),
             "{results:?}"
         );
     }

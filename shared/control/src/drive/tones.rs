@@ -100,6 +100,8 @@ pub struct Tones {
     loops: [ToneLoop; UPPER],
     acceleration_limit: f32,
     amplitude_limit: f32,
+    /// Share of the hard limits that the reference uses, 0..1.
+    reference_share: f32,
     /// The loops' goal, and its [peaks](Shape::peaks).
     shape: Shape,
     peaks: [f32; 2],
@@ -133,6 +135,7 @@ impl Tones {
             ],
             acceleration_limit: settings.acceleration_limit,
             amplitude_limit: settings.amplitude_limit * 1e-3,
+            reference_share: settings.reference_share(),
             shape: Shape::SINE,
             peaks: [1.0; 2],
             output: [Complex::default(); UPPER],
@@ -240,7 +243,8 @@ impl Tones {
         if !self.loops.iter().zip(self.shape.tones()).any(requested) {
             return 1.0;
         }
-        let amplitude = first.max(inputs.reference);
+        // Heavy parts may move the track into the reserve, the reference may not.
+        let amplitude = first.max(inputs.reference / self.reference_share);
         let mut share = 1.0_f32;
         let limits = [
             self.amplitude_limit,
