@@ -109,11 +109,9 @@ impl OnsetDetector {
     pub fn detect(&mut self, residual: f32) -> Option<f32> {
         let height = if residual < 0.0 { -residual } else { residual };
         let step = self.median * Self::MEDIAN_STEP as f32;
-        if height > self.median {
-            self.median += step;
-        } else if self.median > self.floor {
-            self.median -= step;
-        }
+        // Half of the samples are above the median: a branch would be mispredicted.
+        let fall = if self.median > self.floor { step } else { 0.0 };
+        self.median += if height > self.median { step } else { -fall };
         let above = height > Self::MEDIAN_THRESHOLD * self.median;
         let is_onset =
             above && height > Self::MIN_OVER_ENVELOPE as f32 * self.ringing && self.rising == 0;
