@@ -110,9 +110,10 @@ impl Controller {
         self.limits.limits.contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: impacts are not detected, or parts do not fit the lot.
+    /// Whether nothing is reported of gear: impacts are not detected, parts do not fit the lot, or
+    /// their restitution, which the estimate requires, is being identified.
     fn is_estimate_invalid(&self) -> bool {
-        self.misses_impacts() || self.selection.misfit
+        self.misses_impacts() || self.selection.misfit || self.identifier.is_running()
     }
 
     /// The estimated share, also while [`Limits::DEAF`] hides it in the report.

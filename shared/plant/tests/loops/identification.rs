@@ -24,9 +24,12 @@ fn scene(parts: &[f32], seed: u64, sensor: SensorModel) -> Scene {
 
 fn identified(scene: &Scene, waveform: bool) -> Identification {
     let mut closed = Loop::build(scene, waveform);
-    let mut ends = (0..LONGEST).filter_map(|_| match closed.cycle().0.report.identification {
-        Identification::Idle | Identification::Listening { .. } => None,
-        ended => Some(ended),
+    let mut ends = (0..LONGEST).filter_map(|_| {
+        let report = closed.cycle().0.report;
+        let listens = matches!(report.identification, Identification::Listening { .. });
+        // A share in gear requires the restitution.
+        assert!(!listens || report.in_gear_error.is_infinite(), "{report:?}");
+        (!listens && report.identification != Identification::Idle).then_some(report.identification)
     });
     ends.next().expect("an identification ends")
 }
