@@ -107,7 +107,7 @@ impl OnsetDetector {
     /// Updates the threshold with one residual (m/s^2); returns its magnitude at an onset.
     #[inline]
     pub fn detect(&mut self, residual: f32) -> Option<f32> {
-        let height = if residual < 0.0 { -residual } else { residual };
+        let height = residual.abs();
         let step = self.median * Self::MEDIAN_STEP as f32;
         // Half of the samples are above the median: a branch would be mispredicted.
         let fall = if self.median > self.floor { step } else { 0.0 };
