@@ -226,8 +226,15 @@ impl Outcome {
         self.masses().last().map_or(0.0, |(_, mass)| *mass)
     }
 
-    /// Mean conveying speed at the end in m/s, positive upwards (time mean).
+    /// Mean conveying speed in m/s, positive upwards: from [`STATISTICS_START`](super::STATISTICS_START)
+    /// on, or of the last second after a late change or a short run.
     pub fn speed(&self) -> f64 {
+        let changes = self.file.scene.disturbances.iter().map(|it| it.at);
+        let mut changes = changes.chain(self.events().map(|it| it.time));
+        let is_steady = changes.all(|time| time < super::STATISTICS_START);
+        if let Some(speed) = self.record.speed().filter(|_| is_steady) {
+            return speed;
+        }
         let speed = |(first, last): (&Moment, Moment)| {
             let time = last.time - first.time;
             (time > 0.0).then(|| (last.displacement - first.displacement) / time)
