@@ -17,8 +17,11 @@ impl Law {
             Self::Restitution(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
             Self::Friction(it) => [it.amplitude_ratio, it.phase_lead, it.incline_tangent],
         };
-        let phase = phase + lead;
-        let acceleration = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
-        ratio * acceleration - k * incline
+        ratio * push_of(wave, phase + lead) - k * incline
     }
+}
+
+/// Downward acceleration of the track in `b w^2` at a phase in rad; without a wave it is a sine.
+pub fn push_of(wave: Option<&Wave>, phase: f64) -> f64 {
+    wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase))
 }

@@ -1,7 +1,7 @@
 //! Event-driven simulation of one part: the impact map at the track's amplitude at launch.
 
 use super::drive::Swing;
-use super::law::Law;
+use super::law::{Law, push_of};
 use core::f64::consts::{PI, TAU};
 use kband::arithmetic::Phase;
 use kband::impact::{
@@ -246,27 +246,32 @@ impl Part {
         let restitution = self.restitution.draw();
         let launch_speed = restitution * arrival;
         self.pushed = arrival + launch_speed;
-        if let Some(Law::Friction(settings)) = track.law {
-            self.along = settings.velocity_after_impact(self.along, self.pushed);
-        }
-        let velocity = launch_speed / (amplitude * track.angular);
+        let unit = amplitude * track.angular;
+        let velocity = launch_speed / unit;
         let mut state = PartState { phase, velocity };
         let impact_time = time;
         let mut time = time;
+        let (mut impulse, mut gains) = (self.pushed, [0.0; 2]);
         if !track.contact.is_instant() {
             state = track.contact.launch(restitution, state, k, track.wave);
             let radians = track.contact.radians();
             time += (radians / TAU * Phase::TURN) as u64;
             // The state after the contact includes its friction; a resting part lies from then on.
             self.rest_start = Some(time);
-            let law = track.law;
-            let push = law.map_or(0.0, |law| law.push(track.wave, k, state.phase));
-            self.along += track.contact.gain_along(restitution) * push * amplitude * track.angular;
-            self.displacement += 0.5 * (along + self.along) * radians / track.angular;
-            if state.velocity == 0.0 {
-                self.motion = Motion::Chattering { until: time };
-                return Some(strike);
-            }
+            let push = (track.law).map_or(0.0, |law| law.push(track.wave, k, state.phase));
+            let pull = k - push_of(track.wave, state.phase);
+            impulse = arrival + (state.velocity + radians * pull) * unit;
+            let free = track.contact.gain_along(restitution);
+            gains = [radians - free, free].map(|gain| gain * push * unit);
+        }
+        self.along = match track.law {
+            Some(Law::Friction(it)) => it.velocity_after_impact(along, impulse, gains),
+            _ => along + gains[1],
+        };
+        self.displacement += 0.5 * (along + self.along) * track.contact.radians() / track.angular;
+        if state.velocity == 0.0 && !track.contact.is_instant() {
+            self.motion = Motion::Chattering { until: time };
+            return Some(strike);
         }
         let Some(map) = map else {
             self.bounce_on_tones(track, state, amplitude, time);

@@ -256,7 +256,7 @@ impl MassivePart {
         let relative = match ground.law {
             Law::Restitution(tangential) => tangential.restitution * relative,
             Law::Friction(friction) => {
-                friction.velocity_after_impact(relative, (1.0 + restitution) * speed)
+                friction.velocity_after_impact(relative, (1.0 + restitution) * speed, [0.0; 2])
             }
         };
         let blow = Blow {

@@ -5,7 +5,7 @@ use kband::impact::{ContactTime, Scatter, TangentialSettings, Wave, WaveMap};
 use kband::regime::Lock;
 use kband::regime::gear::{Share, shares_from_rest};
 use kband::transport::locked;
-use kband_control::{Limits, State};
+use kband_control::{Limits, State, Target};
 use kband_plant::Scene;
 
 /// Contact in ms at 50 Hz, 2 % of the cycle.
@@ -125,6 +125,32 @@ fn impacts_longer_than_a_period_of_the_ringing_are_reported_as_not_measurable() 
             let last = (0..1500).map(|_| closed.cycle().0.report.limits).last();
             let is_deaf = last.unwrap().contains(Limits::DEAF);
             assert_eq!(is_deaf, expected, "{waveform} {contact}");
+        }
+    }
+}
+
+/// Mean velocities in `b w`, from integrated contacts with friction; the first order errs by 0.1.
+#[test]
+fn sliding_parts_convey_as_in_an_integrated_contact() {
+    for (k, restitution, expected) in [
+        (0.7, 0.46, 0.854),
+        (0.6, 0.46, 0.566),
+        (0.5, 0.2, 1.668),
+        (0.7, 0.2, 0.756),
+    ] {
+        let mut scene = with_contact(three_part_scene(), CONTACT);
+        scene.parts = [restitution].into_iter().collect();
+        (scene.settings.incline, scene.settings.amplitude_ratio) = (0.0, 2.889);
+        (scene.target, scene.friction) = (Target::K(k), Some([0.278; 2]));
+        for mut closed in Loop::both(&scene) {
+            let mut after = |cycles| (0..cycles).map(|_| closed.cycle().0).last().unwrap();
+            let [from, to] = [after(300), after(1000)];
+            let speed = (to.displacement - from.displacement) / (to.time - from.time);
+            let velocity = speed * f64::from(k) * core::f64::consts::TAU * 50.0 / 9.80665;
+            assert!(
+                (velocity - expected).abs() < 0.15,
+                "{k} {restitution}: {velocity}"
+            );
         }
     }
 }

@@ -55,17 +55,19 @@ pub trait Along: Copy {
             ..*impact
         };
         let (distance, arriving) = self.arrive(launch, &touch, velocity);
-        let after = self.rebound(launch, &touch, arriving, restitution)
-            + contact.gain_along(restitution) * self.push(impact.next.phase);
-        let carried = 0.5 * (arriving + after) * contact.radians();
+        let (c, free) = (contact.radians(), contact.gain_along(restitution));
+        let gains = [c - free, free].map(|gain| gain * self.push(impact.next.phase));
+        let after = self.rebound(launch, &touch, arriving, c, gains);
+        let carried = 0.5 * (arriving + after) * c;
         (distance + carried, after)
     }
 
     /// Distance in b and velocity along the track at the end of a flight, before the impact.
     fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64);
 
-    /// Velocity along the track after an impact that a part meets with `arriving`.
-    fn rebound(&self, launch: PartState, flight: &Impact, arriving: f64, restitution: f64) -> f64;
+    /// Velocity along the track after an impact of `c` rad that a part meets with `v`. A free part
+    /// gains `gains`, during the force and after it.
+    fn rebound(&self, from: PartState, touch: &Impact, v: f64, c: f64, gains: [f64; 2]) -> f64;
 
     /// Acceleration of a free part along the track, relative to it, in `b w^2`.
     fn push(&self, phase: f64) -> f64;

@@ -111,8 +111,8 @@ impl Along for Tangential {
         (self.distance(launch, flight, velocity), arriving)
     }
 
-    fn rebound(&self, _: PartState, _: &Impact, arriving: f64, _: f64) -> f64 {
-        self.settings.restitution * arriving
+    fn rebound(&self, _: PartState, _: &Impact, v: f64, _: f64, [_, free]: [f64; 2]) -> f64 {
+        self.settings.restitution * v + free
     }
 
     fn push(&self, phase: f64) -> f64 {

@@ -50,10 +50,18 @@ impl FrictionSettings {
         Ok(())
     }
 
-    /// Velocity along the track after an impact with a normal impulse per mass, both in one unit.
-    pub fn velocity_after_impact(&self, velocity: f64, impulse: f64) -> f64 {
-        let speed = velocity.abs() - self.sliding * impulse;
-        libm::copysign(speed.max(0.0), velocity)
+    /// Velocity along the track after an impact with a normal impulse per mass. A free part gains
+    /// `gains`, during the force and after it: 0 if the impact has no duration. All in one unit.
+    pub fn velocity_after_impact(&self, velocity: f64, impulse: f64, gains: [f64; 2]) -> f64 {
+        let [pressed, free] = gains;
+        // The force holds a part, unless it slides through the impact.
+        let direction = if velocity == 0.0 {
+            0.0
+        } else {
+            libm::copysign(1.0, velocity)
+        };
+        let speed = direction * (velocity + pressed) - self.sliding * impulse.max(0.0);
+        direction * speed.max(0.0) + free
     }
 
     /// Velocity along the track that a chatter removes less than a contact of the same duration.
@@ -298,7 +306,9 @@ impl Along for Friction {
     fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
         let (distance, arriving) = self.arrive(launch, impact, velocity);
         let impulse = self.arrival_speed(launch, impact) + impact.next.velocity;
-        let after = self.settings.velocity_after_impact(arriving, impulse);
+        let after = self
+            .settings
+            .velocity_after_impact(arriving, impulse, [0.0; 2]);
         (distance, after)
     }
 
@@ -306,9 +316,10 @@ impl Along for Friction {
         self.motion_before_impact(launch.phase, flight.flight, velocity)
     }
 
-    fn rebound(&self, launch: PartState, flight: &Impact, arriving: f64, restitution: f64) -> f64 {
-        let impulse = (1.0 + restitution) * self.arrival_speed(launch, flight);
-        self.settings.velocity_after_impact(arriving, impulse)
+    fn rebound(&self, from: PartState, touch: &Impact, v: f64, c: f64, gains: [f64; 2]) -> f64 {
+        let pull = -self.normal.at(touch.next.phase);
+        let impulse = self.arrival_speed(from, touch) + touch.next.velocity + c * pull;
+        self.settings.velocity_after_impact(v, impulse, gains)
     }
 
     fn push(&self, phase: f64) -> f64 {
