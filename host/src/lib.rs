@@ -11,7 +11,7 @@ pub(crate) mod file;
 pub(crate) mod page;
 pub(crate) mod picture;
 pub mod provenance;
-pub(crate) mod random;
+pub mod random;
 pub mod refusal;
 pub(crate) mod report;
 pub mod simulate;

@@ -4,6 +4,7 @@
 pub struct SplitMix(pub u64);
 
 impl SplitMix {
+    /// The next 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
@@ -17,6 +18,7 @@ impl SplitMix {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
+    /// Uniform in `low..high`.
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }

@@ -1,5 +1,6 @@
 //! Launches for testing a map: ordinary and adversarial ones, from tracks of one to three tones.
 
+use kband_host::random::SplitMix;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use kband::impact::{PartState, Tone, Wave};
@@ -59,29 +60,23 @@ impl Launch {
     }
 }
 
-/// A small reproducible generator of random numbers (SplitMix64).
-#[derive(Clone, Debug)]
-pub struct Random(u64);
+/// A reproducible generator of random numbers.
+pub struct Random(SplitMix);
 
 impl Random {
     /// The sequence of `seed`.
     pub fn new(seed: u64) -> Self {
-        Self(seed)
+        Self(SplitMix(seed))
     }
 
     /// The next 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.bits()
     }
 
     /// Uniform in `from..to`.
     pub fn between(&mut self, from: f64, to: f64) -> f64 {
-        let unit = (self.bits() >> 11) as f64 / (1_u64 << 53) as f64;
-        from + (to - from) * unit
+        self.0.within(from, to)
     }
 
     /// Log-uniform in `from..to`.

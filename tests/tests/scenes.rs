@@ -4,8 +4,8 @@
 use std::fmt::Write;
 use std::sync::Mutex;
 
+use kband_control::Event;
 use kband_control::wire::crc32;
-use kband_control::{Event, Report};
 use kband_host::desk::Desk;
 use kband_host::simulate::{Fidelity, Outcome, Watch, run_watched};
 use kband_plant::Moment;
@@ -35,26 +35,13 @@ fn run(name: &str) {
     keeps_bits(name, &format!("{name}: {envelope:08x} {waveform:08x}"));
 }
 
-/// What a run finds out without a reader of its cycles. The displacement is then summed from the
-/// last seconds only, so the speed is rounded otherwise.
+/// What a run finds out without a reader of its cycles; speed is summed from another origin.
 fn results(outcome: &Outcome) -> String {
-    let events: Vec<_> = outcome.events().map(|it| (it.time, it.event)).collect();
-    let record = outcome.record();
-    let shares: Vec<_> = record.shares().collect();
-    let Report {
-        state,
-        fault,
-        limits,
-        command,
-        ..
-    } = outcome.last();
-    format!(
-        "{events:?} {state:?} {fault:?} {limits:?} {command:?} {shares:?} {:?} {:.12} {:?} {:?}",
-        outcome.k(),
-        outcome.speed(),
-        record.in_gear_estimated(),
-        outcome.masses(),
-    )
+    let (last, record) = (outcome.last(), outcome.record());
+    let events: Vec<_> = outcome.events().map(|it| it.event).collect();
+    let (shares, estimated) = (outcome.in_gear(), record.in_gear_estimated());
+    let (state, command, speed) = (last.state, last.command, outcome.speed());
+    format!("{events:?} {state:?} {command:?} {shares:?} {estimated:?} {speed:.12}")
 }
 
 /// Checksum of what a run records in every cycle.

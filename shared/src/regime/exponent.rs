@@ -409,12 +409,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn constant_values_have_no_error() {
-        assert_eq!(standard_error(1, |_| 1.0), f64::INFINITY);
-        assert_eq!(standard_error(30, |_| 1.0), 0.0);
-    }
-
     /// The autoregression x' = a x + noise has tau = (1 + a)/(1 - a).
     #[test]
     fn correlated_errors_match_the_theory() {

@@ -110,8 +110,7 @@ impl Controller {
         self.limits.limits.contains(Limits::DEAF)
     }
 
-    /// Whether nothing is reported of gear: impacts are not detected, parts do not fit the lot, or
-    /// their restitution, which the estimate requires, is being identified.
+    /// Whether no share is reported: impacts are missed, or the lot is wrong or being identified.
     fn is_estimate_invalid(&self) -> bool {
         self.misses_impacts() || self.selection.misfit || self.identifier.is_running()
     }
