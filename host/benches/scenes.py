@@ -20,15 +20,14 @@ ROUNDS = 7
 # A run of more than 600 s writes no trace unless one is requested.
 DURATION = 601
 PLAIN = {"gear": None, "friction": None, "scatter": 0.0, "amplitude": 0.25, "duration": DURATION}
-TONES = {"second_tone": 0.1}
 ROWS = {
     "plain": {},
     "target gear": {"gear": 1, "amplitude": None},
     "scatter": {"scatter": 0.04},
     "friction": {"friction": 0.3},
     "24 parts": {"actual": str([0.2] * 24)},
-    "second tone": TONES,
-    "third tone": TONES | {"third_tone": 0.05},
+    "second tone": {"second_tone": 0.1},
+    "third tone": {"second_tone": 0.1, "third_tone": 0.05},
     "track_mass": {"track_mass": 10.0},
     "heavy part": {"track_mass": 10.0, "mass": 20.0},
     "current sensor": {"current_sensitivity": 0.1},
@@ -68,7 +67,7 @@ def main() -> None:
                         run = [program, "--threads", "1", "simulate", f"{name}.toml"]
                         taken = seconds([*run, "--fidelity", fidelity], folder)
                         times.setdefault((name, fidelity, program), []).append(taken)
-    print("row               fidelity  times real time" + "  over plain" * len(programs))
+    print("row               fidelity  times real time  over plain  program")
     for (name, fidelity, program), taken in times.items():
         median = statistics.median(taken)
         plain = statistics.median(times["plain", fidelity, program])

@@ -422,7 +422,8 @@ class Outcome(NamedTuple):
     k: float
     """k at the end; infinite at rest."""
     speed: float
-    """Mean conveying speed at the end in m/s, positive upwards."""
+    """Mean conveying speed in m/s, positive upwards: from 5 s on, or of the last second after a
+    late change or a short run."""
     in_gear: float | None
     """Share of time in gear from 5 s on, 0..1; None in a shorter run."""
     in_gear_estimated: float | None

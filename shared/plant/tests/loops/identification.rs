@@ -27,6 +27,7 @@ fn identified(scene: &Scene, waveform: bool) -> Identification {
     let mut ends = (0..LONGEST).filter_map(|_| {
         let report = closed.cycle().0.report;
         let listens = matches!(report.identification, Identification::Listening { .. });
+        // A share in gear requires the restitution.
         assert!(!listens || report.in_gear_error.is_infinite(), "{report:?}");
         (!listens && report.identification != Identification::Idle).then_some(report.identification)
     });

@@ -52,14 +52,11 @@ impl FrictionSettings {
 
     /// Velocity along the track after an impact with a normal impulse per mass. A free part gains
     /// `gains`, during the force and after it: 0 if the impact has no duration. All in one unit.
+    /// Mean velocities of integrated contacts of 2 % of a cycle are met within 0.1 `b w`.
     pub fn velocity_after_impact(&self, velocity: f64, impulse: f64, gains: [f64; 2]) -> f64 {
         let [pressed, free] = gains;
         // The force holds a part, unless it slides through the impact.
-        let direction = if velocity == 0.0 {
-            0.0
-        } else {
-            libm::copysign(1.0, velocity)
-        };
+        let direction = libm::copysign(f64::from(velocity != 0.0), velocity);
         let speed = direction * (velocity + pressed) - self.sliding * impulse.max(0.0);
         direction * speed.max(0.0) + free
     }
