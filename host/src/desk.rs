@@ -1,12 +1,13 @@
 //! Work on all cores, with a progress bar and Ctrl-C.
 
 use std::io::IsTerminal;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::refusal::{Refusal, Result};
 
@@ -32,22 +33,32 @@ pub(crate) fn limit_waits() -> impl FnMut() -> Result<()> + Send {
 #[derive(Debug)]
 pub struct Desk {
     stop: Arc<AtomicBool>,
-    pool: rayon::ThreadPool,
+    /// Number of threads; 0 for one for each core.
+    threads: usize,
+    /// Started by the first work on all cores.
+    pool: OnceLock<ThreadPool>,
 }
 
 impl Desk {
     /// A desk with this many threads, or one for each core.
-    pub fn new(threads: Option<usize>) -> Result<Self> {
-        let pool = rayon::ThreadPoolBuilder::new();
-        let pool = pool.num_threads(threads.unwrap_or(0)).build();
+    pub fn new(threads: Option<usize>) -> Self {
+        Self {
+            stop: Arc::new(AtomicBool::new(false)),
+            threads: threads.unwrap_or(0),
+            pool: OnceLock::new(),
+        }
+    }
+
+    fn pool(&self) -> Result<&ThreadPool> {
+        if let Some(pool) = self.pool.get() {
+            return Ok(pool);
+        }
+        let pool = ThreadPoolBuilder::new().num_threads(self.threads).build();
         let pool = pool.map_err(|error| {
             let cause = format!("the threads could not be started: {error}");
             Refusal::new(cause, "try --threads 1")
         })?;
-        Ok(Self {
-            stop: Arc::new(AtomicBool::new(false)),
-            pool,
-        })
+        Ok(self.pool.get_or_init(|| pool))
     }
 
     /// From now on Ctrl-C (or SIGTERM) requests a stop of the work; a second one stops at once.
@@ -87,7 +98,7 @@ impl Desk {
             Ok(result)
         };
         let all = || (0..count).into_par_iter().map(step).collect();
-        self.pool.install(all)
+        self.pool()?.install(all)
     }
 
     /// Like [`Desk::map`] for work that may refuse; the first refusal in order is returned.
@@ -109,7 +120,7 @@ impl Desk {
         work: impl Fn(&[usize]) -> Result<Vec<T>> + Sync + Send,
     ) -> Result<Vec<T>> {
         let blocks = count.div_ceil(block_size.max(1));
-        let tasks = blocks.max(self.pool.current_num_threads()).min(count);
+        let tasks = blocks.max(self.pool()?.current_num_threads()).min(count);
         let of_task = |task: usize| (task..count).step_by(tasks).collect::<Vec<_>>();
         let results = self.try_map(title, tasks, |task| work(&of_task(task)))?;
         let mut results: Vec<_> = results.into_iter().map(Vec::into_iter).collect();
@@ -165,7 +176,7 @@ mod tests {
 
     #[test]
     fn an_interruption_stops_the_work() {
-        let desk = Desk::new(Some(2)).unwrap();
+        let desk = Desk::new(Some(2));
         let stop = Arc::clone(&desk.stop);
         let stopped = desk.map("", 1_000_000, |n| {
             if n == 10 {

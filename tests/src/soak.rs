@@ -123,7 +123,7 @@ pub fn soak(
     report: impl Fn(&str) + Sync + Send,
 ) -> Vec<(Kind, Tally)> {
     let blocks = count.div_ceil(LANES as u64).max(1) as usize;
-    let desk = Desk::new(None).expect("a desk");
+    let desk = Desk::new(None);
     let one = |kind| {
         let try_block = |number| {
             let launches = launches(kind, on_tones, seed, number as u64);

@@ -27,7 +27,7 @@ fn a_capture_over_a_serial_port_has_the_bits_of_the_desk() {
         change: Change::BrownOut(true),
     };
     file.scene.disturbances = std::iter::once(sag).collect();
-    let desk = Desk::new(Some(1)).unwrap();
+    let desk = Desk::new(Some(1));
     let address = Address::new(&board.port().display().to_string(), None);
     let line = address.open(Emulated::AtRest).unwrap();
     let emulated = run_on(line, &file, Watch::ALL_CYCLES, &desk).unwrap();

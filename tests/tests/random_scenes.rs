@@ -358,7 +358,7 @@ struct Ends {
 /// Runs scenes at both fidelities, twice at envelope fidelity: bits depend neither on the thread
 /// nor on earlier runs and their plans.
 fn play(count: u64, seed: u64, drawn: fn(&mut Random) -> Scene) -> Ends {
-    let played = Desk::new(None).unwrap().map("scenes", count as usize, |n| {
+    let played = Desk::new(None).map("scenes", count as usize, |n| {
         let mut random = Random::new(seed.wrapping_mul(1_000_003).wrapping_add(n as u64));
         let scene = drawn(&mut random);
         let seconds = random.between(3.0, 8.0) * 50.0 / f64::from(scene.settings.frequency);

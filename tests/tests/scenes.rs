@@ -13,7 +13,7 @@ use kband_tests::scenes;
 
 fn run(name: &str) {
     let file = scenes::read(name);
-    let desk = Desk::new(Some(1)).unwrap();
+    let desk = Desk::new(Some(1));
     let run_fidelity = |fidelity: Fidelity| {
         let watched = |watch| {
             run_watched(&file, fidelity, watch, &desk).unwrap_or_else(|refusal| panic!("{refusal}"))

@@ -1,5 +1,6 @@
 //! Runs a scene, evaluates its result, and compares it with the expected one.
 
+use std::sync::OnceLock;
 use std::time::Instant;
 
 use kband::arithmetic::Phase;
@@ -35,6 +36,8 @@ pub type ProgressCheck<'a> = &'a mut dyn FnMut(u64) -> Result<(), Refusal>;
 pub struct Outcome {
     file: SceneFile,
     record: Record,
+    /// Parts on the track at the end and their regimes; filled when they are first read.
+    regimes: OnceLock<Vec<(u8, Regime)>>,
     /// Time that the simulation took, s.
     wall_time: f64,
     /// Controller with the final target; it gives the predicted setpoint.
@@ -130,6 +133,7 @@ impl Outcome {
             controller,
             file: file.clone(),
             record,
+            regimes: OnceLock::new(),
             wall_time,
         })
     }
@@ -288,8 +292,7 @@ impl Outcome {
 
     /// Simulated regime of the parts at the end, in words.
     pub fn regime(&self) -> String {
-        let parts = self.on_track();
-        if parts.is_empty() {
+        if self.on_track().is_empty() {
             return "no parts".into();
         }
         // Restitution that scatters has no repeating orbit, so no regime to name.
@@ -298,17 +301,17 @@ impl Outcome {
         {
             return format!("in gear {share:.2}, order {}", self.gear_order());
         }
-        let parts = parts.into_iter();
-        let mut regimes: Vec<String> = parts.map(|part| self.regime_in_words(part)).collect();
+        let words = |(part, regime): &(u8, Regime)| self.regime_in_words(*part, *regime);
+        let mut regimes: Vec<String> = self.regimes().iter().map(words).collect();
         regimes.sort();
         regimes.dedup();
         regimes.join(" / ")
     }
 
     /// Regime of one part in words; an undecided one has its number of impacts.
-    fn regime_in_words(&self, part: u8) -> String {
+    fn regime_in_words(&self, part: u8, regime: Regime) -> String {
         let impacts = || self.late(part, IMPACT_WINDOWS[0]).count();
-        match self.regime_of(part) {
+        match regime {
             Regime::Chaotic if !self.stays_chaotic(part) => chaotic_so_far(impacts()),
             Regime::Undecided => format!("undecided after {} impacts", impacts()),
             regime => regime_text(regime),
@@ -362,18 +365,26 @@ impl Outcome {
         Regime::Undecided
     }
 
+    fn regimes(&self) -> &[(u8, Regime)] {
+        self.regimes.get_or_init(|| {
+            let parts = self.on_track().into_iter();
+            parts.map(|part| (part, self.regime_of(part))).collect()
+        })
+    }
+
     /// Whether every part is locked at the end, from its impacts alone.
     pub fn is_locked(&self) -> bool {
-        let parts = self.on_track();
-        let locked = |part: &u8| matches!(self.regime_of(*part), Regime::Locked { .. });
-        !parts.is_empty() && parts.iter().all(locked)
+        let mut regimes = self.regimes().iter();
+        let is_locked = |(_, regime): &(u8, Regime)| matches!(regime, Regime::Locked { .. });
+        !self.regimes().is_empty() && regimes.all(is_locked)
     }
 
     /// Number of parts on the track that are at rest at the end.
     pub fn resting(&self) -> usize {
-        let parts = self.on_track().into_iter();
-        let resting = parts.filter(|part| self.regime_of(*part) == Regime::Rest);
-        resting.count()
+        let regimes = self.regimes().iter();
+        regimes
+            .filter(|(_, regime)| *regime == Regime::Rest)
+            .count()
     }
 
     /// Share of time in the air at the end, mean over the parts on the track.

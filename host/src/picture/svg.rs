@@ -55,8 +55,10 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
             out.push_str("<path d=\"");
             for piece in &path.pieces {
                 for (n, (x, y)) in piece.iter().enumerate() {
-                    let command = if n == 0 { 'M' } else { 'L' };
-                    write!(out, "{command}{} {}", short(*x), short(*y))?;
+                    out.push(if n == 0 { 'M' } else { 'L' });
+                    add_short(out, *x);
+                    out.push(' ');
+                    add_short(out, *y);
                 }
                 if path.closed {
                     out.push('Z');
@@ -138,12 +140,16 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
     Ok(())
 }
 
-/// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
     let mut text = String::new();
-    // Adding 0 removes the sign of -0.
-    add_shortest(&mut text, (100.0 * value).round() / 100.0 + 0.0);
+    add_short(&mut text, value);
     text
+}
+
+/// Appends a coordinate with at most two decimals.
+fn add_short(text: &mut String, value: f64) {
+    // Adding 0 removes the sign of -0.
+    add_shortest(text, (100.0 * value).round() / 100.0 + 0.0);
 }
 
 fn escape(text: &str) -> String {

@@ -254,7 +254,7 @@ mod tests {
     fn a_run_depends_on_its_number_and_the_seed_alone() {
         let mut file = SceneFile::parse(super::super::DEFAULT).unwrap();
         file.duration = 4.0;
-        let desk = Desk::new(Some(2)).unwrap();
+        let desk = Desk::new(Some(2));
         let mut runs = |count, seed| {
             file.scene.seed = seed;
             Runs::run(&file, count, Fidelity::Envelope, &desk)
@@ -281,7 +281,7 @@ mod tests {
         file.duration = 60.0;
         for fidelity in Fidelity::ALL {
             let run = |threads| {
-                let desk = Desk::new(Some(threads)).unwrap();
+                let desk = Desk::new(Some(threads));
                 Runs::run(&file, 3, fidelity, &desk).unwrap()
             };
             let runs = run(1);

@@ -228,7 +228,7 @@ fn read<A: clap::Args>(options: &str) -> Result<A> {
 }
 
 fn run(line: &CommandLine) -> Result<Exit> {
-    let desk = Desk::new(line.threads)?;
+    let desk = Desk::new(line.threads);
     desk.listen_for_interruption();
     match &line.verb {
         Some(verb) => verb.run(&desk),

@@ -48,7 +48,7 @@ pub const ROWS: [Row; 7] = [
 
 /// Rows for these lots: `count` runs of 60 s each, with the targets of lock and of gear.
 pub fn table(lots: &[Row], count: usize) -> Vec<String> {
-    let desk = Desk::new(None).unwrap();
+    let desk = Desk::new(None);
     let mut rows = Vec::new();
     for lot in lots {
         let (low, high) = lot.restitution;

@@ -88,7 +88,7 @@ mod tests {
     /// The rows, recomputed once for all tests, on two threads.
     fn rows() -> &'static [Row] {
         static ROWS: OnceLock<Vec<Row>> = OnceLock::new();
-        ROWS.get_or_init(|| recompute(&Desk::new(Some(2)).unwrap()).unwrap())
+        ROWS.get_or_init(|| recompute(&Desk::new(Some(2))).unwrap())
     }
 
     /// Number, printed form and verdict of every equation, copied from the paper independently.
@@ -132,7 +132,7 @@ mod tests {
         // Rows that compare with a bound have no exact reference.
         let bounded = ["(5)", "(12a,b)", "(18)", "finding lead"];
         let checks = [flight::CHECKS, lock::CHECKS].concat();
-        let off = engine::recompute(&checks, 1e-3, &Desk::new(Some(2)).unwrap()).unwrap();
+        let off = engine::recompute(&checks, 1e-3, &Desk::new(Some(2))).unwrap();
         let exact = |row: &&Row| row.evidence.cases > 0 && row.tolerance < 1e-3;
         let failed = off.iter().filter(exact).filter(|row| !row.holds()).count();
         assert_eq!(failed, off.iter().filter(exact).count() - bounded.len());

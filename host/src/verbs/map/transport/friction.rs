@@ -519,7 +519,7 @@ mod tests {
 
     /// Number of cases of a reference that agree within `errors` times the error that it states.
     fn judged_by(speeds: &str, errors: f64) -> usize {
-        let desk = Desk::new(Some(2)).unwrap();
+        let desk = Desk::new(Some(2));
         let mut cases = 0;
         for line in speeds.lines().skip(1) {
             let columns: Vec<f64> = line.split(',').map(|word| word.parse().unwrap()).collect();
