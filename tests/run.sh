@@ -220,7 +220,6 @@ step "test builds" 1200 cargo test --locked --no-run
 step "unit tests" 600 cargo test --locked --no-fail-fast --lib --bins --examples
 step "doc tests" 600 cargo test --locked --no-fail-fast --doc
 step "integration and emulated tests" 1200 tests/programs.py
-step "C interface" 600 cargo test --locked --no-fail-fast --package kband-c
 step "Python package" 900 bindings/python/test.sh
 RUSTDOCFLAGS=-Dwarnings step "documentation" 600 cargo doc --locked --workspace --exclude kband-python --no-deps --lib
 finish

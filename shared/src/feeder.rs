@@ -4,6 +4,8 @@ use core::f64::consts::{PI, TAU};
 use core::fmt;
 use core::ops::RangeBounds;
 
+use crate::arithmetic::sine_cosine;
+
 /// Standard gravity, m/s^2 (ISO 80000-3).
 pub const STANDARD_GRAVITY: f64 = 9.806_65;
 
@@ -182,7 +184,8 @@ impl Track {
 
     /// Tangent of the incline.
     pub fn incline_tangent(&self) -> f64 {
-        libm::tan(self.incline)
+        let (sine, cosine) = sine_cosine(self.incline);
+        sine / cosine
     }
 
     /// Parallel amplitude over normal amplitude (symbol eta).
@@ -197,7 +200,7 @@ impl Track {
 
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     pub fn normal_gravity(&self) -> f64 {
-        self.gravity * libm::cos(self.incline)
+        self.gravity * sine_cosine(self.incline).1
     }
 
     /// `k = g cos(alpha) / (b w^2)` for a normal amplitude b in m; infinite at b = 0.

@@ -1,7 +1,8 @@
 //! Phases and angles in single precision, and their advance from sample to sample.
 
 use core::f32::consts::TAU;
-use kband::arithmetic::Phase;
+use kband::arithmetic::{Phase, sine_cosine};
+use num_complex::Complex32;
 
 /// Samples per second of the signal path.
 pub const SAMPLE_RATE: u32 = 20_000;
@@ -17,6 +18,12 @@ pub fn phase_of(radians: f32) -> Phase {
 /// The angle of a phase in rad, -pi..pi, error at most 2e-7 rad.
 pub fn radians_of(phase: Phase) -> f32 {
     phase.bits() as i32 as f32 * STEP
+}
+
+/// The phasor e^(i angle) of an angle in rad, rounded from f64.
+pub fn unit_phasor(angle: f32) -> Complex32 {
+    let (sine, cosine) = sine_cosine(f64::from(angle));
+    Complex32::new(cosine as f32, sine as f32)
 }
 
 /// Advance of the phase per sample for a frequency in Hz, 0..5000; error 2.4e-6 Hz or 1.2e-7 of it.

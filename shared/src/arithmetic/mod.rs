@@ -24,5 +24,5 @@ pub use phase::Phase;
 pub(crate) use root::square_root;
 pub use root::square_root_single;
 pub(crate) use trigonometry::arcsine_single;
-pub use trigonometry::sine_cosine_single;
+pub use trigonometry::{sine_cosine, sine_cosine_single};
 pub use twofold::Twofold;

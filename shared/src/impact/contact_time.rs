@@ -7,7 +7,7 @@
 
 use core::f64::consts::TAU;
 
-use crate::arithmetic::square_root_single;
+use crate::arithmetic::{sine_cosine, square_root_single};
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::{Wave, in_turn};
@@ -77,7 +77,7 @@ impl ContactTime {
         wave: Option<&Wave>,
     ) -> PartState {
         let phase = in_turn(impact_state.phase + self.radians);
-        let push = wave.map_or_else(|| libm::sin(phase), |wave| wave.push(phase));
+        let push = wave.map_or_else(|| sine_cosine(phase).0, |wave| wave.push(phase));
         let speed = self.launch_speed(restitution, impact_state.velocity, k - push);
         PartState::new(phase, speed)
     }

@@ -5,6 +5,7 @@
 
 use core::f64::consts::{PI, TAU};
 
+use crate::arithmetic::sine_cosine;
 use crate::feeder::{OutOfRange, accept, accept_in};
 use crate::impact::{ContactTime, Kernel, Map, PartState};
 
@@ -169,7 +170,10 @@ impl Lock {
     }
 
     fn tangent(&self) -> [f64; 2] {
-        let motion = |phase: f64| [libm::cos(phase), libm::sin(phase)];
+        let motion = |phase: f64| {
+            let (sine, cosine) = sine_cosine(phase);
+            [cosine, sine]
+        };
         let [c0, a0] = motion(self.state.phase);
         if self.contact.is_instant() {
             return self.tangent_without_contact(a0);
@@ -238,9 +242,10 @@ pub(super) struct ContactTerms {
 
 impl ContactTerms {
     pub(super) fn new(restitution: f64, order: f64, contact: ContactTime) -> Self {
+        let (sine, cosine) = sine_cosine(contact.radians());
         Self {
             restitution,
-            turn: [libm::cos(contact.radians()), libm::sin(contact.radians())],
+            turn: [cosine, sine],
             flight: TAU * order - contact.radians(),
             gain: contact.gain(restitution),
         }

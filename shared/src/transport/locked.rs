@@ -3,6 +3,7 @@
 
 use core::f64::consts::PI;
 
+use crate::arithmetic::sine_cosine;
 use crate::impact::TangentialSettings;
 use crate::regime::Lock;
 
@@ -16,8 +17,8 @@ pub fn velocity(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
     if !lock.contact.is_instant() {
         return velocity_with_contact(lock, k, settings);
     }
-    let driven = settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead);
-    driven - incline_loss(lock.order(), k, settings)
+    let (_, cosine) = sine_cosine(lock.state().phase + settings.phase_lead);
+    settings.amplitude_ratio * cosine - incline_loss(lock.order(), k, settings)
 }
 
 fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64 {
@@ -26,15 +27,14 @@ fn velocity_with_contact(lock: &Lock, k: f64, settings: &TangentialSettings) -> 
     let contact = lock.contact.radians();
     let flight = period - contact;
     let phases = [lock.state().phase, lock.strike_phase()];
-    let [launch, strike] = phases.map(|phase| phase + settings.phase_lead);
+    let [(s0, c0), (s1, c1)] = phases.map(|phase| sine_cosine(phase + settings.phase_lead));
     let down = k * settings.incline_tangent;
     let gain = lock.contact.gain_along(lock.restitution());
-    let gained = gain * (eta * libm::sin(launch) - down);
-    let change = eta * (libm::cos(launch) - libm::cos(strike)) - down * flight;
+    let gained = gain * (eta * s0 - down);
+    let change = eta * (c0 - c1) - down * flight;
     let arrival = (change + gained) / (1.0 - rt);
     let departure = rt * arrival + gained;
-    let flown = (departure + eta * libm::cos(launch) - 0.5 * down * flight) * flight
-        - eta * (libm::sin(strike) - libm::sin(launch));
+    let flown = (departure + eta * c0 - 0.5 * down * flight) * flight - eta * (s1 - s0);
     (flown + 0.5 * (arrival + departure) * contact) / period
 }
 
@@ -68,8 +68,8 @@ pub fn critical_slope(lock: &Lock, k: f64, settings: &TangentialSettings) -> f64
         return level / (level - steep);
     }
     let rt = settings.restitution;
-    settings.amplitude_ratio * libm::cos(lock.state().phase + settings.phase_lead) * (1.0 - rt)
-        / (PI * f64::from(lock.order()) * k * (1.0 + rt))
+    let (_, cosine) = sine_cosine(lock.state().phase + settings.phase_lead);
+    settings.amplitude_ratio * cosine * (1.0 - rt) / (PI * f64::from(lock.order()) * k * (1.0 + rt))
 }
 
 /// Tangent of the critical incline at gamma = 0 (equation 22): `eta (1-R)(1-Rt) / ((1+R)(1+Rt))`.

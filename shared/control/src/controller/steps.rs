@@ -155,7 +155,7 @@ impl Controller {
             in_gear: self.in_gear(),
             order: self.order().unwrap_or(1),
             restitution: one.map(|margin| margin.restitution),
-            cosine: one.map(|_| libm::cosf(phases.phase()) * phases.concentration()),
+            cosine: one.map(|_| phases.mean_cosine()),
             sine: self.selection.shape().is_sine(),
             concentration: phases.concentration(),
             has_impact: !cycle.impacts.is_empty(),

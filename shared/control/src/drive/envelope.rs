@@ -4,6 +4,7 @@
 //! the drive's frame, over its steady value. In a cycle it decays and rotates by `pole = e^(-pi
 //! w0/(Q w) + i 2 pi (w0 sqrt(1 - 1/(4 Q^2))/w - 1))` (rotating-wave approximation).
 
+use crate::angle::unit_phasor;
 use crate::settings::Settings;
 use core::f32::consts::{PI, TAU};
 use kband::arithmetic::square_root_single;
@@ -47,7 +48,7 @@ impl Envelope {
         let damped = 1.0 - 0.25 / (settings.quality * settings.quality);
         let turn = TAU * (square_root_single(damped) / x - 1.0);
         let decayed = libm::expf(-1.0 / cycles);
-        let pole = Complex::new(libm::cosf(turn), libm::sinf(turn)) * decayed;
+        let pole = unit_phasor(turn) * decayed;
         // The mean of `e^(t ln pole)` over a cycle.
         let mean = (pole - 1.0) / Complex::new(-1.0 / cycles, turn);
         let (detuned, width) = (1.0 - x * x, x / settings.quality);

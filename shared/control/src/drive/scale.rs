@@ -1,6 +1,7 @@
 //! Conversion between amplitude, k and output at the drive's frequency; the hard limits.
 
 use super::envelope::Envelope;
+use crate::angle::unit_phasor;
 use crate::{Limits, Settings, phase_of, phase_step};
 use core::f32::consts::{PI, TAU};
 use kband::arithmetic::sine_cosine_single;
@@ -53,7 +54,7 @@ impl Scale {
     pub fn from_settings(settings: &Settings, frequency: f32) -> Self {
         let envelope = Envelope::from_settings(settings);
         let mut scale = Self {
-            normal_gravity: settings.gravity * libm::cosf(settings.incline * (PI / 180.0)),
+            normal_gravity: settings.gravity * unit_phasor(settings.incline * (PI / 180.0)).re,
             angular_squared: 0.0,
             step: 0,
             ceiling: 0.0,

@@ -4,6 +4,7 @@ use super::envelope::absolute;
 use super::scale::Scale;
 use super::shape::{Shape, TrackMotion, UPPER, UpperTone};
 use super::tone::ToneLoop;
+use crate::angle::unit_phasor;
 use crate::saturate::consecutive;
 use crate::{SAMPLE_RATE, Settings};
 use core::f32::consts::PI;
@@ -22,8 +23,7 @@ const CUT_CYCLES: u16 = 25;
 pub fn upper_response(settings: &Settings) -> [Complex; UPPER] {
     let response = |gain: f32, lag: f32, frequency: f32| {
         if gain > 0.0 {
-            let lag = lag * (PI / 180.0);
-            Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (gain * 1e-3)
+            unit_phasor(-lag * (PI / 180.0)) * (gain * 1e-3)
         } else {
             resonant(settings, frequency)
         }
@@ -40,8 +40,7 @@ fn resonant(settings: &Settings, frequency: f32) -> Complex {
     let x = frequency / settings.resonance;
     let denominator = Complex::new(1.0 - x * x, x / settings.quality);
     let lag = PI * frequency / SAMPLE_RATE as f32;
-    Complex::new(libm::cosf(lag), -libm::sinf(lag)) * (settings.gain * 1e-3 / settings.quality)
-        / denominator
+    unit_phasor(-lag) * (settings.gain * 1e-3 / settings.quality) / denominator
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@
 use super::blanking::{impulse_weight, last_cycle_gain};
 use crate::{SAMPLE_RATE, Settings, phase_of};
 use core::f32::consts::{PI, TAU};
-use kband::arithmetic::{sine_cosine_single, square_root_single};
+use kband::arithmetic::{sine_cosine, sine_cosine_single, square_root_single};
 use kband::impact::ContactTime;
 use num_complex::Complex32 as Complex;
 use serde::{Deserialize, Serialize};
@@ -135,7 +135,8 @@ impl LoadMeter {
 
     pub fn set_lot(&mut self, settings: &Settings) {
         self.tangential = settings.tangential_restitution;
-        self.incline = libm::tanf(settings.incline * (PI / 180.0));
+        let (sine, cosine) = sine_cosine(f64::from(settings.incline * (PI / 180.0)));
+        self.incline = (sine / cosine) as f32;
         self.contact = settings.contact_time();
         self.restitution = 0.5 * (settings.restitution_low + settings.restitution_high);
         self.incline_loss = self.incline * (1.0 + self.tangential) / (1.0 - self.tangential);

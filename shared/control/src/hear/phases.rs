@@ -118,6 +118,11 @@ impl PhaseStatistics {
         libm::atan2f(self.sine, self.cosine)
     }
 
+    /// Mean cosine of the phases: that of the mean phase times the concentration.
+    pub fn mean_cosine(&self) -> f32 {
+        share_of(self.cosine, self.weight)
+    }
+
     /// Concentration of the phases: mean resultant length, 0 (uniform) to 1 (one phase).
     pub fn concentration(&self) -> f32 {
         let square = self.sine * self.sine + self.cosine * self.cosine;

@@ -14,7 +14,7 @@ use crate::hear::{BINS_PER_CYCLE, BinLayout, DetectedImpact, Listener};
 use crate::{Cycle, GearMargin, phase_of};
 use core::f32::consts::TAU;
 use heapless::Vec;
-use kband::arithmetic::Phase;
+use kband::arithmetic::{Phase, square_root_single};
 use kband::impact::ContactTime;
 use serde::{Deserialize, Serialize};
 
@@ -492,7 +492,7 @@ impl Identifier {
         let mean = self.fit.all()?;
         let squares: f32 = self.estimates.iter().map(|r| (r - mean) * (r - mean)).sum();
         let count = self.estimates.len().max(2) as f32;
-        let deviation = libm::sqrtf(squares / (count * (count - 1.0)));
+        let deviation = square_root_single(squares / (count * (count - 1.0)));
         let repeats = mean < MIN_RESTITUTION || self.fit.train_evidence() > MIN_EVIDENCE;
         let is_consistent = self.estimates.len() >= MIN_AVERAGES
             && deviation < MAX_ERROR
@@ -516,7 +516,7 @@ impl Identifier {
 }
 
 fn combine_errors(one: f32, other: f32) -> f32 {
-    libm::sqrtf(one * one + other * other)
+    square_root_single(one * one + other * other)
 }
 
 /// k at which parts surely rest each cycle, after impacts in flight at `k`. It is a fit to

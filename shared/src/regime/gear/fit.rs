@@ -3,6 +3,8 @@
 //! Sources: response surfaces (Box and Wilson, J. R. Stat. Soc. B 13 (1951) 1) and ridge regression
 //! (Hoerl and Kennard, Technometrics 12 (1970) 55). The planner begins a new fit for each region.
 
+use crate::arithmetic::square_root_single;
+
 /// Number of coefficients: a quadratic in three coordinates, the cube of the first, and a quadratic
 /// of the part's restitution within the lot.
 const TERMS: usize = 13;
@@ -100,7 +102,7 @@ impl Fit {
             for factor in &*row {
                 *diagonal -= factor * factor;
             }
-            *diagonal = libm::sqrtf(diagonal.max(1e-6));
+            *diagonal = square_root_single(diagonal.max(1e-6));
             begin += n + 1;
         }
         let mut coefficients = self.rhs;

@@ -2,6 +2,7 @@
 //! (Solving Least Squares Problems, 1974, chapter 23).
 
 use super::super::energy::SECTORS;
+use kband::arithmetic::square_root_single;
 use kband::regime::gear::GROUPS;
 
 /// Components of the mixture: one per group in gear, two out of gear (apart, merged), and noise.
@@ -80,7 +81,7 @@ fn solve(
     // Scaled to a diagonal of 1.
     let scale: [f32; COMPONENTS] = core::array::from_fn(|n| {
         if matrix[n][n] > 0.0 {
-            1.0 / libm::sqrtf(matrix[n][n])
+            1.0 / square_root_single(matrix[n][n])
         } else {
             0.0
         }

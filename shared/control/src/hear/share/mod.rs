@@ -418,7 +418,7 @@ impl ShareEstimator {
             tone.map(|part| TONE_ROUNDING_STEP * libm::roundf(part / TONE_ROUNDING_STEP))
         });
         let tones = self.profiled_tones.map(|[in_phase, quadrature]| {
-            let ratio = libm::sqrtf(in_phase * in_phase + quadrature * quadrature);
+            let ratio = square_root_single(in_phase * in_phase + quadrature * quadrature);
             if ratio < 1e-3 {
                 [0.0; 2]
             } else {
@@ -659,7 +659,7 @@ impl ShareEstimator {
         let dispersion = mixture.residual_sum / (SECTORS - COMPONENTS - 1) as f32;
         // Restitutions within a group, and beyond the lot's ends, cannot be separated.
         let difference = group_restitutions[1] - group_restitutions[0];
-        let error = libm::sqrtf(
+        let error = square_root_single(
             variance.max(0.0) * dispersion / (total_weight * total_weight)
                 + difference * difference / 12.0
                 + RESTITUTION_MARGIN * RESTITUTION_MARGIN,
