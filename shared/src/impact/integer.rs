@@ -297,5 +297,8 @@ mod tests {
             let refused = Integer::build(0.5, restitution).unwrap_err();
             assert_eq!(refused.parameter, "restitution");
         }
+        for k in [0.004_999, 4.000_1, -0.5, f64::NAN, f64::INFINITY] {
+            assert_eq!(Integer::build(k, 0.5).unwrap_err().parameter, "k");
+        }
     }
 }

@@ -135,15 +135,3 @@ fn nodes(x: f32) -> f32 {
         + in_nodes(1.570_728_8);
     (QUARTER_NODES as f32 + 0.5) - square_root_single(1.0 - x) * sum
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn k_out_of_range_is_refused() {
-        for k in [0.004_999, 4.000_1, -0.5, f64::NAN, f64::INFINITY] {
-            assert_eq!(SetUp::build(k).unwrap_err().parameter, "k");
-        }
-    }
-}

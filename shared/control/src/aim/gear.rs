@@ -19,8 +19,7 @@ const MAX_K: f64 = 0.98;
 
 /// Limits in k of the configured drive at its configured frequency.
 pub fn drive_limits(settings: &Settings) -> GearLimits {
-    let scale = Scale::from_settings(settings, settings.frequency);
-    limits_at(settings, &scale)
+    limits_at(settings, &Scale::from_settings(settings))
 }
 
 fn limits_at(settings: &Settings, scale: &Scale) -> GearLimits {
@@ -164,7 +163,7 @@ mod tests {
     #[test]
     fn weak_drive_gets_the_sufficient_amplitude() {
         let settings = with(Settings::default(), |it| it.gain = 0.1);
-        let scale = Scale::from_settings(&settings, 50.0);
+        let scale = Scale::from_settings(&settings);
         let Err(NoSetpoint::Gear { needed }) = GearSearch::begin(1, &settings, &scale).unwrap()
         else {
             panic!("no amplitude of this drive throws the parts so far");
@@ -172,7 +171,7 @@ mod tests {
         for (factor, suffices) in [(0.99, false), (1.01, true)] {
             let gain = needed / settings.output_maximum * factor;
             let served = with(settings, |it| it.gain = gain);
-            let scale = Scale::from_settings(&served, 50.0);
+            let scale = Scale::from_settings(&served);
             let begun = GearSearch::begin(1, &served, &scale).unwrap();
             assert_eq!(begun.is_ok(), suffices, "{factor}");
         }
@@ -182,8 +181,8 @@ mod tests {
     fn replayed_search_repeats_plans_and_slices() {
         let settings = Settings::default();
         let search = |settings: &Settings| {
-            let scale = Scale::from_settings(settings, settings.frequency);
-            GearSearch::begin(1, settings, &scale).unwrap().unwrap()
+            let begun = GearSearch::begin(1, settings, &Scale::from_settings(settings));
+            begun.unwrap().unwrap()
         };
         let mut first = search(&settings);
         let mut supplied = search(&settings);

@@ -99,12 +99,11 @@ impl Controller {
     ) -> Result<Self, OutOfRange> {
         let rate = settings.frequency;
         let amplitude = AmplitudeLoop::build(settings)?;
-        let resonance = Resonance::new(settings);
-        let scale = Scale::from_settings(settings, resonance.frequency);
+        let scale = Scale::from_settings(settings);
         let mut controller = Self {
             settings: *settings,
             scale,
-            resonance,
+            resonance: Resonance::new(settings),
             amplitude,
             selection: Selection::from_target(target, settings, &scale)?,
             machine: StateMachine::begin(interlock.at_rate(rate), rate, settings.capture_attempts),

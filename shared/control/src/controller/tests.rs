@@ -187,6 +187,15 @@ fn a_target_beyond_the_output_is_refused_and_the_old_one_kept() {
         assert!(refused.accepted.contains("output_maximum"), "{refused}");
         assert_eq!(controller.target(), held);
         assert!(controller.setpoint() > 0.17e-3);
+        // A controller that begins with this target moves nothing.
+        let mut begun = build(&weak(), target);
+        let why = begun.no_setpoint();
+        assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
+        for _ in 0..200 {
+            let report = begun.cycle(&Cycle::default(), &enabled());
+            assert_eq!(report.command.amplitude, 0.0, "{:?}", report.state);
+        }
+        assert!(begun.report().limits.contains(Limits::NO_SETPOINT));
     }
     for target in [Target::Amplitude(0.189), Target::K(0.55), Target::Identify] {
         controller.set_target(target).unwrap();
@@ -216,24 +225,6 @@ fn off_the_resonance_the_output_reaches_less() {
     assert!((needed - 0.94).abs() < 1e-5 && (reach / (0.95 * 0.289) - 1.0).abs() < 0.01);
     assert_eq!(at(&detuned, 0.99 * reach), None);
     assert!(at(&detuned, 1.01 * reach).is_some());
-}
-
-#[test]
-fn target_out_of_reach_moves_nothing() {
-    for target in [
-        Target::Amplitude(0.3),
-        Target::K(0.4),
-        Target::Locked { order: 1 },
-    ] {
-        let mut controller = build(&weak(), target);
-        let why = controller.no_setpoint();
-        assert!(matches!(why, Some(NoSetpoint::Output { .. })), "{why:?}");
-        for _ in 0..200 {
-            let report = controller.cycle(&Cycle::default(), &enabled());
-            assert_eq!(report.command.amplitude, 0.0, "{:?}", report.state);
-        }
-        assert!(controller.report().limits.contains(Limits::NO_SETPOINT));
-    }
 }
 
 #[test]

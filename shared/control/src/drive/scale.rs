@@ -50,8 +50,8 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// The factors at a frequency in Hz.
-    pub fn from_settings(settings: &Settings, frequency: f32) -> Self {
+    /// The factors at the configured frequency.
+    pub fn from_settings(settings: &Settings) -> Self {
         let envelope = Envelope::from_settings(settings);
         let mut scale = Self {
             normal_gravity: settings.gravity * unit_phasor(settings.incline * (PI / 180.0)).re,
@@ -65,7 +65,7 @@ impl Scale {
             per_ampere: settings.current_gain * 1e-3 * envelope.response,
             min_amplitude: 0.0,
         };
-        scale.retune(settings, frequency);
+        scale.retune(settings, settings.frequency);
         scale
     }
 
@@ -131,18 +131,18 @@ mod tests {
     #[test]
     fn reach_and_reserve_end_at_the_output_and_at_the_hard_limit() {
         let settings = Settings::default();
-        let scale = Scale::from_settings(&settings, settings.frequency);
+        let scale = Scale::from_settings(&settings);
         // Eight steps of 3.3 V / 4096 at 0.1 V/g are 0.632 m/s^2.
         let smallest = scale.min_amplitude;
         assert!((smallest - 6.4042e-6).abs() < 1e-9, "{smallest}");
         assert_eq!(smallest, min_amplitude(&settings));
         let steep = with(settings, |it| it.incline = -60.0);
-        let gravity = Scale::from_settings(&steep, 50.0).normal_gravity;
+        let gravity = Scale::from_settings(&steep).normal_gravity;
         assert!((gravity / (0.5 * settings.gravity) - 1.0).abs() < 2.5e-7);
         // The output's 0.95 mm are the limit; a millimetre is allowed.
         assert!((scale.reach(&settings) - 0.95e-3).abs() < 1e-9);
         let limited = with(settings, |it| it.amplitude_limit = 0.3);
-        let scale = Scale::from_settings(&limited, limited.frequency);
+        let scale = Scale::from_settings(&limited);
         assert_eq!(scale.reach(&limited), scale.ceiling);
         let actual = (scale.ceiling, scale.ceiling_limit);
         assert_eq!(actual, (0.3e-3, Limits::AMPLITUDE));
@@ -150,7 +150,7 @@ mod tests {
         assert!((reserve - 1.5).abs() < 1e-6, "{reserve}");
         // 40 m/s^2 at 50 Hz are 0.405 mm.
         let gentle = with(settings, |it| it.acceleration_limit = 40.0);
-        let scale = Scale::from_settings(&gentle, gentle.frequency);
+        let scale = Scale::from_settings(&gentle);
         let ceiling = scale.ceiling;
         assert!((ceiling - 0.40528e-3).abs() < 1e-8, "{ceiling}");
         assert_eq!(scale.ceiling_limit, Limits::ACCELERATION);
@@ -163,7 +163,7 @@ mod tests {
             let settings = with(Settings::default(), |it| {
                 (it.envelope, it.amplitude_limit, it.acceleration_limit) = (envelope, 50.0, 4e3);
             });
-            let scale = Scale::from_settings(&settings, settings.frequency);
+            let scale = Scale::from_settings(&settings);
             let full = settings.output_maximum * settings.gain * 1e-3;
             for share in [0.3, 0.6, 0.9] {
                 let kick = scale.max_kick(&settings, share * full);
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn no_output_takes_the_envelope_further() {
         let settings = with(Settings::default(), |it| it.amplitude_limit = 0.3);
-        let scale = Scale::from_settings(&settings, settings.frequency);
+        let scale = Scale::from_settings(&settings);
         let mut envelope = Complex::default();
         for _ in 0..200 {
             envelope = (scale.envelope).advance(envelope, scale.output_limit(envelope, None));

@@ -74,7 +74,7 @@ pub struct ToneInputs {
 /// assert!((0.007..0.009).contains(&third), "{third}");
 /// ```
 pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
-    let scale = Scale::from_settings(settings, settings.frequency);
+    let scale = Scale::from_settings(settings);
     let amplitude = scale.amplitude(k);
     let mut headroom = settings.output_maximum - amplitude / scale.full_amplitude;
     let responses = upper_response(settings).map(absolute);

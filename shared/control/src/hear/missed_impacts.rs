@@ -3,6 +3,7 @@
 //! Inputs per cycle: the speeds at which the map predicts impacts (m/s), the noise (m/s^2), the
 //! ratio of detected to due impacts, and their concentration. Counters have hysteresis.
 
+use super::onset::OnsetDetector;
 use crate::saturate::consecutive;
 
 /// Minimum height of an impact's ringing over its speed, in 1/s: a third of a bare track's.
@@ -11,8 +12,6 @@ const MIN_RINGING_PER_SPEED: f32 = 10.0;
 const BARE_TRACK_RINGING_PER_SPEED: f32 = 30.0;
 /// Predicted height over the detection threshold above which an impact must be detected.
 const MIN_LOUDNESS_MARGIN: f32 = 2.0;
-/// Threshold of the onset detector over the RMS of the noise.
-const THRESHOLD: f32 = 6.0;
 /// Ratio of detected to due impacts below which the parts count as silent.
 const MAX_SILENT_RATE: f32 = 0.25;
 /// Ratio of detected to due impacts above which the parts count as detected.
@@ -54,7 +53,7 @@ pub struct MissedImpactDetector {
 
 impl MissedImpactDetector {
     pub fn cycle(&mut self, evidence: &ImpactEvidence) {
-        let threshold = THRESHOLD * evidence.noise;
+        let threshold = OnsetDetector::THRESHOLD as f32 * evidence.noise;
         let min_height = |speed: f32| MIN_RINGING_PER_SPEED * speed;
         self.merges_impacts = evidence.single_lock
             && MIN_LOUDNESS_MARGIN * BARE_TRACK_RINGING_PER_SPEED * evidence.locked < threshold;

@@ -136,36 +136,17 @@ pub enum Access {
     Locked,
 }
 
-/// Appends the difference of a reading to the one before; number of bytes, 0 with room below three.
+/// Writes the difference of a reading to the one before; number of bytes, 0 without room.
 pub fn write_reading(buffer: &mut [u8], before: u16, code: u16) -> usize {
     let difference = i32::from(code) - i32::from(before);
-    let mut bits = ((difference << 1) ^ (difference >> 31)) as u32;
-    let Some(buffer) = buffer.get_mut(..3) else {
-        return 0;
-    };
-    let mut used = 0;
-    while bits >= 0x80 {
-        buffer[used] = bits as u8 | 0x80;
-        bits >>= 7;
-        used += 1;
-    }
-    buffer[used] = bits as u8;
-    used + 1
+    postcard::to_slice(&difference, buffer).map_or(0, |bytes| bytes.len())
 }
 
 /// Reads the next reading after `before` from the front of `codes`; `None` at the end or invalid.
 pub fn read_reading(codes: &mut &[u8], before: u16) -> Option<u16> {
-    let mut bits = 0_u32;
-    for shift in [0, 7, 14] {
-        let (&byte, rest) = codes.split_first()?;
-        *codes = rest;
-        bits |= u32::from(byte & 0x7f) << shift;
-        if byte & 0x80 == 0 {
-            let difference = (bits >> 1) as i32 ^ -((bits & 1) as i32);
-            return u16::try_from(i32::from(before) + difference).ok();
-        }
-    }
-    None
+    let (difference, rest) = postcard::take_from_bytes::<i32>(codes).ok()?;
+    *codes = rest;
+    u16::try_from(i32::from(before).checked_add(difference)?).ok()
 }
 
 /// Updates the check of a cycle's outputs with the bits of an output; 0 at the start of a cycle.

@@ -541,12 +541,6 @@ fn a_pin_is_4_to_8_digits() {
 }
 
 #[test]
-fn the_check_is_the_one_of_ieee_802_3() {
-    // Check value in the catalogue of CRC algorithms.
-    assert_eq!(crc32(b"123456789"), 0xcbf4_3926);
-}
-
-#[test]
 fn a_frame_is_refused_for_what_is_wrong_with_it() {
     let mut buffer = [0; MAX_FRAME_BYTES];
     let frame = write_request(&mut buffer, 7, &Request::Get("frequency"));

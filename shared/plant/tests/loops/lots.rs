@@ -2,7 +2,7 @@
 //!
 //! `KBAND_LOTS` sets the number of random lots, `KBAND_SEED` their seed.
 
-use super::fidelity::{Loop, record, tune};
+use super::fidelity::{Loop, lot, record, tune};
 use core::f64::consts::TAU;
 use kband::arithmetic::Noise;
 use kband::feeder::STANDARD_GRAVITY;
@@ -256,14 +256,10 @@ const CHANGED_AT: f64 = 8.0;
 
 /// Parts of that lot at a frequency in Hz; `changes` happen at [`CHANGED_AT`].
 fn changing(parts: usize, frequency: f32, seed: u64, changes: &[Change]) -> Scene {
-    let part = |part: usize| 0.18 + 0.04 * (part as f32 + 0.5) / parts as f32;
     let mut scene = Scene {
         target: Target::Gear { order: 1 },
-        seed,
-        parts: (0..parts).map(part).collect(),
-        ..Scene::default()
+        ..lot([0.18, 0.22], 0.0, 1.0, parts, seed)
     };
-    scene.settings.scatter = 0.0;
     tune(&mut scene, frequency);
     let at = CHANGED_AT;
     let changes = changes.iter().map(|&change| Disturbance { at, change });
@@ -342,14 +338,11 @@ fn ready_stays_on_while_one_part_is_in_gear() {
 fn nothing_is_reported_while_impacts_are_missed() {
     let mut scene = Scene {
         target: Target::Locked { order: 2 },
-        parts: [0.4; 6].into_iter().collect(),
-        scatter: [0.04; 6].into_iter().collect(),
-        ..Scene::default()
+        ..lot([0.4; 2], 0.04, 1.0, 6, 1)
     };
     let settings = &mut scene.settings;
     (settings.frequency, settings.resonance) = (200.0, 200.0);
-    (settings.restitution_low, settings.restitution_high) = (0.4, 0.4);
-    (settings.scatter, settings.quality, settings.gain) = (0.04, 34.0, 0.05);
+    (settings.quality, settings.gain) = (34.0, 0.05);
     (settings.amplitude_limit, settings.acceleration_limit) = (0.06, 80.0);
     settings.safe_amplitude = 0.003;
     (scene.drive.resonance, scene.drive.quality, scene.drive.gain) = (200.0, 34.0, 0.05);

@@ -1,12 +1,11 @@
 //! The impact map in f64: state in, next state out.
 
-use core::f64::consts::TAU;
-
 use super::first::first_impact;
 use super::launch::{Launch, Track};
 use super::step::build_impact;
 use crate::feeder::{OutOfRange, accept_in};
 use crate::impact::kernel::{Impact, Kernel, PartState, accept_phase};
+use crate::impact::wave::in_turn;
 
 /// The impact map in f64 for one k and one restitution.
 ///
@@ -68,11 +67,7 @@ impl Kernel for Map {
     fn state(phase: f64, velocity: f64) -> Result<PartState, OutOfRange> {
         accept_phase(phase)?;
         accept_in("velocity", velocity, 0.0..=1e3, "0..1000 (units of b w)")?;
-        let turned = phase - TAU * libm::floor(phase / TAU);
-        Ok(PartState::new(
-            if turned < TAU { turned } else { 0.0 },
-            velocity,
-        ))
+        Ok(PartState::new(in_turn(phase), velocity))
     }
 
     fn observe(state: PartState) -> PartState {

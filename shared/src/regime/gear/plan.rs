@@ -380,10 +380,6 @@ impl GearPlanner {
         values[self.upper_tones.min(2)]
     }
 
-    fn used_effort(&self) -> f32 {
-        self.impacts as f32 / self.by_tone_count(MAX_IMPACTS) as f32
-    }
-
     /// Computes impacts of the current run, to its end or to this number of impacts.
     fn advance_run(&mut self, until: u32) {
         let until = until.min(self.by_tone_count(MAX_IMPACTS).max(self.impacts + 1));
@@ -413,7 +409,8 @@ impl GearPlanner {
         self.impacts += 1;
         let ends = self.by_tone_count(STAGE_END_EFFORT);
         let end = ends.get(self.regions).or(ends.last());
-        let is_stage_over = end.is_none_or(|end| self.used_effort() >= *end);
+        let used = self.impacts as f32 / self.by_tone_count(MAX_IMPACTS) as f32;
+        let is_stage_over = end.is_none_or(|end| used >= *end);
         match self.stage {
             Stage::Maximization(row, shape) => self.evaluate_row(row, shape),
             _ if is_stage_over => self.end_stage(),
