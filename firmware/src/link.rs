@@ -282,9 +282,7 @@ fn answer_bus<'b>(
     };
     let mut answer = Answer::new();
     let mut server = station.bus.server.borrow_mut();
-    if server.answer(adu, &mut registers, &mut answer) {
-        station.bus.request_received.set(true);
-    }
+    server.answer(adu, &mut registers, &mut answer);
     write_response(buffer, sequence, &Response::Bus(&answer)).ok()
 }
 

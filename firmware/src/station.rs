@@ -11,8 +11,8 @@ use kband::feeder::OutOfRange;
 use kband_bus::{SaveProgress, Server};
 use kband_control::wire::{Access, FaultRecord, Record, Refusal, Status, Stored};
 use kband_control::{
-    BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
-    RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
+    Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe, RecipeName, Report,
+    SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
 
 /// Number of records in the event log, 20 bytes each.
@@ -85,35 +85,16 @@ impl Log {
     }
 }
 
-/// Commands and requests of the fieldbus.
+/// State of the fieldbus.
 #[derive(Default)]
 pub(crate) struct BusState {
     /// The server, shared by bus line and link: one control word, one set of counters.
     pub server: RefCell<Server>,
-    /// The last written run bit; `None` before the first.
-    pub run: Cell<Option<bool>>,
-    /// Whether the run bit was 0 since the last cycle.
-    pub run_was_off: Cell<bool>,
-    /// Whether the acknowledge bit has risen since the last cycle.
-    pub acknowledge: Cell<bool>,
-    /// Whether a request arrived since the last cycle.
-    pub request_received: Cell<bool>,
     /// Progress of the last save that the fieldbus requested.
     pub save: Cell<SaveProgress>,
     /// Whether neither strap nor PIN protects the settings.
     pub writable: Cell<bool>,
     pub settings_changed: Mailbox<NoopRawMutex, ()>,
-}
-
-impl BusState {
-    /// The commands of a drive cycle. A run bit that was briefly 0 is 0 for a whole cycle.
-    fn take_command(&self) -> BusCommand {
-        let was_off = self.run_was_off.take();
-        BusCommand {
-            run: if was_off { Some(false) } else { self.run.get() },
-            acknowledge: self.acknowledge.take(),
-        }
-    }
 }
 
 /// The controller with its settings and last report, for tasks of one executor.
@@ -221,8 +202,7 @@ impl Station {
             self.end_simulation();
         }
         let desk_active = self.frame_received.take() || inputs.link_heard;
-        let bus = self.bus.take_command();
-        let bus_active = self.bus.request_received.take();
+        let (bus, bus_active) = self.bus.server.borrow_mut().take_command();
         let controls = self.bus_controls();
         Some(self.control(
             cycle,

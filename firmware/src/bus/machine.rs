@@ -42,13 +42,6 @@ impl Machine for Registers<'_> {
         (record.number == number).then_some(record)
     }
 
-    fn command(&mut self, run: bool, acknowledge: bool) {
-        let bus = &self.station.bus;
-        bus.run.set(Some(run));
-        bus.run_was_off.update(|was_off| was_off || !run);
-        bus.acknowledge.update(|before| before || acknowledge);
-    }
-
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         self.station.set_target(target).map_err(exception)
     }

@@ -121,12 +121,6 @@ pub trait Machine {
     /// The event of this number; `None` if it is overwritten or has not happened yet.
     fn event(&self, number: u32) -> Option<Record>;
 
-    /// Sets the run bit, and reports whether the acknowledge bit has risen.
-    ///
-    /// The machine decides whether it starts. After power-on and after a fault the run bit must be
-    /// 0 once, and without the enable input nothing starts.
-    fn command(&mut self, run: bool, acknowledge: bool);
-
     /// Sets another target.
     ///
     /// # Errors
