@@ -310,7 +310,7 @@ mod tests {
         let loaded = LoadedSettings::whole(scene.settings, scene.target);
         let start = StartCause::Ordinary;
         let controller = Station::controller(&loaded, start).unwrap();
-        let station = Station::new(&loaded, start, &controller, exchange, LastWords::EMPTY);
+        let station = Station::new(&loaded, &controller, exchange, LastWords::EMPTY);
         let signal = Signal::build(&loaded.settings).unwrap();
         let mut sampler = Sampler::new(signal, desk, desk, exchange);
         assert!(desk.borrow().off, "the drive starts off");

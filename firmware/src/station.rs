@@ -18,22 +18,6 @@ use kband_control::{
 /// Number of records in the event log, 20 bytes each.
 const LOG_RECORDS: usize = 64;
 
-/// Fault record for a cause of the start; `None` if the start is no fault.
-fn fault_of(start: StartCause) -> Option<FaultRecord> {
-    let fault = match start {
-        StartCause::Ordinary | StartCause::PowerOn => return None,
-        StartCause::Reset => Fault::WatchdogReset,
-        StartCause::Repeated => Fault::RepeatedResets,
-        StartCause::ImageDamaged => Fault::ImageDamaged,
-        StartCause::Refused => Fault::SettingsInvalid,
-    };
-    Some(FaultRecord {
-        fault: fault.number(),
-        state: State::Fault.number(),
-        ..FaultRecord::default()
-    })
-}
-
 /// Cause of the start for the controller; `Refused` if settings are missing or damaged.
 fn start_cause_for(saved: &LoadedSettings, start: StartCause) -> StartCause {
     match (saved.condition, start) {
@@ -153,11 +137,15 @@ impl Station {
     #[inline(always)]
     pub fn new(
         saved: &LoadedSettings,
-        start: StartCause,
         controller: &Controller,
         exchange: &'static Exchange,
         last_words: LastWords,
     ) -> Self {
+        let start_fault = controller.interlock().fault.map(|fault| FaultRecord {
+            fault: fault.number(),
+            state: State::Fault.number(),
+            ..FaultRecord::default()
+        });
         Self {
             controller: RefCell::new(controller.clone()),
             settings: Cell::new(saved.settings),
@@ -183,7 +171,7 @@ impl Station {
             longest: Cell::new(0),
             tick: Mailbox::new(),
             samples: Cell::new(0),
-            unsaved_fault: Cell::new(fault_of(start_cause_for(saved, start))),
+            unsaved_fault: Cell::new(start_fault),
             exchange,
             last_words,
         }

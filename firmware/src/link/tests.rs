@@ -70,7 +70,7 @@ impl Board {
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&loaded, start).unwrap();
-        let station = Station::new(&loaded, start, &controller, exchange, words);
+        let station = Station::new(&loaded, &controller, exchange, words);
         Self {
             service: Service::new(image, memory(&loaded), loaded.pin),
             station,
