@@ -109,8 +109,9 @@ impl Snapshot<'_> {
 
 /// A drive on the bus.
 ///
-/// The server has checked authority and addresses before it calls a command. An error is the
-/// exception that the bus answers: `Value`, `NotInControl` or `Busy`.
+/// Before it sets anything, the server has checked authority and addresses. Before it sets settings
+/// or saves, it has also checked that the drive is at rest. An error is the exception that the bus
+/// answers: `Value`, `NotInControl` or `Busy`.
 pub trait Machine {
     /// The present state of the drive.
     fn snapshot(&self) -> Snapshot<'_>;
@@ -136,7 +137,7 @@ pub trait Machine {
     /// Requests that settings and target are saved; [`Snapshot::save`] shows the progress.
     ///
     /// # Errors
-    /// The drive runs, or the previous save is not finished.
+    /// The previous save is not finished.
     fn save(&mut self) -> Result<(), Exception>;
 
     /// Selects a recipe.

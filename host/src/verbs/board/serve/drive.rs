@@ -5,7 +5,7 @@ use std::time::Duration;
 use kband::feeder::OutOfRange;
 use kband_bus::{Answer, Authority, Exception, Machine, SaveProgress, Server, Snapshot};
 use kband_control::wire::{Access, Record, Status, Telemetry};
-use kband_control::{Event, Fault, Inputs, Report, Settings, StartCause, State, Target};
+use kband_control::{Event, Fault, Inputs, Report, Settings, StartCause, Target};
 use kband_plant::{Change, ClosedLoop, Scene};
 
 use super::Feeder;
@@ -122,10 +122,6 @@ impl Drive {
             }
         }
     }
-
-    fn at_rest(&self) -> bool {
-        matches!(self.report.state, State::Off | State::Fault)
-    }
 }
 
 impl Machine for Drive {
@@ -168,18 +164,12 @@ impl Machine for Drive {
     }
 
     fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
-        if !self.at_rest() {
-            return Err(Exception::Busy);
-        }
         settings.check().map_err(|_| Exception::Value)?;
         let configured = self.closed.configure(settings);
         configured.map_err(|_| Exception::Value)
     }
 
     fn save(&mut self) -> Result<(), Exception> {
-        if !self.at_rest() {
-            return Err(Exception::Busy);
-        }
         self.closed.controller_mut().settings_saved();
         self.save = SaveProgress::Done;
         Ok(())
