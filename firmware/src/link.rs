@@ -235,7 +235,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
         station.bus.writable.set(access == Access::Full);
         if station.bus.save.get() == SaveProgress::Pending {
             let saved = self.store.save_settings(station, self.lock.pin).await;
-            station.end_save(saved.is_ok());
+            station.bus.save.set(match saved {
+                Ok(()) => SaveProgress::Done,
+                Err(_) => SaveProgress::Failed,
+            });
         }
     }
 
@@ -296,7 +299,7 @@ fn self_test(station: &Station, loaded: &LoadedSettings, image: &Image) -> SelfT
             Condition::Lost | Condition::Newer => SavedSettings::Damaged,
         },
         stack_free: (image.stack_free)(),
-        missed: station.missed(),
+        missed: station.exchange.missed(),
         set_up: SetUp {
             control: station.longest.get(),
             ..(image.set_up)()

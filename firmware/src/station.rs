@@ -361,20 +361,6 @@ impl Station {
         self.settings.get().bus_controls()
     }
 
-    /// Requests a save for the fieldbus; returns false while an earlier save is pending.
-    pub fn request_save(&self) -> bool {
-        self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
-    }
-
-    /// Records whether the requested save succeeded.
-    pub fn end_save(&self, saved: bool) {
-        self.bus.save.set(if saved {
-            SaveProgress::Done
-        } else {
-            SaveProgress::Failed
-        });
-    }
-
     /// Sets a new target.
     ///
     /// # Errors
@@ -534,10 +520,5 @@ impl Station {
     /// The first record of the event log whose number is at least `number`.
     pub fn event(&self, number: u32) -> Option<Record> {
         self.log.borrow().from(number)
-    }
-
-    /// Number of drive cycles whose control missed its deadline.
-    pub fn missed(&self) -> u32 {
-        self.exchange.missed()
     }
 }

@@ -8,6 +8,7 @@ use core::cell::{Cell, RefCell};
 use core::pin::pin;
 use embassy_futures::{block_on, poll_once};
 use kband::arithmetic::Noise;
+use kband_bus::SaveProgress;
 use kband_control::wire::{Pin, Refusal, Request, Response};
 use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
 use std::vec::Vec;
@@ -171,12 +172,12 @@ fn a_save_waits_for_the_link_and_for_the_lock() {
     assert_eq!(board.write(SAVE, 1)[0], 6);
     assert_eq!(board.word(SAVE), 1);
     assert_eq!(board.write(SAVE, 1), [0x86, 6], "not done yet");
-    board.station.end_save(true);
+    board.station.bus.save.set(SaveProgress::Done);
     assert_eq!(board.word(SAVE), 2);
     board.control(0);
     board.control(1);
     assert_eq!(board.write(SAVE, 1), [0x86, 6], "the drive runs");
-    board.station.end_save(false);
+    board.station.bus.save.set(SaveProgress::Failed);
     assert_eq!(board.word(SAVE), 3);
 }
 
@@ -297,10 +298,10 @@ fn the_link_reads_while_the_bus_is_in_control() {
     let read = board.ask(&Request::Get("gain"));
     assert!(matches!(read, Response::Setting(_)));
     // The link's task carries out a save that the bus requests.
-    assert!(board.station.request_save());
+    board.station.bus.save.set(SaveProgress::Pending);
     block_on(board.service.serve_bus(&board.station));
     let state = &board.station.bus;
-    assert_eq!(state.save.get(), kband_bus::SaveProgress::Done);
+    assert_eq!(state.save.get(), SaveProgress::Done);
     assert!(state.writable.get());
     board.done(&Request::set("bus", 0.0));
     board.done(&Request::set("gain", 2.0));

@@ -329,7 +329,7 @@ async fn main(spawner: Spawner) {
             "stack {} of {} bytes, {} cycles missed",
             used,
             size,
-            station.missed()
+            EXCHANGE.missed()
         );
     }
 }
