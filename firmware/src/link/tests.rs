@@ -1,11 +1,10 @@
 //! Tests of the link's board side, with a controller behind it, at the desk.
 
 use super::*;
-use crate::exchange::Exchange;
 use crate::storage::last_words::LastWords;
 use crate::storage::recipes::Recipes;
 use crate::storage::store::tests::{G4_PAGE, Nor, SUPPLY_IS_GOOD, memory};
-use crate::testing::with;
+use crate::testing::{exchange, with};
 use core::cell::Cell;
 use core::pin::pin;
 use embassy_futures::{block_on, poll_once};
@@ -15,7 +14,6 @@ use kband_control::wire::{
 use kband_control::{
     Cycle, Event, Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target,
 };
-use std::boxed::Box;
 use std::println;
 use std::vec::Vec;
 
@@ -66,11 +64,10 @@ impl Board {
     }
 
     fn of(image: Image, loaded: LoadedSettings, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&loaded, start).unwrap();
-        let station = Station::new(&loaded, &controller, exchange, words);
+        let station = Station::new(&loaded, &controller, exchange(), words);
         Self {
             service: Service::new(image, memory(&loaded), loaded.pin),
             station,
