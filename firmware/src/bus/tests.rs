@@ -76,10 +76,9 @@ fn the_run_bit_starts_and_stops_with_the_enable_input() {
     assert_eq!(board.control(1), State::Starting);
     assert_eq!(board.word(4) & 0b11, 0b10, "running");
     assert_eq!(board.control(0), State::Stopping);
-    board.cycles(100);
+    board.run(true, 100);
     assert_eq!(board.control(1), State::Starting);
-    board.enable = false;
-    board.cycle();
+    board.run(false, 1);
     assert_eq!(board.state(), State::Stopping);
 }
 
@@ -144,12 +143,10 @@ fn control_that_passes_to_the_enable_input_starts_nothing() {
     let local = with(board.station.settings(), |it| it.bus = 0.0);
     board.station.set_settings(&local).unwrap();
     for enable in [true, false] {
-        board.enable = enable;
-        board.cycles(30);
+        board.run(enable, 30);
         assert_eq!(board.state(), State::Off);
     }
-    board.enable = true;
-    board.cycle();
+    board.run(true, 1);
     assert_eq!(board.state(), State::Starting);
     assert_eq!(board.write(0, 0), [0x86, 4]);
 }

@@ -47,16 +47,13 @@ pub(crate) struct Board {
 }
 
 pub(crate) fn board_with(settings: Settings) -> Board {
-    Board::with(with(LOADED(Condition::Whole), |it| it.settings = settings))
+    let loaded = with(LOADED(Condition::Whole), |it| it.settings = settings);
+    Board::started(loaded, StartCause::Ordinary)
 }
 
 impl Board {
     fn new() -> Self {
-        Self::with(LOADED(Condition::Whole))
-    }
-
-    fn with(loaded: LoadedSettings) -> Self {
-        Self::started(loaded, StartCause::Ordinary)
+        Self::started(LOADED(Condition::Whole), StartCause::Ordinary)
     }
 
     pub fn started(loaded: LoadedSettings, start: StartCause) -> Self {
@@ -130,12 +127,18 @@ impl Board {
         }
     }
 
-    pub fn cycles(&mut self, count: u32) {
-        (0..count).for_each(|_| drop(self.cycle()));
+    /// Runs drive cycles with this level of the enable input.
+    pub fn run(&mut self, enable: bool, cycles: u32) {
+        self.enable = enable;
+        (0..cycles).for_each(|_| drop(self.cycle()));
     }
 
     fn saved(&mut self) -> LoadedSettings {
         block_on(self.service.store.load())
+    }
+
+    fn saved_recipes(&mut self) -> Recipes {
+        block_on(self.service.store.recipes())
     }
 
     fn keep_fault(&mut self) {
@@ -231,8 +234,7 @@ fn a_refused_setting_does_not_end_a_simulation() {
 #[test]
 fn a_running_drive_is_not_worked_on_but_obeys() {
     let mut board = Board::new();
-    board.enable = true;
-    board.cycle();
+    board.run(true, 1);
     assert_eq!(board.state(), State::Starting);
     let refused = [
         Request::set("frequency", 60.0),
@@ -451,8 +453,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.done(&Request::Enable(false));
     board.enable = true;
     board.refused(&SIMULATE, Refusal::Running);
-    board.enable = false;
-    board.cycle();
+    board.run(false, 1);
     board.done(&Request::Enable(true));
     board.done(&simulate(scene.target));
     let mut closed = ClosedLoop::build(&scene).unwrap();
@@ -535,15 +536,13 @@ fn a_silent_simulation_ends() {
 fn no_fault_is_kept_while_the_drive_runs() {
     let mut board = Board::started(LOADED(Condition::Whole), StartCause::Reset);
     // A press of half a second acknowledges the fault before the link stores it.
-    for cycle in 0..40 {
-        board.enable = !(2..35).contains(&cycle);
-        board.cycle();
-    }
+    board.run(true, 2);
+    board.run(false, 33);
+    board.run(true, 5);
     assert_eq!(board.state(), State::Starting);
     board.keep_fault();
     assert_eq!(block_on(board.service.store.fault(0)), None);
-    board.enable = false;
-    board.cycles(100);
+    board.run(false, 100);
     board.keep_fault();
     assert!(block_on(board.service.store.fault(0)).is_some());
     assert_eq!(block_on(board.service.store.fault(1)), None);
@@ -557,13 +556,12 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
         (Condition::Lost, SavedSettings::Damaged),
         (Condition::Newer, SavedSettings::Damaged),
     ] {
-        let mut board = Board::with(LOADED(condition));
+        let mut board = Board::started(LOADED(condition), StartCause::Ordinary);
         let fault = |board: &mut Board| {
             // Half a second acknowledges any fault that can be acknowledged.
-            for cycle in 0..30 {
-                board.enable = !(1..27).contains(&cycle);
-                board.cycle();
-            }
+            board.run(true, 1);
+            board.run(false, 26);
+            board.run(true, 3);
             board.station.report().fault
         };
         let invalid = Some(Fault::SettingsInvalid);
@@ -585,14 +583,11 @@ fn a_board_without_its_settings_stays_off_until_some_are_saved() {
 fn defaults_drive_nothing_until_settings_are_saved() {
     let mut board = Board::new();
     let state = |board: &mut Board| {
-        for cycle in 0..32 {
-            // Withdrawn long enough to acknowledge a fault, then enabled.
-            board.enable = cycle >= 30;
-            board.cycle();
-        }
+        // Withdrawn long enough to acknowledge a fault, then enabled.
+        board.run(false, 30);
+        board.run(true, 2);
         let report = board.station.report();
-        board.enable = false;
-        board.cycles(100);
+        board.run(false, 100);
         (report.state, report.fault)
     };
     board.done(&Request::Save);
@@ -616,12 +611,8 @@ fn saves_are_refused_where_they_come_too_often() {
 #[test]
 fn a_fault_is_kept_beyond_a_loss_of_power() {
     let mut board = Board::new();
-    board.enable = true;
     // A track that never moves.
-    assert!((0..500).any(|_| {
-        board.cycle();
-        board.station.report().fault.is_some()
-    }));
+    board.run(true, 500);
     board.keep_fault();
     board.keep_fault();
     let number = board.station.report().fault.map(Fault::number);

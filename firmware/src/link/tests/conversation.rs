@@ -151,7 +151,7 @@ fn converse(seed: u64) -> u32 {
         if random.below(100) == 0 {
             let start = [StartCause::Ordinary, StartCause::PowerOn, StartCause::Reset];
             let (saved, start) = (board.saved(), random.choose(&start));
-            add(format!("{saved:?} {:?}", saved_recipes(&mut board)).as_bytes());
+            add(format!("{saved:?} {:?}", board.saved_recipes()).as_bytes());
             board = Board::started(saved, start);
         }
     }
@@ -164,8 +164,4 @@ fn converse(seed: u64) -> u32 {
 fn a_random_conversation_keeps_its_bits() {
     let sums = [1, 2, 3, 4].map(converse);
     assert_eq!(sums, CHECKSUMS, "{sums:#x?}");
-}
-
-fn saved_recipes(board: &mut Board) -> Recipes {
-    block_on(board.service.store.recipes())
 }

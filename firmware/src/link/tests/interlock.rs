@@ -70,10 +70,8 @@ fn board_with_the_input_on(noise: &mut Noise) -> Board {
     let mut board = Board::started(loaded, start);
     // Some boards run first, until the controller detects a track that does not move.
     if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
-        for cycle in 0..90 {
-            board.enable = cycle > 30;
-            board.cycle();
-        }
+        board.run(false, 31);
+        board.run(true, 59);
         assert_eq!(board.state(), State::Fault);
     }
     board.enable = true;
@@ -129,14 +127,12 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
 fn a_setting_between_faults_does_not_end_the_lock_out() {
     let mut board = Board::started(LOADED(Condition::Whole), StartCause::PowerOn);
     let mut fault = |acknowledged: bool| {
-        board.enable = false;
-        board.cycles(30);
+        board.run(false, 30);
         if acknowledged {
             assert_eq!(board.state(), State::Off);
             board.done(&Request::set("soft_start", 0.3));
         }
-        board.enable = true;
-        board.cycles(60);
+        board.run(true, 60);
         assert_eq!(board.state(), State::Fault);
     };
     (0..3).for_each(|_| fault(true));
@@ -205,7 +201,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     board.done(&Request::Unlock(pin));
     board.done(&set);
     // The next start locks it again; the strap overrides the PIN.
-    let mut board = Board::with(board.saved());
+    let mut board = Board::started(board.saved(), StartCause::Ordinary);
     board.refused(&set, Refusal::ReadOnly(Access::Locked));
     board.done(&Request::Unlock(pin));
     board.service.image.strapped = || true;
@@ -216,6 +212,6 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     board.service.image.strapped = || false;
     board.done(&Request::Lock(None));
     assert_eq!(board.saved().pin, None);
-    let mut board = Board::with(board.saved());
+    let mut board = Board::started(board.saved(), StartCause::Ordinary);
     board.done(&set);
 }

@@ -188,7 +188,7 @@ fn a_signed_image_is_written_marked_and_started_once() {
         assert_eq!(flash.erased, [0, 512, 1024]);
         assert!(flash.marked && flash.restarts == 0);
     });
-    board.cycles(25);
+    board.run(false, 25);
     assert!(flash(|flash| flash.restarts > 0));
 }
 
@@ -269,8 +269,7 @@ fn an_update_keeps_the_drive_off_and_a_running_drive_refuses_it() {
         assert!(!board.station.at_rest());
     }
     assert_eq!(flash(|flash| flash.erased.len()), 0);
-    board.enable = false;
-    board.cycles(100);
+    board.run(false, 100);
     refused(&mut board, &bytes(&image, 0), Order(0));
 }
 
@@ -298,7 +297,7 @@ fn an_image_on_trial_drives_nothing_until_confirmed() {
     }
     assert!(!flash(|flash| flash.on_trial));
     // The enable input has stayed on: only a new press starts the drive.
-    board.cycles(50);
+    board.run(true, 50);
     assert!(board.station.at_rest());
     assert!(starts(&mut board));
     pass(&mut board, TRIAL_S + 1);
