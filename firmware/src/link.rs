@@ -328,13 +328,8 @@ fn changes(request: &Request<'_>) -> bool {
 fn commands(request: &Request<'_>) -> bool {
     match request {
         Request::Set { key, .. } => !key.starts_with("bus"),
-        Request::Defaults
-        | Request::Target(_)
-        | Request::SetRecipe { .. }
-        | Request::UseRecipe(_)
-        | Request::Simulate { .. }
-        | Request::Samples { .. } => true,
-        _ => false,
+        Request::Save | Request::SaveRecipes | Request::Lock(_) => false,
+        _ => changes(request),
     }
 }
 
@@ -342,8 +337,7 @@ fn commands(request: &Request<'_>) -> bool {
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
-    let fewest = bytes.div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT);
-    let fewest = fewest.max(1);
+    let fewest = (bytes.div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT)).max(1);
     if cycles > 0 && u64::from(cycles) < fewest {
         return Response::Refused(Refusal::Faster(fewest as u16));
     }
