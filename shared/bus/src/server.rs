@@ -46,7 +46,7 @@ impl Server {
     }
 
     /// Counts a frame with a wrong checksum or length.
-    pub fn count_damaged(&mut self) {
+    pub(crate) fn count_damaged(&mut self) {
         self.counters.damaged = self.counters.damaged.wrapping_add(1);
     }
 

@@ -103,7 +103,8 @@ pub fn bus(input: &[u8]) -> bool {
         is_valid |= process(&mut server, &mut drive, &adu);
         let mut answer = Answer::new();
         let _ = rtu::answer(&mut server, UNIT, piece, &mut drive, &mut answer);
-        if let Some(adu) = tcp::adu(piece) {
+        if tcp::frame_length(piece) == Ok(Some(piece.len())) {
+            let adu = &piece[tcp::HEADER_BYTES..];
             let _ = server.answer(adu, &mut drive, &mut answer) && tcp::wrap(piece, &mut answer);
         }
         let (command, _) = server.take_command();
