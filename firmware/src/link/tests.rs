@@ -187,6 +187,7 @@ fn open(frame: &[u8]) -> (u8, Response<'static>) {
 }
 
 mod conversation;
+mod draw;
 mod interlock;
 mod recipes;
 mod update;

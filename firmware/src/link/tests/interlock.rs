@@ -1,5 +1,6 @@
 //! No request may start a machine, or clear a fault, a latch or a lock-out.
 
+use super::draw::{below, choose, request, value};
 use super::*;
 use crate::testing::seed;
 use kband::arithmetic::Noise;
@@ -7,69 +8,23 @@ use kband::arithmetic::Noise;
 const SEQUENCES: u32 = 100_000;
 const MAX_SEQUENCE: u32 = 40;
 
-fn below(noise: &mut Noise, limit: u32) -> u32 {
-    noise.bits() % limit
-}
-
-fn value(noise: &mut Noise, low: f32, high: f32) -> f32 {
-    low + (high - low) * (below(noise, 1001) as f32 / 1000.0)
-}
-
-fn target(noise: &mut Noise) -> Target {
-    match below(noise, 6) {
-        0 => Target::Locked {
-            order: 1 + below(noise, 3) as u8,
-        },
-        1 => Target::Gear { order: 1 },
-        2 => Target::Amplitude(value(noise, 0.0, 0.9)),
-        3 => Target::Speed(value(noise, 10.0, 100.0)),
-        4 => Target::Identify,
-        _ => Target::K(value(noise, 0.2, 1.5)),
-    }
-}
-
-fn request(noise: &mut Noise) -> Request<'static> {
-    match below(noise, 16) {
-        0..=3 => {
-            let key = &Settings::KEYS[below(noise, Settings::KEYS.len() as u32) as usize];
-            let value = match below(noise, 3) {
-                0 => key.default,
-                1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
-                _ => value(noise, key.low, key.high),
-            };
-            Request::set(key.name, value)
-        }
-        4 => Request::Defaults,
-        5 | 6 => Request::Save,
-        7 => Request::Target(target(noise)),
-        8 | 9 => Request::Enable(true),
-        10 => Request::Enable(false),
-        11 => simulate(target(noise)),
-        12 => Request::Samples {
-            codes: &[0; 150],
-            end: None,
-        },
-        13 => Request::Lock(Pin::parse("4711").filter(|_| below(noise, 2) == 0)),
-        14 => Request::Unlock(Pin::parse("4711").unwrap()),
-        _ => [
-            Request::Alive,
-            Request::Status,
-            Request::SelfTest,
-            Request::Fault(0),
-            Request::Telemetry(1),
-            Request::Identification,
-        ][below(noise, 6) as usize],
-    }
+fn setting(noise: &mut Noise) -> (&'static str, f32) {
+    let key = &Settings::KEYS[below(noise, Settings::KEYS.len() as u32) as usize];
+    let value = match below(noise, 3) {
+        0 => key.default,
+        1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
+        _ => value(noise, key.low, key.high),
+    };
+    (key.name, value)
 }
 
 fn board_with_the_input_on(noise: &mut Noise) -> Board {
-    let condition = [Condition::Whole, Condition::Never, Condition::Lost];
-    let loaded = LOADED(condition[(below(noise, 5) as usize).min(2)]);
-    let starts = [StartCause::PowerOn, StartCause::Reset];
-    let start = starts[below(noise, 2) as usize];
+    use Condition::{Lost, Never, Whole};
+    let loaded = LOADED(choose(noise, &[Whole, Never, Lost, Lost, Lost]));
+    let start = choose(noise, &[StartCause::PowerOn, StartCause::Reset]);
     let mut board = Board::started(loaded, start);
     // Some boards run first, until the controller detects a track that does not move.
-    if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
+    if loaded.condition == Whole && below(noise, 4) == 0 {
         board.run(false, 31);
         board.run(true, 59);
         assert_eq!(board.state(), State::Fault);
@@ -87,7 +42,8 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
         let mut fault: Option<Fault> = None;
         let mut requests = Vec::new();
         for _ in 0..=below(&mut noise, MAX_SEQUENCE) {
-            let request = request(&mut noise);
+            let setting = setting(&mut noise);
+            let request = request(&mut noise, setting, 1);
             requests.push(request);
             let mut buffer = [0; MAX_FRAME_BYTES];
             let frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
