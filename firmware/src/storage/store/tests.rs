@@ -203,20 +203,6 @@ const TARGETS: [Target; 9] = [
 ];
 
 #[test]
-fn settings_and_target_load_as_saved() {
-    let mut store = records(Nor::<G4_PAGE>::new());
-    let never = LoadedSettings::none(Condition::Never);
-    assert_eq!(block_on(store.load()), never);
-    for (n, target) in TARGETS.into_iter().enumerate() {
-        let settings = changed(0.9 + 0.01 * n as f32);
-        let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
-        block_on(store.save(&settings, target, pin)).unwrap();
-        store = records(store.flash);
-        assert_eq!(block_on(store.load()), valid(settings, target, pin));
-    }
-}
-
-#[test]
 fn a_byte_that_cannot_be_written_is_an_error() {
     let mut store = saved::<G4_PAGE>(&changed(1.0), TARGETS[0]);
     // A byte in the settings of the second record.
@@ -502,6 +488,8 @@ fn some_recipes(number: u8) -> Recipes {
 #[test]
 fn settings_recipes_and_key_are_saved_without_each_other() {
     let mut store = records(Nor::<G4_PAGE>::new());
+    let never = LoadedSettings::none(Condition::Never);
+    assert_eq!(block_on(store.load()), never);
     assert_eq!(block_on(store.recipes()), Recipes::default());
     let none = Err(StoreFailed::NoSettings);
     assert_eq!(block_on(store.save_recipes(&some_recipes(1))), none);
@@ -509,10 +497,10 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
     assert_eq!(block_on(store.key()), None);
     // Among them the bits of a signalling NaN.
     let key = |n: u8| core::array::from_fn(|at| if at < 4 { [1, 0, 0xa0, 0x7f][at] } else { n });
-    for n in 1..9 {
+    for (n, target) in (1..).zip(TARGETS) {
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
         let settings = changed(0.9 + 0.01 * f32::from(n));
-        block_on(store.save(&settings, Target::Chaotic, pin)).unwrap();
+        block_on(store.save(&settings, target, pin)).unwrap();
         let before = (n > 1).then(|| some_recipes(n - 1));
         assert_eq!(block_on(store.recipes()), before.unwrap_or_default());
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
@@ -521,7 +509,7 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
         store = records(store.flash);
         assert_eq!(block_on(store.key()), Some(key(n)));
         let found = block_on(store.load());
-        assert_eq!(found, valid(settings, Target::Chaotic, pin));
+        assert_eq!(found, valid(settings, target, pin));
         assert_eq!(block_on(store.recipes()), some_recipes(n));
     }
     // Older settings do not replace damaged ones when recipes are saved.
