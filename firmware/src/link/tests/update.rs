@@ -332,8 +332,13 @@ fn a_key_is_set_once_and_replaced_with_a_pin() {
     for _ in 0..5 {
         refused(&mut board, &wrong, WrongPin);
     }
-    refused(&mut board, &UpdateRequest::Unlock(pin), Wait(60));
-    pass(&mut board, 60);
+    // The right PIN is refused too, for a minute.
+    for (seconds, left) in [(0, 60), (59, 1)] {
+        pass(&mut board, seconds);
+        refused(&mut board, &UpdateRequest::Unlock(pin), Wait(left));
+    }
+    pass(&mut board, 1);
+    refused(&mut board, &wrong, WrongPin);
     done(&mut board, &UpdateRequest::Unlock(pin));
     done(&mut board, &set);
     let key = block_on(board.service.store.key());
