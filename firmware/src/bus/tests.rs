@@ -152,16 +152,6 @@ fn control_that_passes_to_the_enable_input_starts_nothing() {
 }
 
 #[test]
-fn a_run_bit_of_a_moment_stops_the_drive() {
-    let mut board = with_authority(1.0);
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    // Both words are written within a drive cycle.
-    board.write(0, 0);
-    assert_eq!(board.control(1), State::Stopping);
-}
-
-#[test]
 fn a_save_waits_for_the_link_and_for_the_lock() {
     let mut board = with_authority(1.0);
     assert_eq!(board.write(SAVE, 1), [0x86, 4], "the lock is not known yet");
