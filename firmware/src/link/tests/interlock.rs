@@ -78,30 +78,6 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
 }
 
-/// Three faults within a minute lock the drive out, even when settings are changed in between.
-#[test]
-fn a_setting_between_faults_does_not_end_the_lock_out() {
-    let mut board = Board::started(LOADED(Condition::Whole), StartCause::PowerOn);
-    let mut fault = |acknowledged: bool| {
-        board.run(false, 30);
-        if acknowledged {
-            assert_eq!(board.state(), State::Off);
-            board.done(&Request::set("soft_start", 0.3));
-        }
-        board.run(true, 60);
-        assert_eq!(board.state(), State::Fault);
-    };
-    (0..3).for_each(|_| fault(true));
-    fault(false);
-    // A minute is 3000 cycles.
-    board.enable = false;
-    for cycle in 1..=3000 {
-        board.cycle();
-        let off = board.state() == State::Off;
-        assert_eq!(off, cycle == 3000, "{cycle}");
-    }
-}
-
 /// A fault outlives a simulation by the desk, which starts with the input off.
 #[test]
 fn a_simulation_leaves_the_fault_as_it_was() {
