@@ -1,7 +1,7 @@
 //! The bus of a board: its task, its registers, and its authority over the drive.
 
 use super::*;
-use crate::link::tests::{Board, board_with, sensed, simulate};
+use crate::link::tests::{Board, board_with, simulate};
 use crate::storage::store::LoadedSettings;
 use crate::testing::with;
 use core::cell::{Cell, RefCell};
@@ -10,7 +10,7 @@ use embassy_futures::{block_on, poll_once};
 use kband::arithmetic::Noise;
 use kband_bus::SaveProgress;
 use kband_control::wire::{Pin, Refusal, Request, Response};
-use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
+use kband_control::{Limits, Recipe, RecipeName, StartCause, State, Target};
 use std::vec::Vec;
 
 const UNIT: u8 = 17;
@@ -80,75 +80,6 @@ fn the_run_bit_starts_and_stops_with_the_enable_input() {
     assert_eq!(board.control(1), State::Starting);
     board.run(false, 1);
     assert_eq!(board.state(), State::Stopping);
-}
-
-#[test]
-fn only_authority_2_acknowledges_and_run_needs_an_edge() {
-    // The track does not move.
-    let failed = |authority: f32| {
-        let mut board = with_authority(authority);
-        board.control(0);
-        assert!((0..200).any(|_| board.control(1) == State::Fault));
-        assert_eq!(board.word(6), Fault::NoResponse.number().into());
-        assert_eq!(board.control(0), State::Fault);
-        board
-    };
-    let mut board = failed(1.0);
-    assert_eq!(board.write(0, 0x80), [0x86, 4]);
-    board.cycle();
-    assert_eq!(board.state(), State::Fault);
-    let mut board = failed(2.0);
-    assert_eq!(board.control(1), State::Fault);
-    for _ in 0..10 {
-        assert_eq!(board.control(0x81), State::Off);
-    }
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    // The third fault within a minute locks out.
-    for fault in 2..=3 {
-        assert!((0..200).any(|_| board.control(1) == State::Fault));
-        board.control(0);
-        assert_eq!(board.control(0x80) == State::Fault, fault == 3);
-        board.control(0);
-    }
-}
-
-#[test]
-fn a_cause_that_lasts_is_not_acknowledged() {
-    let mut board = with_authority(2.0);
-    let cycle = |board: &Board, hot: bool| {
-        let inputs = with(Inputs::default(), |it| {
-            (it.enable, it.over_temperature) = (true, hot);
-        });
-        board.station.cycle(&sensed(400), inputs).unwrap()
-    };
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    let report = cycle(&board, true);
-    assert_eq!(report.fault, Some(Fault::OverTemperature));
-    board.write(0, 0);
-    cycle(&board, true);
-    board.write(0, 0x80);
-    assert_eq!(cycle(&board, true).state, State::Fault);
-    let state = cycle(&board, false).state;
-    assert_eq!(state, State::Fault, "one edge, one attempt");
-    board.control(0);
-    assert_eq!(board.control(0x80), State::Off);
-}
-
-#[test]
-fn control_that_passes_to_the_enable_input_starts_nothing() {
-    let mut board = with_authority(1.0);
-    board.control(0);
-    let local = with(board.station.settings(), |it| it.bus = 0.0);
-    board.station.set_settings(&local).unwrap();
-    for enable in [true, false] {
-        board.run(enable, 30);
-        assert_eq!(board.state(), State::Off);
-    }
-    board.run(true, 1);
-    assert_eq!(board.state(), State::Starting);
-    assert_eq!(board.write(0, 0), [0x86, 4]);
 }
 
 #[test]
