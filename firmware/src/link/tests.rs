@@ -507,24 +507,36 @@ fn readings_across_a_cycle_end_are_refused() {
     assert!(matches!(response, Response::Cycle { .. }), "{response:?}");
 }
 
+/// The board's fault outlives a simulation.
 #[test]
 fn only_silence_ends_a_simulation() {
-    let mut board = Board::new();
-    board.done(&simulate(Target::K(0.41)));
-    board.out_of_range(&Request::set("amplitude_limit", 0.046), "safe_amplitude");
-    assert_eq!(board.station.target(), Target::K(0.41));
-    let second = sensed(20_000);
-    let inputs = with(Inputs::default(), |it| it.enable = true);
-    let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
-    assert_eq!(silent.count(), 10);
-    // The drive is off, and an earlier enable input has no effect.
-    for _ in 0..5 {
+    for (condition, start) in [
+        (Condition::Whole, StartCause::Ordinary),
+        (Condition::Whole, StartCause::Reset),
+        (Condition::Lost, StartCause::PowerOn),
+    ] {
+        let mut board = Board::started(LOADED(condition), start);
+        board.cycle();
+        let before = board.station.report().fault;
+        assert_eq!(before.is_none(), start == StartCause::Ordinary);
+        board.done(&simulate(Target::K(0.41)));
+        board.out_of_range(&Request::set("amplitude_limit", 0.046), "safe_amplitude");
+        assert_eq!(board.station.target(), Target::K(0.41));
+        let second = sensed(20_000);
+        let inputs = with(Inputs::default(), |it| it.enable = true);
+        let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
+        assert_eq!(silent.count(), 10);
+        // The drive is off, and an earlier enable input has no effect.
+        for _ in 0..5 {
+            let report = board.station.cycle(&second, inputs).unwrap();
+            let state = before.map_or(State::Off, |_| State::Fault);
+            assert_eq!((report.state, report.fault), (state, before));
+            assert_eq!(report.command.amplitude, 0.0);
+        }
+        assert!(board.station.cycle(&second, Inputs::default()).is_some());
         let report = board.station.cycle(&second, inputs).unwrap();
-        assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
+        assert_eq!(report.state == State::Starting, before.is_none());
     }
-    assert!(board.station.cycle(&second, Inputs::default()).is_some());
-    let report = board.station.cycle(&second, inputs).unwrap();
-    assert_eq!(report.state, State::Starting);
 }
 
 #[test]

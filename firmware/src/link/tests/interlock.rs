@@ -78,25 +78,6 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
 }
 
-/// A fault outlives a simulation by the desk, which starts with the input off.
-#[test]
-fn a_simulation_leaves_the_fault_as_it_was() {
-    for (loaded, start) in [
-        (LOADED(Condition::Whole), StartCause::Reset),
-        (LOADED(Condition::Lost), StartCause::PowerOn),
-    ] {
-        let mut board = Board::started(loaded, start);
-        board.cycle();
-        let before = board.station.report().fault;
-        assert!(before.is_some());
-        board.done(&SIMULATE);
-        for _ in 0..12 {
-            board.station.cycle(&sensed(20_000), Inputs::default());
-        }
-        assert_eq!(board.station.report().fault, before);
-    }
-}
-
 #[test]
 fn a_strap_and_a_pin_make_the_link_read_only() {
     let set = Request::set("gain", 2.0);
