@@ -555,55 +555,42 @@ fn no_fault_is_kept_while_the_drive_runs() {
     assert_eq!(block_on(board.service.store.fault(1)), None);
 }
 
-/// A board without settings. They can be set singly; the drive runs only with saved settings.
+/// Settings are missing or damaged, or the desk restores the defaults, which fit no machine. They
+/// can be set singly; the drive runs only with saved settings.
 #[test]
 fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     for (condition, record) in [
         (Condition::Never, SavedSettings::Never),
         (Condition::Lost, SavedSettings::Damaged),
         (Condition::Newer, SavedSettings::Damaged),
+        (Condition::Whole, SavedSettings::InUse),
     ] {
         let mut board = Board::started(LOADED(condition), StartCause::Ordinary);
-        let fault = |board: &mut Board| {
-            // Half a second acknowledges any fault that can be acknowledged.
-            board.run(true, 1);
-            board.run(false, 26);
-            board.run(true, 3);
-            board.station.report().fault
+        let press = |board: &mut Board| {
+            // Withdrawn long enough to acknowledge a fault, then enabled.
+            board.run(false, 30);
+            board.run(true, 2);
+            let report = board.station.report();
+            board.run(false, 100);
+            (report.state, report.fault)
         };
-        let invalid = Some(Fault::SettingsInvalid);
-        assert_eq!(fault(&mut board), invalid);
+        let started = (State::Starting, None);
+        let refused = (State::Fault, Some(Fault::SettingsInvalid));
+        if condition == Condition::Whole {
+            assert_eq!(press(&mut board), started);
+            board.done(&Request::Defaults);
+        }
+        assert_eq!(press(&mut board), refused);
         assert_eq!(board.self_test().settings, record);
         board.done(&Request::set("gain", 2.0));
         board.done(&Request::Target(Target::K(0.5)));
-        assert_eq!(fault(&mut board), invalid);
+        assert_eq!(press(&mut board), refused);
         board.done(&Request::Save);
         assert_eq!(board.self_test().settings, SavedSettings::InUse);
         let loaded = board.saved();
         assert_eq!((loaded.settings.gain, loaded.target), (2.0, Target::K(0.5)));
-        assert_eq!(fault(&mut board), None);
+        assert_eq!(press(&mut board), started);
     }
-}
-
-/// Defaults fit no machine. With them nothing drives, even if a board that may drive restores them.
-#[test]
-fn defaults_drive_nothing_until_settings_are_saved() {
-    let mut board = Board::new();
-    let state = |board: &mut Board| {
-        // Withdrawn long enough to acknowledge a fault, then enabled.
-        board.run(false, 30);
-        board.run(true, 2);
-        let report = board.station.report();
-        board.run(false, 100);
-        (report.state, report.fault)
-    };
-    board.done(&Request::Save);
-    assert_eq!(state(&mut board), (State::Starting, None));
-    board.done(&Request::Defaults);
-    let invalid = Some(Fault::SettingsInvalid);
-    assert_eq!(state(&mut board), (State::Fault, invalid));
-    board.done(&Request::Save);
-    assert_eq!(state(&mut board), (State::Starting, None));
 }
 
 #[test]
