@@ -18,14 +18,6 @@ use kband_control::{
 /// Number of records in the event log, 20 bytes each.
 const LOG_RECORDS: usize = 64;
 
-/// Cause of the start for the controller; `Refused` if settings are missing or damaged.
-fn start_cause_for(saved: &LoadedSettings, start: StartCause) -> StartCause {
-    match (saved.condition, start) {
-        (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
-        (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
-    }
-}
-
 /// Result of a request that a station may refuse.
 pub(crate) type Result<T = (), E = Refusal<'static>> = core::result::Result<T, E>;
 
@@ -130,7 +122,11 @@ impl Station {
     /// A value is out of range.
     #[inline(never)]
     pub fn controller(saved: &LoadedSettings, start: StartCause) -> Result<Controller, OutOfRange> {
-        Controller::build(&saved.settings, saved.target, start_cause_for(saved, start))
+        let start = match (saved.condition, start) {
+            (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
+            (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
+        };
+        Controller::build(&saved.settings, saved.target, start)
     }
 
     /// Builds the station with its [controller](Self::controller), inlined to save stack.
