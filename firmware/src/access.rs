@@ -56,25 +56,3 @@ impl LinkLock {
         Ok(())
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn pin(text: &str) -> Pin {
-        Pin::parse(text).unwrap()
-    }
-
-    #[test]
-    fn five_wrong_pins_cost_a_minute() {
-        let mut lock = LinkLock::new(Some(pin("12345678")));
-        for _ in 0..5 {
-            assert_eq!(lock.unlock(pin("1234"), 100), Err(Refusal::WrongPin));
-        }
-        // The right PIN is refused too.
-        assert_eq!(lock.unlock(pin("12345678"), 100), Err(Refusal::Wait(60)));
-        assert_eq!(lock.unlock(pin("12345678"), 159), Err(Refusal::Wait(1)));
-        assert_eq!(lock.unlock(pin("1234"), 160), Err(Refusal::WrongPin));
-        assert_eq!(lock.unlock(pin("12345678"), 160), Ok(()));
-    }
-}

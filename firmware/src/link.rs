@@ -235,7 +235,10 @@ impl<F: NorFlash, W: BorrowMut<Waiting>> Service<F, W> {
         station.bus.writable.set(access == Access::Full);
         if station.bus.save.get() == SaveProgress::Pending {
             let saved = self.store.save_settings(station, self.lock.pin).await;
-            station.end_save(saved.is_ok());
+            station.bus.save.set(match saved {
+                Ok(()) => SaveProgress::Done,
+                Err(_) => SaveProgress::Failed,
+            });
         }
     }
 
@@ -282,9 +285,7 @@ fn answer_bus<'b>(
     };
     let mut answer = Answer::new();
     let mut server = station.bus.server.borrow_mut();
-    if server.answer(adu, &mut registers, &mut answer) {
-        station.bus.request_received.set(true);
-    }
+    server.answer(adu, &mut registers, &mut answer);
     write_response(buffer, sequence, &Response::Bus(&answer)).ok()
 }
 
@@ -298,7 +299,7 @@ fn self_test(station: &Station, loaded: &LoadedSettings, image: &Image) -> SelfT
             Condition::Lost | Condition::Newer => SavedSettings::Damaged,
         },
         stack_free: (image.stack_free)(),
-        missed: station.missed(),
+        missed: station.exchange.missed(),
         set_up: SetUp {
             control: station.longest.get(),
             ..(image.set_up)()
@@ -327,13 +328,8 @@ fn changes(request: &Request<'_>) -> bool {
 fn commands(request: &Request<'_>) -> bool {
     match request {
         Request::Set { key, .. } => !key.starts_with("bus"),
-        Request::Defaults
-        | Request::Target(_)
-        | Request::SetRecipe { .. }
-        | Request::UseRecipe(_)
-        | Request::Simulate { .. }
-        | Request::Samples { .. } => true,
-        _ => false,
+        Request::Save | Request::SaveRecipes | Request::Lock(_) => false,
+        _ => changes(request),
     }
 }
 
@@ -341,8 +337,7 @@ fn commands(request: &Request<'_>) -> bool {
 fn telemetry(cycles: u16, every: &mut u16, settings: &Settings, rate: u32) -> Response<'static> {
     let frequency = (settings.frequency + settings.tracking) as u64 + 1;
     let bytes = frequency * TELEMETRY_FRAME as u64 * 100;
-    let fewest = bytes.div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT);
-    let fewest = fewest.max(1);
+    let fewest = (bytes.div_ceil(u64::from(rate) * MAX_TELEMETRY_SHARE_PERCENT)).max(1);
     if cycles > 0 && u64::from(cycles) < fewest {
         return Response::Refused(Refusal::Faster(fewest as u16));
     }

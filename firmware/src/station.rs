@@ -11,36 +11,12 @@ use kband::feeder::OutOfRange;
 use kband_bus::{SaveProgress, Server};
 use kband_control::wire::{Access, FaultRecord, Record, Refusal, Status, Stored};
 use kband_control::{
-    BusCommand, Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe,
-    RecipeName, Report, SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
+    Controller, Cycle, Event, Fault, Identification, Inputs, Interlock, Recipe, RecipeName, Report,
+    SAMPLE_RATE, Settings, Signal, StartCause, State, Target,
 };
 
 /// Number of records in the event log, 20 bytes each.
 const LOG_RECORDS: usize = 64;
-
-/// Fault record for a cause of the start; `None` if the start is no fault.
-fn fault_of(start: StartCause) -> Option<FaultRecord> {
-    let fault = match start {
-        StartCause::Ordinary | StartCause::PowerOn => return None,
-        StartCause::Reset => Fault::WatchdogReset,
-        StartCause::Repeated => Fault::RepeatedResets,
-        StartCause::ImageDamaged => Fault::ImageDamaged,
-        StartCause::Refused => Fault::SettingsInvalid,
-    };
-    Some(FaultRecord {
-        fault: fault.number(),
-        state: State::Fault.number(),
-        ..FaultRecord::default()
-    })
-}
-
-/// Cause of the start for the controller; `Refused` if settings are missing or damaged.
-fn start_cause_for(saved: &LoadedSettings, start: StartCause) -> StartCause {
-    match (saved.condition, start) {
-        (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
-        (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
-    }
-}
 
 /// Result of a request that a station may refuse.
 pub(crate) type Result<T = (), E = Refusal<'static>> = core::result::Result<T, E>;
@@ -85,35 +61,16 @@ impl Log {
     }
 }
 
-/// Commands and requests of the fieldbus.
+/// State of the fieldbus.
 #[derive(Default)]
 pub(crate) struct BusState {
     /// The server, shared by bus line and link: one control word, one set of counters.
     pub server: RefCell<Server>,
-    /// The last written run bit; `None` before the first.
-    pub run: Cell<Option<bool>>,
-    /// Whether the run bit was 0 since the last cycle.
-    pub run_was_off: Cell<bool>,
-    /// Whether the acknowledge bit has risen since the last cycle.
-    pub acknowledge: Cell<bool>,
-    /// Whether a request arrived since the last cycle.
-    pub request_received: Cell<bool>,
     /// Progress of the last save that the fieldbus requested.
     pub save: Cell<SaveProgress>,
     /// Whether neither strap nor PIN protects the settings.
     pub writable: Cell<bool>,
     pub settings_changed: Mailbox<NoopRawMutex, ()>,
-}
-
-impl BusState {
-    /// The commands of a drive cycle. A run bit that was briefly 0 is 0 for a whole cycle.
-    fn take_command(&self) -> BusCommand {
-        let was_off = self.run_was_off.take();
-        BusCommand {
-            run: if was_off { Some(false) } else { self.run.get() },
-            acknowledge: self.acknowledge.take(),
-        }
-    }
 }
 
 /// The controller with its settings and last report, for tasks of one executor.
@@ -165,18 +122,26 @@ impl Station {
     /// A value is out of range.
     #[inline(never)]
     pub fn controller(saved: &LoadedSettings, start: StartCause) -> Result<Controller, OutOfRange> {
-        Controller::build(&saved.settings, saved.target, start_cause_for(saved, start))
+        let start = match (saved.condition, start) {
+            (Condition::Whole, _) | (_, StartCause::ImageDamaged) => start,
+            (Condition::Never | Condition::Lost | Condition::Newer, _) => StartCause::Refused,
+        };
+        Controller::build(&saved.settings, saved.target, start)
     }
 
     /// Builds the station with its [controller](Self::controller), inlined to save stack.
     #[inline(always)]
     pub fn new(
         saved: &LoadedSettings,
-        start: StartCause,
         controller: &Controller,
         exchange: &'static Exchange,
         last_words: LastWords,
     ) -> Self {
+        let start_fault = controller.interlock().fault.map(|fault| FaultRecord {
+            fault: fault.number(),
+            state: State::Fault.number(),
+            ..FaultRecord::default()
+        });
         Self {
             controller: RefCell::new(controller.clone()),
             settings: Cell::new(saved.settings),
@@ -202,7 +167,7 @@ impl Station {
             longest: Cell::new(0),
             tick: Mailbox::new(),
             samples: Cell::new(0),
-            unsaved_fault: Cell::new(fault_of(start_cause_for(saved, start))),
+            unsaved_fault: Cell::new(start_fault),
             exchange,
             last_words,
         }
@@ -221,8 +186,7 @@ impl Station {
             self.end_simulation();
         }
         let desk_active = self.frame_received.take() || inputs.link_heard;
-        let bus = self.bus.take_command();
-        let bus_active = self.bus.request_received.take();
+        let (bus, bus_active) = self.bus.server.borrow_mut().take_command();
         let controls = self.bus_controls();
         Some(self.control(
             cycle,
@@ -393,20 +357,6 @@ impl Station {
         self.settings.get().bus_controls()
     }
 
-    /// Requests a save for the fieldbus; returns false while an earlier save is pending.
-    pub fn request_save(&self) -> bool {
-        self.bus.save.replace(SaveProgress::Pending) != SaveProgress::Pending
-    }
-
-    /// Records whether the requested save succeeded.
-    pub fn end_save(&self, saved: bool) {
-        self.bus.save.set(if saved {
-            SaveProgress::Done
-        } else {
-            SaveProgress::Failed
-        });
-    }
-
     /// Sets a new target.
     ///
     /// # Errors
@@ -566,10 +516,5 @@ impl Station {
     /// The first record of the event log whose number is at least `number`.
     pub fn event(&self, number: u32) -> Option<Record> {
         self.log.borrow().from(number)
-    }
-
-    /// Number of drive cycles whose control missed its deadline.
-    pub fn missed(&self) -> u32 {
-        self.exchange.missed()
     }
 }

@@ -7,8 +7,6 @@ use kband_plant::{Change, Disturbance, Scene};
 /// A scene and its number of drive cycles.
 #[derive(Clone, Copy, Debug)]
 pub struct Trial {
-    /// Name on the command line.
-    pub name: &'static str,
     /// Number of drive cycles.
     pub cycles: u32,
     /// Builds the scene.
@@ -16,28 +14,19 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Every trial. The last two are the default scene without end, the first of them with its drive
-    /// off.
-    const ALL: [Self; 6] = [
-        Self::new("default", 500, powered),
-        Self::new("eventful", 500, eventful),
-        Self::new("scattering", 250, scattering),
-        Self::new("two-tones", 200, two_tones),
-        Self::new("link", u32::MAX, linked),
-        Self::new("run", u32::MAX, running),
-    ];
-
-    const fn new(name: &'static str, cycles: u32, scene: fn() -> Scene) -> Self {
-        Self {
-            name,
-            cycles,
-            scene,
-        }
-    }
-
-    /// The trial of this name.
+    /// The trial of this name on the command line. "link" and "run" are the default scene without
+    /// end, the first with its drive off.
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|trial| trial.name == name)
+        let (cycles, scene): (u32, fn() -> Scene) = match name {
+            "default" => (500, powered),
+            "eventful" => (500, eventful),
+            "scattering" => (250, scattering),
+            "two-tones" => (200, two_tones),
+            "link" => (u32::MAX, linked),
+            "run" => (u32::MAX, running),
+            _ => return None,
+        };
+        Some(Self { cycles, scene })
     }
 }
 

@@ -21,8 +21,6 @@ use kband_control::wire::{
 use kband_loader::one_slot::is_signed;
 use salty::{PublicKey, Sha512};
 
-/// Number of bytes hashed before other tasks run.
-const BYTES_PER_SLICE: usize = MAX_UPDATE_BYTES;
 /// Time without a request after which an update no longer keeps the drive off, s.
 const SILENCE_S: u32 = 10;
 /// Time after which an unconfirmed image restarts the board, s.
@@ -303,9 +301,9 @@ impl Update {
         let (slot, second) = (self.slot.ok_or(UpdateRefusal::NoSlot)?, self.second_slot()?);
         let key = store.key().await.ok_or(UpdateRefusal::NoKey)?;
         let mut sum = Sha512::new();
-        let mut bytes = [0; BYTES_PER_SLICE];
-        for offset in (0..length).step_by(BYTES_PER_SLICE) {
-            let size = BYTES_PER_SLICE.min((length - offset) as usize);
+        let mut bytes = [0; MAX_UPDATE_BYTES];
+        for offset in (0..length).step_by(MAX_UPDATE_BYTES) {
+            let size = MAX_UPDATE_BYTES.min((length - offset) as usize);
             (second.read)(offset, &mut bytes[..size]);
             sum.update(&bytes[..size]);
             yield_now().await;

@@ -55,9 +55,7 @@ fn run_on_chip(image: &Path) -> String {
 
 #[test]
 fn orbits_have_the_same_bits_on_desk_and_emulated_cpus() {
-    let hashes = kernels::hashes();
-    let desk = hashes.map(|(name, hash)| format!("hash {name} {hash:08x}"));
-    let desk: Vec<_> = desk.collect();
+    let desk = kernels::hashes().map(|(name, hash)| format!("hash {name} {hash:08x}"));
     let chip = images::build("kband-emulated", "kernel_bits", Machine::CortexM4F);
     let machines = [Machine::CortexM4F, Machine::CortexM0];
     let texts = machines.map(|machine| run("kernel_bits", machine, Clock::Free));

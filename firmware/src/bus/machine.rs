@@ -1,7 +1,7 @@
 //! The board behind the registers.
 
 use crate::station::Station;
-use kband_bus::{Authority, Exception, Machine, Snapshot};
+use kband_bus::{Authority, Exception, Machine, SaveProgress, Snapshot};
 use kband_control::wire::{Access, Record, Refusal, Telemetry};
 use kband_control::{Settings, Target};
 
@@ -27,7 +27,7 @@ impl Machine for Registers<'_> {
             target: station.target(),
             save: station.bus.save.get(),
             events: station.log.borrow().next,
-            missed: station.missed(),
+            missed: station.exchange.missed(),
             writable: station.bus.writable.get(),
             image: self.image,
         }
@@ -42,13 +42,6 @@ impl Machine for Registers<'_> {
         (record.number == number).then_some(record)
     }
 
-    fn command(&mut self, run: bool, acknowledge: bool) {
-        let bus = &self.station.bus;
-        bus.run.set(Some(run));
-        bus.run_was_off.update(|was_off| was_off || !run);
-        bus.acknowledge.update(|before| before || acknowledge);
-    }
-
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         self.station.set_target(target).map_err(exception)
     }
@@ -58,8 +51,10 @@ impl Machine for Registers<'_> {
     }
 
     fn save(&mut self) -> Result<(), Exception> {
-        let requested = self.station.request_save();
-        requested.then_some(()).ok_or(Exception::Busy)
+        match self.station.bus.save.replace(SaveProgress::Pending) {
+            SaveProgress::Pending => Err(Exception::Busy),
+            _ => Ok(()),
+        }
     }
 
     fn select_recipe(&mut self, recipe: u16) -> Result<(), Exception> {

@@ -91,7 +91,6 @@ pub async fn bus(mut port: impl BusPort, station: &Station, image: &'static str)
         let request = frame.get(..length).unwrap_or_default();
         let mut server = station.bus.server.borrow_mut();
         if rtu::answer(&mut server, unit, request, &mut registers, &mut answer) {
-            station.bus.request_received.set(true);
             if line.send(&answer) {
                 port.start_sending();
             }

@@ -1,15 +1,16 @@
 //! The bus of a board: its task, its registers, and its authority over the drive.
 
 use super::*;
-use crate::link::tests::{Board, board_with, sensed, simulate};
+use crate::link::tests::{Board, board_with, simulate};
 use crate::storage::store::LoadedSettings;
 use crate::testing::with;
 use core::cell::{Cell, RefCell};
 use core::pin::pin;
 use embassy_futures::{block_on, poll_once};
 use kband::arithmetic::Noise;
+use kband_bus::SaveProgress;
 use kband_control::wire::{Pin, Refusal, Request, Response};
-use kband_control::{Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target};
+use kband_control::{Limits, Recipe, RecipeName, StartCause, State, Target};
 use std::vec::Vec;
 
 const UNIT: u8 = 17;
@@ -75,109 +76,10 @@ fn the_run_bit_starts_and_stops_with_the_enable_input() {
     assert_eq!(board.control(1), State::Starting);
     assert_eq!(board.word(4) & 0b11, 0b10, "running");
     assert_eq!(board.control(0), State::Stopping);
-    board.cycles(100);
+    board.run(true, 100);
     assert_eq!(board.control(1), State::Starting);
-    board.enable = false;
-    board.cycle();
+    board.run(false, 1);
     assert_eq!(board.state(), State::Stopping);
-}
-
-#[test]
-fn only_authority_2_acknowledges_and_run_needs_an_edge() {
-    // The track does not move.
-    let failed = |authority: f32| {
-        let mut board = with_authority(authority);
-        board.control(0);
-        assert!((0..200).any(|_| board.control(1) == State::Fault));
-        assert_eq!(board.word(6), Fault::NoResponse.number().into());
-        assert_eq!(board.control(0), State::Fault);
-        board
-    };
-    let mut board = failed(1.0);
-    assert_eq!(board.write(0, 0x80), [0x86, 4]);
-    board.cycle();
-    assert_eq!(board.state(), State::Fault);
-    let mut board = failed(2.0);
-    assert_eq!(board.control(1), State::Fault);
-    for _ in 0..10 {
-        assert_eq!(board.control(0x81), State::Off);
-    }
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    // The third fault within a minute locks out.
-    for fault in 2..=3 {
-        assert!((0..200).any(|_| board.control(1) == State::Fault));
-        board.control(0);
-        assert_eq!(board.control(0x80) == State::Fault, fault == 3);
-        board.control(0);
-    }
-}
-
-#[test]
-fn a_cause_that_lasts_is_not_acknowledged() {
-    let mut board = with_authority(2.0);
-    let cycle = |board: &Board, hot: bool| {
-        let inputs = with(Inputs::default(), |it| {
-            (it.enable, it.over_temperature) = (true, hot);
-        });
-        board.station.cycle(&sensed(400), inputs).unwrap()
-    };
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    let report = cycle(&board, true);
-    assert_eq!(report.fault, Some(Fault::OverTemperature));
-    board.write(0, 0);
-    cycle(&board, true);
-    board.write(0, 0x80);
-    assert_eq!(cycle(&board, true).state, State::Fault);
-    let state = cycle(&board, false).state;
-    assert_eq!(state, State::Fault, "one edge, one attempt");
-    board.control(0);
-    assert_eq!(board.control(0x80), State::Off);
-}
-
-#[test]
-fn control_that_passes_to_the_enable_input_starts_nothing() {
-    let mut board = with_authority(1.0);
-    board.control(0);
-    let local = with(board.station.settings(), |it| it.bus = 0.0);
-    board.station.set_settings(&local).unwrap();
-    for enable in [true, false] {
-        board.enable = enable;
-        board.cycles(30);
-        assert_eq!(board.state(), State::Off);
-    }
-    board.enable = true;
-    board.cycle();
-    assert_eq!(board.state(), State::Starting);
-    assert_eq!(board.write(0, 0), [0x86, 4]);
-}
-
-#[test]
-fn a_run_bit_of_a_moment_stops_the_drive() {
-    let mut board = with_authority(1.0);
-    board.control(0);
-    assert_eq!(board.control(1), State::Starting);
-    // Both words are written within a drive cycle.
-    board.write(0, 0);
-    assert_eq!(board.control(1), State::Stopping);
-}
-
-#[test]
-fn a_save_waits_for_the_link_and_for_the_lock() {
-    let mut board = with_authority(1.0);
-    assert_eq!(board.write(SAVE, 1), [0x86, 4], "the lock is not known yet");
-    board.station.bus.writable.set(true);
-    assert_eq!(board.write(SAVE, 1)[0], 6);
-    assert_eq!(board.word(SAVE), 1);
-    assert_eq!(board.write(SAVE, 1), [0x86, 6], "not done yet");
-    board.station.end_save(true);
-    assert_eq!(board.word(SAVE), 2);
-    board.control(0);
-    board.control(1);
-    assert_eq!(board.write(SAVE, 1), [0x86, 6], "the drive runs");
-    board.station.end_save(false);
-    assert_eq!(board.word(SAVE), 3);
 }
 
 #[test]
@@ -296,12 +198,15 @@ fn the_link_reads_while_the_bus_is_in_control() {
     }
     let read = board.ask(&Request::Get("gain"));
     assert!(matches!(read, Response::Setting(_)));
-    // The link's task carries out a save that the bus requests.
-    assert!(board.station.request_save());
+    // The link's task permits a save that the bus requests, and carries it out.
+    assert_eq!(board.write(SAVE, 1), [0x86, 4], "the lock is not known yet");
     block_on(board.service.serve_bus(&board.station));
-    let state = &board.station.bus;
-    assert_eq!(state.save.get(), kband_bus::SaveProgress::Done);
-    assert!(state.writable.get());
+    assert_eq!((board.write(SAVE, 1)[0], board.word(SAVE)), (6, 1));
+    assert_eq!(board.write(SAVE, 1), [0x86, 6], "not done yet");
+    block_on(board.service.serve_bus(&board.station));
+    assert_eq!(board.word(SAVE), 2);
+    board.station.bus.save.set(SaveProgress::Failed);
+    assert_eq!(board.word(SAVE), 3);
     board.done(&Request::set("bus", 0.0));
     board.done(&Request::set("gain", 2.0));
 }
@@ -369,7 +274,4 @@ fn register_8_selects_a_recipe_where_the_bus_is_in_control() {
     assert_eq!(board.word(8), 2);
     assert_eq!(board.write(8, 0)[0], 6);
     assert_eq!((board.word(8), board.station.target()), (0, Target::K(0.8)));
-    let mut reader = with_authority(0.0);
-    reader.station.set_recipe(2, Some(&recipe)).unwrap();
-    assert_eq!(reader.write(8, 2), [0x86, 4]);
 }

@@ -1,11 +1,10 @@
 //! Tests of the link's board side, with a controller behind it, at the desk.
 
 use super::*;
-use crate::exchange::Exchange;
 use crate::storage::last_words::LastWords;
 use crate::storage::recipes::Recipes;
 use crate::storage::store::tests::{G4_PAGE, Nor, SUPPLY_IS_GOOD, memory};
-use crate::testing::with;
+use crate::testing::{exchange, with};
 use core::cell::Cell;
 use core::pin::pin;
 use embassy_futures::{block_on, poll_once};
@@ -15,7 +14,6 @@ use kband_control::wire::{
 use kband_control::{
     Cycle, Event, Fault, Inputs, Limits, Recipe, RecipeName, StartCause, State, Target,
 };
-use std::boxed::Box;
 use std::println;
 use std::vec::Vec;
 
@@ -49,16 +47,13 @@ pub(crate) struct Board {
 }
 
 pub(crate) fn board_with(settings: Settings) -> Board {
-    Board::with(with(LOADED(Condition::Whole), |it| it.settings = settings))
+    let loaded = with(LOADED(Condition::Whole), |it| it.settings = settings);
+    Board::started(loaded, StartCause::Ordinary)
 }
 
 impl Board {
     fn new() -> Self {
-        Self::with(LOADED(Condition::Whole))
-    }
-
-    fn with(loaded: LoadedSettings) -> Self {
-        Self::started(loaded, StartCause::Ordinary)
+        Self::started(LOADED(Condition::Whole), StartCause::Ordinary)
     }
 
     pub fn started(loaded: LoadedSettings, start: StartCause) -> Self {
@@ -66,11 +61,10 @@ impl Board {
     }
 
     fn of(image: Image, loaded: LoadedSettings, start: StartCause) -> Self {
-        let exchange: &'static Exchange = Box::leak(Box::new(Exchange::empty()));
         let mut words = LastWords::EMPTY;
         words.keep(format_args!("panic at lib.rs:7"));
         let controller = Station::controller(&loaded, start).unwrap();
-        let station = Station::new(&loaded, start, &controller, exchange, words);
+        let station = Station::new(&loaded, &controller, exchange(), words);
         Self {
             service: Service::new(image, memory(&loaded), loaded.pin),
             station,
@@ -133,12 +127,18 @@ impl Board {
         }
     }
 
-    pub fn cycles(&mut self, count: u32) {
-        (0..count).for_each(|_| drop(self.cycle()));
+    /// Runs drive cycles with this level of the enable input.
+    pub fn run(&mut self, enable: bool, cycles: u32) {
+        self.enable = enable;
+        (0..cycles).for_each(|_| drop(self.cycle()));
     }
 
     fn saved(&mut self) -> LoadedSettings {
         block_on(self.service.store.load())
+    }
+
+    fn saved_recipes(&mut self) -> Recipes {
+        block_on(self.service.store.recipes())
     }
 
     fn keep_fault(&mut self) {
@@ -187,6 +187,7 @@ fn open(frame: &[u8]) -> (u8, Response<'static>) {
 }
 
 mod conversation;
+mod draw;
 mod interlock;
 mod recipes;
 mod update;
@@ -224,18 +225,9 @@ fn settings_are_read_changed_and_saved_at_rest() {
 }
 
 #[test]
-fn a_refused_setting_does_not_end_a_simulation() {
-    let mut board = Board::new();
-    board.done(&simulate(Target::K(0.41)));
-    board.out_of_range(&Request::set("amplitude_limit", 0.046), "safe_amplitude");
-    assert_eq!(board.station.target(), Target::K(0.41));
-}
-
-#[test]
 fn a_running_drive_is_not_worked_on_but_obeys() {
     let mut board = Board::new();
-    board.enable = true;
-    board.cycle();
+    board.run(true, 1);
     assert_eq!(board.state(), State::Starting);
     let refused = [
         Request::set("frequency", 60.0),
@@ -454,8 +446,7 @@ fn a_plant_simulated_by_the_desk_sees_the_closed_loop() {
     board.done(&Request::Enable(false));
     board.enable = true;
     board.refused(&SIMULATE, Refusal::Running);
-    board.enable = false;
-    board.cycle();
+    board.run(false, 1);
     board.done(&Request::Enable(true));
     board.done(&simulate(scene.target));
     let mut closed = ClosedLoop::build(&scene).unwrap();
@@ -516,95 +507,90 @@ fn readings_across_a_cycle_end_are_refused() {
     assert!(matches!(response, Response::Cycle { .. }), "{response:?}");
 }
 
+/// The board's fault outlives a simulation.
 #[test]
-fn a_silent_simulation_ends() {
-    let mut board = Board::new();
-    board.done(&SIMULATE);
-    let second = sensed(20_000);
-    let inputs = with(Inputs::default(), |it| it.enable = true);
-    let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
-    assert_eq!(silent.count(), 10);
-    // The drive is off, and an earlier enable input has no effect.
-    for _ in 0..5 {
+fn only_silence_ends_a_simulation() {
+    for (condition, start) in [
+        (Condition::Whole, StartCause::Ordinary),
+        (Condition::Whole, StartCause::Reset),
+        (Condition::Lost, StartCause::PowerOn),
+    ] {
+        let mut board = Board::started(LOADED(condition), start);
+        board.cycle();
+        let before = board.station.report().fault;
+        assert_eq!(before.is_none(), start == StartCause::Ordinary);
+        board.done(&simulate(Target::K(0.41)));
+        board.out_of_range(&Request::set("amplitude_limit", 0.046), "safe_amplitude");
+        assert_eq!(board.station.target(), Target::K(0.41));
+        let second = sensed(20_000);
+        let inputs = with(Inputs::default(), |it| it.enable = true);
+        let silent = (0..60).take_while(|_| board.station.cycle(&second, inputs).is_none());
+        assert_eq!(silent.count(), 10);
+        // The drive is off, and an earlier enable input has no effect.
+        for _ in 0..5 {
+            let report = board.station.cycle(&second, inputs).unwrap();
+            let state = before.map_or(State::Off, |_| State::Fault);
+            assert_eq!((report.state, report.fault), (state, before));
+            assert_eq!(report.command.amplitude, 0.0);
+        }
+        assert!(board.station.cycle(&second, Inputs::default()).is_some());
         let report = board.station.cycle(&second, inputs).unwrap();
-        assert_eq!((report.state, report.command.amplitude), (State::Off, 0.0));
+        assert_eq!(report.state == State::Starting, before.is_none());
     }
-    assert!(board.station.cycle(&second, Inputs::default()).is_some());
-    let report = board.station.cycle(&second, inputs).unwrap();
-    assert_eq!(report.state, State::Starting);
 }
 
 #[test]
 fn no_fault_is_kept_while_the_drive_runs() {
     let mut board = Board::started(LOADED(Condition::Whole), StartCause::Reset);
     // A press of half a second acknowledges the fault before the link stores it.
-    for cycle in 0..40 {
-        board.enable = !(2..35).contains(&cycle);
-        board.cycle();
-    }
+    board.run(true, 2);
+    board.run(false, 33);
+    board.run(true, 5);
     assert_eq!(board.state(), State::Starting);
     board.keep_fault();
     assert_eq!(block_on(board.service.store.fault(0)), None);
-    board.enable = false;
-    board.cycles(100);
+    board.run(false, 100);
     board.keep_fault();
     assert!(block_on(board.service.store.fault(0)).is_some());
     assert_eq!(block_on(board.service.store.fault(1)), None);
 }
 
-/// A board without settings. They can be set singly; the drive runs only with saved settings.
+/// Settings are missing or damaged, or the desk restores the defaults, which fit no machine. They
+/// can be set singly; the drive runs only with saved settings.
 #[test]
 fn a_board_without_its_settings_stays_off_until_some_are_saved() {
     for (condition, record) in [
         (Condition::Never, SavedSettings::Never),
         (Condition::Lost, SavedSettings::Damaged),
         (Condition::Newer, SavedSettings::Damaged),
+        (Condition::Whole, SavedSettings::InUse),
     ] {
-        let mut board = Board::with(LOADED(condition));
-        let fault = |board: &mut Board| {
-            // Half a second acknowledges any fault that can be acknowledged.
-            for cycle in 0..30 {
-                board.enable = !(1..27).contains(&cycle);
-                board.cycle();
-            }
-            board.station.report().fault
+        let mut board = Board::started(LOADED(condition), StartCause::Ordinary);
+        let press = |board: &mut Board| {
+            // Withdrawn long enough to acknowledge a fault, then enabled.
+            board.run(false, 30);
+            board.run(true, 2);
+            let report = board.station.report();
+            board.run(false, 100);
+            (report.state, report.fault)
         };
-        let invalid = Some(Fault::SettingsInvalid);
-        assert_eq!(fault(&mut board), invalid);
+        let started = (State::Starting, None);
+        let refused = (State::Fault, Some(Fault::SettingsInvalid));
+        if condition == Condition::Whole {
+            assert_eq!(press(&mut board), started);
+            board.done(&Request::Defaults);
+        }
+        assert_eq!(press(&mut board), refused);
         assert_eq!(board.self_test().settings, record);
         board.done(&Request::set("gain", 2.0));
         board.done(&Request::Target(Target::K(0.5)));
-        assert_eq!(fault(&mut board), invalid);
+        assert_eq!(press(&mut board), refused);
         board.done(&Request::Save);
         assert_eq!(board.self_test().settings, SavedSettings::InUse);
         let loaded = board.saved();
         assert_eq!((loaded.settings.gain, loaded.target), (2.0, Target::K(0.5)));
-        assert_eq!(fault(&mut board), None);
+        assert_eq!(press(&mut board), started);
     }
-}
-
-/// Defaults fit no machine. With them nothing drives, even if a board that may drive restores them.
-#[test]
-fn defaults_drive_nothing_until_settings_are_saved() {
-    let mut board = Board::new();
-    let state = |board: &mut Board| {
-        for cycle in 0..32 {
-            // Withdrawn long enough to acknowledge a fault, then enabled.
-            board.enable = cycle >= 30;
-            board.cycle();
-        }
-        let report = board.station.report();
-        board.enable = false;
-        board.cycles(100);
-        (report.state, report.fault)
-    };
-    board.done(&Request::Save);
-    assert_eq!(state(&mut board), (State::Starting, None));
-    board.done(&Request::Defaults);
-    let invalid = Some(Fault::SettingsInvalid);
-    assert_eq!(state(&mut board), (State::Fault, invalid));
-    board.done(&Request::Save);
-    assert_eq!(state(&mut board), (State::Starting, None));
 }
 
 #[test]
@@ -619,12 +605,8 @@ fn saves_are_refused_where_they_come_too_often() {
 #[test]
 fn a_fault_is_kept_beyond_a_loss_of_power() {
     let mut board = Board::new();
-    board.enable = true;
     // A track that never moves.
-    assert!((0..500).any(|_| {
-        board.cycle();
-        board.station.report().fault.is_some()
-    }));
+    board.run(true, 500);
     board.keep_fault();
     board.keep_fault();
     let number = board.station.report().fault.map(Fault::number);

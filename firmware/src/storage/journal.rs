@@ -428,23 +428,6 @@ mod tests {
     }
 
     #[test]
-    fn the_last_ones_outlive_the_change_of_banks() {
-        let mut nor = Nor::<2048>::new();
-        let mut journal = open_faults(&nor);
-        let mut content = [0; 40 - OVERHEAD];
-        for record in 0..500_u32 {
-            block_on(journal.append(&mut nor, &record.to_le_bytes())).unwrap();
-            for age in 0..32 {
-                let number = block_on(journal.older(&mut nor, age, &mut content));
-                assert_eq!(number, record.checked_sub(age), "{record}, {age} back");
-                if let Some(number) = number {
-                    assert!(content.starts_with(&number.to_le_bytes()));
-                }
-            }
-        }
-    }
-
-    #[test]
     fn a_mark_does_not_outlive_an_erasure_that_is_cut_short() {
         // The erasure of the first bank follows the record and changes no bit.
         let mut nor = filled(7);

@@ -4,7 +4,8 @@
 //! transports wrap it: [`rtu`] for a serial line, [`tcp`] for a network. One table, [`registers`],
 //! defines the meaning of each register and generates the manual's page.
 //!
-//! The server contains no drive. It reads and commands one through [`Machine`].
+//! The server contains no drive. It reads and sets one through [`Machine`]. The drive takes the
+//! commands to run and to acknowledge from [`Server::take_command`].
 //!
 //! ```
 //! use kband_bus::{Answer, Server, rtu};
@@ -15,7 +16,6 @@
 //! #     fn snapshot(&self) -> Snapshot<'_> { Snapshot::default() }
 //! #     fn settings(&self) -> Settings { Settings::default() }
 //! #     fn event(&self, _: u32) -> Option<Record> { None }
-//! #     fn command(&mut self, _: bool, _: bool) {}
 //! #     fn set_target(&mut self, _: Target) -> Result<(), Exception> { Ok(()) }
 //! #     fn set_settings(&mut self, _: &Settings) -> Result<(), Exception> { Ok(()) }
 //! #     fn save(&mut self) -> Result<(), Exception> { Ok(()) }

@@ -109,8 +109,9 @@ impl Snapshot<'_> {
 
 /// A drive on the bus.
 ///
-/// The server has checked authority and addresses before it calls a command. An error is the
-/// exception that the bus answers: `Value`, `NotInControl` or `Busy`.
+/// Before it sets anything, the server has checked authority and addresses. Before it sets settings
+/// or saves, it has also checked that the drive is at rest. An error is the exception that the bus
+/// answers: `Value`, `NotInControl` or `Busy`.
 pub trait Machine {
     /// The present state of the drive.
     fn snapshot(&self) -> Snapshot<'_>;
@@ -120,12 +121,6 @@ pub trait Machine {
 
     /// The event of this number; `None` if it is overwritten or has not happened yet.
     fn event(&self, number: u32) -> Option<Record>;
-
-    /// Sets the run bit, and reports whether the acknowledge bit has risen.
-    ///
-    /// The machine decides whether it starts. After power-on and after a fault the run bit must be
-    /// 0 once, and without the enable input nothing starts.
-    fn command(&mut self, run: bool, acknowledge: bool);
 
     /// Sets another target.
     ///
@@ -142,7 +137,7 @@ pub trait Machine {
     /// Requests that settings and target are saved; [`Snapshot::save`] shows the progress.
     ///
     /// # Errors
-    /// The drive runs, or the previous save is not finished.
+    /// The previous save is not finished.
     fn save(&mut self) -> Result<(), Exception>;
 
     /// Selects a recipe.

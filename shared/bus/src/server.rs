@@ -5,6 +5,7 @@ use crate::machine::Machine;
 use crate::protocol::{Answer, Counters, Exception, MAX_ADU_BYTES, function};
 use crate::registers::{self, Picture};
 use crate::write;
+use kband_control::BusCommand;
 
 /// Largest number of registers in a request.
 const MAX_READ: u16 = 125;
@@ -16,6 +17,11 @@ pub struct Server {
     pub(crate) counters: Counters,
     /// The control word written last; `None` before the first.
     pub(crate) control: Option<u16>,
+    /// Whether, since the last call of [`Server::take_command`], the run bit was 0, the acknowledge
+    /// bit rose, and a request was answered.
+    pub(crate) run_was_off: bool,
+    pub(crate) acknowledge: bool,
+    is_active: bool,
 }
 
 impl Server {
@@ -24,8 +30,23 @@ impl Server {
         self.counters
     }
 
+    /// The commands since the last call, and whether a request was answered. A run bit that was 0
+    /// at any time is 0 in one of the commands.
+    ///
+    /// The drive decides whether it starts. After power-on and after a fault the run bit must be 0
+    /// once, and without the enable input nothing starts.
+    pub fn take_command(&mut self) -> (BusCommand, bool) {
+        let was_off = core::mem::take(&mut self.run_was_off);
+        let run = self.control.map(|word| word & write::RUN != 0);
+        let command = BusCommand {
+            run: if was_off { Some(false) } else { run },
+            acknowledge: core::mem::take(&mut self.acknowledge),
+        };
+        (command, core::mem::take(&mut self.is_active))
+    }
+
     /// Counts a frame with a wrong checksum or length.
-    pub fn count_damaged(&mut self) {
+    pub(crate) fn count_damaged(&mut self) {
         self.counters.damaged = self.counters.damaged.wrapping_add(1);
     }
 
@@ -77,6 +98,7 @@ impl Server {
             function::ENCAPSULATED => identification::answer(adu, machine.snapshot().image, answer),
             _ => Err(Exception::Function),
         };
+        self.is_active = true;
         self.counters.requests = self.counters.requests.wrapping_add(1);
         if let Err(exception) = result {
             self.counters.exceptions = self.counters.exceptions.wrapping_add(1);

@@ -2,10 +2,11 @@
 
 use crate::protocol::{Answer, MAX_ADU_BYTES};
 
-/// Size of the header before the unit, bytes: transaction, protocol, length.
+/// Size of the header before unit, function and data, bytes: transaction, protocol, length.
 pub const HEADER_BYTES: usize = 6;
 
-/// Length of the frame that begins so; `None` with less than a header. Close a refused stream.
+/// Length of the frame that begins so, with its header; `None` with less than a header. Close a
+/// refused stream.
 ///
 /// # Errors
 /// The header is not a Modbus TCP header.
@@ -24,12 +25,6 @@ pub fn frame_length(bytes: &[u8]) -> Result<Option<usize>, NotModbus> {
 /// Error: the header is not a Modbus TCP header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotModbus;
-
-/// Unit, function and data of a whole frame; `None` if its length is wrong.
-pub fn adu(frame: &[u8]) -> Option<&[u8]> {
-    let (_, adu) = frame.split_first_chunk::<HEADER_BYTES>()?;
-    (frame_length(frame) == Ok(Some(frame.len()))).then_some(adu)
-}
 
 /// Puts the header of an answer to `frame` before unit, function and data; false without room.
 pub fn wrap(frame: &[u8], answer: &mut Answer) -> bool {

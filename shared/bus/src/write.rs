@@ -8,7 +8,7 @@ use crate::target;
 use kband_control::{Settings, Target};
 
 /// Bit of the control word: run.
-const RUN: u16 = 1 << 0;
+pub const RUN: u16 = 1 << 0;
 /// Bit of the control word: acknowledge, on a rising edge.
 const ACKNOWLEDGE: u16 = 1 << 7;
 
@@ -73,7 +73,8 @@ pub fn write(
     }
     if let Some(word) = written.control {
         server.control = Some(word);
-        machine.command(word & RUN != 0, acknowledge);
+        server.run_was_off |= word & RUN == 0;
+        server.acknowledge |= acknowledge;
     }
     Ok(())
 }

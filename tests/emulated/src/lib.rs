@@ -2,18 +2,7 @@
 //!
 //! An image is one function. It passes by returning and fails by a panic or a hard fault. The
 //! verdict is the emulator's exit status. At the desk the same function runs as an ordinary
-//! program.
-//!
-//! ```ignore
-//! #![cfg_attr(target_os = "none", no_std, no_main)]
-//!
-//! kband_emulated::image!(run);
-//!
-//! fn run() {
-//!     kband_emulated::say!("two and two: {}", 2 + 2);
-//!     assert_eq!(2 + 2, 4);
-//! }
-//! ```
+//! program. `bin/kernel_bits.rs` is an example.
 #![cfg_attr(target_os = "none", no_std)]
 
 pub mod kernels;

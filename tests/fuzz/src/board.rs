@@ -75,7 +75,7 @@ impl Board {
         flash.power(words);
         let controller = Station::controller(&loaded, start).expect("what is found is accepted");
         Self {
-            station: Station::new(&loaded, start, &controller, &EXCHANGE, LastWords::EMPTY),
+            station: Station::new(&loaded, &controller, &EXCHANGE, LastWords::EMPTY),
             service: Service::new(IMAGE, flash.records(), loaded.pin),
             saved: Some(loaded),
         }

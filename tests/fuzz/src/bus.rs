@@ -41,11 +41,6 @@ impl Machine for Drive {
         None
     }
 
-    fn command(&mut self, _run: bool, acknowledge: bool) {
-        assert!(self.authority >= Authority::Command);
-        assert!(!acknowledge || self.authority == Authority::Acknowledge);
-    }
-
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         assert!(self.authority >= Authority::Command);
         self.target = target;
@@ -102,14 +97,19 @@ pub fn bus(input: &[u8]) -> bool {
             1 => Authority::Command,
             _ => Authority::Acknowledge,
         };
+        let (before, _) = server.take_command();
         let mut adu = vec![UNIT];
         adu.extend(piece);
         is_valid |= process(&mut server, &mut drive, &adu);
         let mut answer = Answer::new();
         let _ = rtu::answer(&mut server, UNIT, piece, &mut drive, &mut answer);
-        if let Some(adu) = tcp::adu(piece) {
+        if tcp::frame_length(piece) == Ok(Some(piece.len())) {
+            let adu = &piece[tcp::HEADER_BYTES..];
             let _ = server.answer(adu, &mut drive, &mut answer) && tcp::wrap(piece, &mut answer);
         }
+        let (command, _) = server.take_command();
+        assert!(command.run == before.run || drive.authority >= Authority::Command);
+        assert!(!command.acknowledge || drive.authority == Authority::Acknowledge);
     }
     is_valid
 }

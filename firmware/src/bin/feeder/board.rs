@@ -183,7 +183,7 @@ fn place(
     last_words: LastWords,
 ) -> Option<&'static Station> {
     match &Station::controller(loaded, start) {
-        Ok(controller) => Some(place_station(loaded, start, controller, last_words)),
+        Ok(controller) => Some(place_station(loaded, controller, last_words)),
         Err(_) => None,
     }
 }
@@ -191,14 +191,11 @@ fn place(
 #[inline(never)]
 fn place_station(
     loaded: &LoadedSettings,
-    start: StartCause,
     controller: &Controller,
     last_words: LastWords,
 ) -> &'static Station {
     let place = STATION.uninit();
-    place.write(Station::new(
-        loaded, start, controller, &EXCHANGE, last_words,
-    ))
+    place.write(Station::new(loaded, controller, &EXCHANGE, last_words))
 }
 
 /// Builds the sample interrupt in its static memory.
@@ -332,7 +329,7 @@ async fn main(spawner: Spawner) {
             "stack {} of {} bytes, {} cycles missed",
             used,
             size,
-            station.missed()
+            EXCHANGE.missed()
         );
     }
 }

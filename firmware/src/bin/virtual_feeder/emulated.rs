@@ -239,10 +239,9 @@ async fn main(spawner: Spawner) {
 /// part, so that their stack use does not add up.
 #[inline(never)]
 fn place(loaded: &LoadedSettings) -> Result<(&'static Station, Signal), OutOfRange> {
-    let start = ResetCause::Power.start();
-    let controller = Station::controller(loaded, start)?;
+    let controller = Station::controller(loaded, ResetCause::Power.start())?;
     let station =
-        STATION.init_with(|| Station::new(loaded, start, &controller, &EXCHANGE, LastWords::EMPTY));
+        STATION.init_with(|| Station::new(loaded, &controller, &EXCHANGE, LastWords::EMPTY));
     Ok((station, Signal::build(&loaded.settings)?))
 }
 

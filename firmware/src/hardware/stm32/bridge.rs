@@ -3,7 +3,6 @@
 use crate::board::Drive;
 use embassy_stm32::dac::{DacChannel, Value};
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
-use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::timer::vals::{Bkp, FilterValue, Lock, Mms, Ossi};
 use embassy_stm32::peripherals::{DAC1, PA4, PA7, PA8, PB12, PC3, TIM1};
 use embassy_stm32::time::Hertz;
@@ -34,11 +33,6 @@ const DRIVE_ON: usize = 3;
 /// enable: high while the bridge is closed. PB12 high opens the bridge.
 pub struct HalfBridge {
     pwm: ComplementaryPwm<'static, TIM1>,
-    _voltage: DacChannel<'static, Blocking>,
-    /// Kept because dropping it would disconnect the pin from the timer.
-    _over_current: Flex<'static>,
-    /// Kept so that the pin stays an output; register writes set its level.
-    _drive_on: Output<'static>,
     closable: fn() -> bool,
     full: f32,
     on: bool,
@@ -106,11 +100,11 @@ impl HalfBridge {
         pac::DBGMCU.apb2fzr().modify(|w| w.set_tim1(false));
         let mut voltage = DacChannel::new_blocking(converter, voltage);
         voltage.set(Value::Bit12Right(DAC_MIDDLE));
+        let drive_on = Output::new(drive_on, Level::Low, Speed::Low);
+        // `forget` keeps the pins configured while the program runs; register writes set them.
+        core::mem::forget((voltage, over_current, drive_on));
         Self {
             pwm,
-            _voltage: voltage,
-            _over_current: over_current,
-            _drive_on: Output::new(drive_on, Level::Low, Speed::Low),
             closable,
             full,
             on: false,

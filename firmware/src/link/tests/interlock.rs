@@ -1,5 +1,6 @@
 //! No request may start a machine, or clear a fault, a latch or a lock-out.
 
+use super::draw::{below, choose, request, value};
 use super::*;
 use crate::testing::seed;
 use kband::arithmetic::Noise;
@@ -7,73 +8,25 @@ use kband::arithmetic::Noise;
 const SEQUENCES: u32 = 100_000;
 const MAX_SEQUENCE: u32 = 40;
 
-fn below(noise: &mut Noise, limit: u32) -> u32 {
-    noise.bits() % limit
-}
-
-fn value(noise: &mut Noise, low: f32, high: f32) -> f32 {
-    low + (high - low) * (below(noise, 1001) as f32 / 1000.0)
-}
-
-fn target(noise: &mut Noise) -> Target {
-    match below(noise, 6) {
-        0 => Target::Locked {
-            order: 1 + below(noise, 3) as u8,
-        },
-        1 => Target::Gear { order: 1 },
-        2 => Target::Amplitude(value(noise, 0.0, 0.9)),
-        3 => Target::Speed(value(noise, 10.0, 100.0)),
-        4 => Target::Identify,
-        _ => Target::K(value(noise, 0.2, 1.5)),
-    }
-}
-
-fn request(noise: &mut Noise) -> Request<'static> {
-    match below(noise, 16) {
-        0..=3 => {
-            let key = &Settings::KEYS[below(noise, Settings::KEYS.len() as u32) as usize];
-            let value = match below(noise, 3) {
-                0 => key.default,
-                1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
-                _ => value(noise, key.low, key.high),
-            };
-            Request::set(key.name, value)
-        }
-        4 => Request::Defaults,
-        5 | 6 => Request::Save,
-        7 => Request::Target(target(noise)),
-        8 | 9 => Request::Enable(true),
-        10 => Request::Enable(false),
-        11 => simulate(target(noise)),
-        12 => Request::Samples {
-            codes: &[0; 150],
-            end: None,
-        },
-        13 => Request::Lock(Pin::parse("4711").filter(|_| below(noise, 2) == 0)),
-        14 => Request::Unlock(Pin::parse("4711").unwrap()),
-        _ => [
-            Request::Alive,
-            Request::Status,
-            Request::SelfTest,
-            Request::Fault(0),
-            Request::Telemetry(1),
-            Request::Identification,
-        ][below(noise, 6) as usize],
-    }
+fn setting(noise: &mut Noise) -> (&'static str, f32) {
+    let key = &Settings::KEYS[below(noise, Settings::KEYS.len() as u32) as usize];
+    let value = match below(noise, 3) {
+        0 => key.default,
+        1 => value(noise, key.low, key.high.min(4.0 * key.default + key.low)),
+        _ => value(noise, key.low, key.high),
+    };
+    (key.name, value)
 }
 
 fn board_with_the_input_on(noise: &mut Noise) -> Board {
-    let condition = [Condition::Whole, Condition::Never, Condition::Lost];
-    let loaded = LOADED(condition[(below(noise, 5) as usize).min(2)]);
-    let starts = [StartCause::PowerOn, StartCause::Reset];
-    let start = starts[below(noise, 2) as usize];
+    use Condition::{Lost, Never, Whole};
+    let loaded = LOADED(choose(noise, &[Whole, Never, Lost, Lost, Lost]));
+    let start = choose(noise, &[StartCause::PowerOn, StartCause::Reset]);
     let mut board = Board::started(loaded, start);
     // Some boards run first, until the controller detects a track that does not move.
-    if loaded.condition == Condition::Whole && below(noise, 4) == 0 {
-        for cycle in 0..90 {
-            board.enable = cycle > 30;
-            board.cycle();
-        }
+    if loaded.condition == Whole && below(noise, 4) == 0 {
+        board.run(false, 31);
+        board.run(true, 59);
         assert_eq!(board.state(), State::Fault);
     }
     board.enable = true;
@@ -89,7 +42,8 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
         let mut fault: Option<Fault> = None;
         let mut requests = Vec::new();
         for _ in 0..=below(&mut noise, MAX_SEQUENCE) {
-            let request = request(&mut noise);
+            let setting = setting(&mut noise);
+            let request = request(&mut noise, setting, 1);
             requests.push(request);
             let mut buffer = [0; MAX_FRAME_BYTES];
             let frame = write_request(&mut buffer, 7, &request).unwrap().to_vec();
@@ -122,51 +76,6 @@ fn no_request_closes_the_bridge_or_clears_a_fault() {
     }
     println!("{SEQUENCES} sequences, {answered} answers, {done} of them done, {faults} faults");
     assert!(faults > SEQUENCES / 2 && done > u64::from(SEQUENCES));
-}
-
-/// Three faults within a minute lock the drive out, even when settings are changed in between.
-#[test]
-fn a_setting_between_faults_does_not_end_the_lock_out() {
-    let mut board = Board::started(LOADED(Condition::Whole), StartCause::PowerOn);
-    let mut fault = |acknowledged: bool| {
-        board.enable = false;
-        board.cycles(30);
-        if acknowledged {
-            assert_eq!(board.state(), State::Off);
-            board.done(&Request::set("soft_start", 0.3));
-        }
-        board.enable = true;
-        board.cycles(60);
-        assert_eq!(board.state(), State::Fault);
-    };
-    (0..3).for_each(|_| fault(true));
-    fault(false);
-    // A minute is 3000 cycles.
-    board.enable = false;
-    for cycle in 1..=3000 {
-        board.cycle();
-        let off = board.state() == State::Off;
-        assert_eq!(off, cycle == 3000, "{cycle}");
-    }
-}
-
-/// A fault outlives a simulation by the desk, which starts with the input off.
-#[test]
-fn a_simulation_leaves_the_fault_as_it_was() {
-    for (loaded, start) in [
-        (LOADED(Condition::Whole), StartCause::Reset),
-        (LOADED(Condition::Lost), StartCause::PowerOn),
-    ] {
-        let mut board = Board::started(loaded, start);
-        board.cycle();
-        let before = board.station.report().fault;
-        assert!(before.is_some());
-        board.done(&SIMULATE);
-        for _ in 0..12 {
-            board.station.cycle(&sensed(20_000), Inputs::default());
-        }
-        assert_eq!(board.station.report().fault, before);
-    }
 }
 
 #[test]
@@ -205,7 +114,7 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     board.done(&Request::Unlock(pin));
     board.done(&set);
     // The next start locks it again; the strap overrides the PIN.
-    let mut board = Board::with(board.saved());
+    let mut board = Board::started(board.saved(), StartCause::Ordinary);
     board.refused(&set, Refusal::ReadOnly(Access::Locked));
     board.done(&Request::Unlock(pin));
     board.service.image.strapped = || true;
@@ -216,6 +125,6 @@ fn a_strap_and_a_pin_make_the_link_read_only() {
     board.service.image.strapped = || false;
     board.done(&Request::Lock(None));
     assert_eq!(board.saved().pin, None);
-    let mut board = Board::with(board.saved());
+    let mut board = Board::started(board.saved(), StartCause::Ordinary);
     board.done(&set);
 }

@@ -37,10 +37,6 @@ fn stored(board: &mut Board, number: u8) -> Stored {
     }
 }
 
-fn saved_recipes(board: &mut Board) -> Recipes {
-    block_on(board.service.store.recipes())
-}
-
 /// Target and restitution in use, and the number of the recipe.
 fn in_use(board: &Board) -> (Target, f32, u8) {
     let (station, settings) = (&board.station, board.station.settings());
@@ -49,24 +45,15 @@ fn in_use(board: &Board) -> (Target, f32, u8) {
     (station.target(), middle, station.recipe())
 }
 
-/// Runs the drive on a track that never moves, until it starts.
-fn start(board: &mut Board) {
-    board.enable = false;
-    board.cycle();
-    board.enable = true;
-    board.cycle();
-    assert_eq!(board.state(), State::Starting);
-}
-
 #[test]
 fn recipes_are_set_saved_used_and_deleted() {
     let mut board = board();
     let (name, caps) = recipe("caps", Target::K(0.4), 0.3);
     assert_eq!(stored(&mut board, 1), Stored::Recipe(name, caps));
-    assert_eq!(saved_recipes(&mut board), Recipes::default());
+    assert_eq!(board.saved_recipes(), Recipes::default());
     board.done(&Request::SaveRecipes);
-    let actual = saved_recipes(&mut board).get(1);
-    assert_eq!(actual, Stored::Recipe(name, caps));
+    let saved = board.saved_recipes();
+    assert_eq!(saved.get(1), Stored::Recipe(name, caps));
     board.done(&Request::UseRecipe(6));
     assert_eq!(in_use(&board), (Target::Amplitude(0.2), 0.5, 6));
     // The machine's settings and target are the saved ones, with the recipe.
@@ -77,7 +64,7 @@ fn recipes_are_set_saved_used_and_deleted() {
     board.done(&delete(6));
     board.refused(&Request::UseRecipe(6), Refusal::NoRecipe);
     board.done(&Request::SaveRecipes);
-    assert_eq!(saved_recipes(&mut board).get(6), Stored::None);
+    assert_eq!(board.saved_recipes().get(6), Stored::None);
     for number in [0, 8, 255] {
         board.refused(&delete(number), Refusal::NoRecipe);
         assert_eq!(stored(&mut board, number), Stored::None);
@@ -108,7 +95,9 @@ fn a_recipe_that_does_not_fit_the_machine_is_refused() {
 #[test]
 fn a_running_drive_uses_recipes_and_changes_none() {
     let mut board = board();
-    start(&mut board);
+    board.run(false, 1);
+    board.run(true, 1);
+    assert_eq!(board.state(), State::Starting);
     board.refused(&set(2, recipe("M3", Target::K(0.4), 0.3)), Refusal::Running);
     board.refused(&delete(1), Refusal::Running);
     board.refused(&Request::SaveRecipes, Refusal::Running);

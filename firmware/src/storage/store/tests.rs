@@ -203,20 +203,6 @@ const TARGETS: [Target; 9] = [
 ];
 
 #[test]
-fn settings_and_target_load_as_saved() {
-    let mut store = records(Nor::<G4_PAGE>::new());
-    let never = LoadedSettings::none(Condition::Never);
-    assert_eq!(block_on(store.load()), never);
-    for (n, target) in TARGETS.into_iter().enumerate() {
-        let settings = changed(0.9 + 0.01 * n as f32);
-        let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
-        block_on(store.save(&settings, target, pin)).unwrap();
-        store = records(store.flash);
-        assert_eq!(block_on(store.load()), valid(settings, target, pin));
-    }
-}
-
-#[test]
 fn a_byte_that_cannot_be_written_is_an_error() {
     let mut store = saved::<G4_PAGE>(&changed(1.0), TARGETS[0]);
     // A byte in the settings of the second record.
@@ -318,24 +304,19 @@ fn a_flipped_bit_keeps_the_settings_or_is_reported() {
     let mut store = records(Nor::<G4_PAGE>::new());
     for n in 0..5 {
         block_on(store.save(&changed(0.9 + 0.005 * n as f32), TARGETS[0], None)).unwrap();
-        assert_eq!(flips(&store), 8 * (SLOT - 8), "{n}");
-    }
-}
-
-/// Flips every bit of the settings' pages; they stay or are lost. Returns the number of losses.
-fn flips(store: &Memory<G4_PAGE>) -> usize {
-    let original = loaded_from(&store.flash);
-    let mut lost = 0;
-    for bit in 0..8 * 2 * G4_PAGE {
-        let mut nor = store.flash.clone();
-        nor.bytes[bit / 8] ^= 1 << (bit % 8);
-        let found = block_on(records(nor).load());
-        if found != original {
-            assert_eq!(found, LoadedSettings::none(Condition::Lost), "bit {bit}");
-            lost += 1;
+        let original = loaded_from(&store.flash);
+        let mut lost = 0;
+        for bit in 0..8 * 2 * G4_PAGE {
+            let mut nor = store.flash.clone();
+            nor.bytes[bit / 8] ^= 1 << (bit % 8);
+            let found = block_on(records(nor).load());
+            if found != original {
+                assert_eq!(found, LoadedSettings::none(Condition::Lost), "bit {bit}");
+                lost += 1;
+            }
         }
+        assert_eq!(lost, 8 * (SLOT - 8), "{n}");
     }
-    lost
 }
 
 /// 30 000 saves. Each page is erased less often than its endurance, and no record is lost. Erasures
@@ -507,6 +488,8 @@ fn some_recipes(number: u8) -> Recipes {
 #[test]
 fn settings_recipes_and_key_are_saved_without_each_other() {
     let mut store = records(Nor::<G4_PAGE>::new());
+    let never = LoadedSettings::none(Condition::Never);
+    assert_eq!(block_on(store.load()), never);
     assert_eq!(block_on(store.recipes()), Recipes::default());
     let none = Err(StoreFailed::NoSettings);
     assert_eq!(block_on(store.save_recipes(&some_recipes(1))), none);
@@ -514,10 +497,10 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
     assert_eq!(block_on(store.key()), None);
     // Among them the bits of a signalling NaN.
     let key = |n: u8| core::array::from_fn(|at| if at < 4 { [1, 0, 0xa0, 0x7f][at] } else { n });
-    for n in 1..9 {
+    for (n, target) in (1..).zip(TARGETS) {
         let pin = Pin::parse("0420").filter(|_| n % 2 == 0);
         let settings = changed(0.9 + 0.01 * f32::from(n));
-        block_on(store.save(&settings, Target::Chaotic, pin)).unwrap();
+        block_on(store.save(&settings, target, pin)).unwrap();
         let before = (n > 1).then(|| some_recipes(n - 1));
         assert_eq!(block_on(store.recipes()), before.unwrap_or_default());
         block_on(store.save_recipes(&some_recipes(n))).unwrap();
@@ -526,7 +509,7 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
         store = records(store.flash);
         assert_eq!(block_on(store.key()), Some(key(n)));
         let found = block_on(store.load());
-        assert_eq!(found, valid(settings, Target::Chaotic, pin));
+        assert_eq!(found, valid(settings, target, pin));
         assert_eq!(block_on(store.recipes()), some_recipes(n));
     }
     // Older settings do not replace damaged ones when recipes are saved.
@@ -541,9 +524,8 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
 }
 
 #[test]
-fn the_last_faults_are_kept_and_come_back() {
+fn the_last_faults_outlive_the_change_of_banks() {
     let mut store = records(Nor::<G4_PAGE>::new());
-    assert_eq!(block_on(store.fault(0)), None);
     let fault = |n: u32| FaultRecord {
         number: n,
         seconds: 1000 * n,
@@ -555,12 +537,16 @@ fn the_last_faults_are_kept_and_come_back() {
         low: 17,
         high: 4095,
     };
-    for n in 0..200 {
+    assert_eq!(block_on(store.fault(0)), None);
+    for n in 0..500_u32 {
         store.take_fault(&fault(n));
         block_on(store.keep_faults());
-    }
-    let mut store = records(store.flash);
-    for age in 0..STORED_FAULTS {
-        assert_eq!(block_on(store.fault(age)), Some(fault(199 - age)));
+        if n == 250 {
+            store = records(store.flash);
+        }
+        for age in 0..STORED_FAULTS {
+            let expected = n.checked_sub(age).map(fault);
+            assert_eq!(block_on(store.fault(age)), expected, "{n}, {age} back");
+        }
     }
 }

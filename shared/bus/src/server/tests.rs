@@ -15,7 +15,7 @@ struct TestDrive {
     settings: Settings,
     target: Target,
     saves: u32,
-    commands: List<(bool, bool)>,
+    server: Server,
 }
 
 impl Default for TestDrive {
@@ -27,7 +27,7 @@ impl Default for TestDrive {
             settings: Settings::default(),
             target: Target::Gear { order: 1 },
             saves: 0,
-            commands: List::new(),
+            server: Server::default(),
         }
     }
 }
@@ -66,10 +66,6 @@ impl Machine for TestDrive {
         })
     }
 
-    fn command(&mut self, run: bool, acknowledge: bool) {
-        self.commands.push((run, acknowledge));
-    }
-
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         if target == Target::K(20.0) {
             return Err(Exception::Value);
@@ -90,20 +86,18 @@ impl Machine for TestDrive {
     }
 }
 
-/// Answer of a new server to these bytes of unit 1.
+/// Answer to these bytes of unit 1; empty without an answer.
 fn request(drive: &mut TestDrive, pdu: &[u8]) -> List<u8> {
-    ask_server(&mut Server::default(), drive, pdu)
+    let adu = [&[1], pdu].concat();
+    let (mut server, mut answer) = (drive.server, Answer::new());
+    let is_answered = server.answer(&adu, drive, &mut answer);
+    drive.server = server;
+    assert!(!is_answered || answer[0] == 1);
+    answer.get(1..).unwrap_or_default().to_vec()
 }
 
-fn ask_server(server: &mut Server, drive: &mut TestDrive, pdu: &[u8]) -> List<u8> {
-    let adu: List<u8> = [1].into_iter().chain(pdu.iter().copied()).collect();
-    let mut answer = Answer::new();
-    if server.answer(&adu, drive, &mut answer) {
-        assert_eq!(answer[0], 1);
-        answer[1..].to_vec()
-    } else {
-        List::new()
-    }
+fn assert_no_command(server: &mut Server) {
+    assert_eq!(server.take_command().0, BusCommand::default());
 }
 
 fn read(address: u16, count: u16) -> [u8; 5] {
@@ -191,7 +185,7 @@ fn wrong_lengths_and_counts_are_refused_as_a_value() {
     ] {
         refuses(&mut drive, pdu, Exception::Value);
     }
-    assert!(drive.commands.is_empty());
+    assert_no_command(&mut drive.server);
 }
 
 #[test]
@@ -243,7 +237,8 @@ fn without_authority_nothing_is_written() {
         refuses(&mut drive, &pdu, Exception::NotInControl);
     }
     refuses(&mut drive, &[6, 0, 0, 0, 1], Exception::NotInControl);
-    assert!(drive.commands.is_empty() && drive.saves == 0);
+    assert_no_command(&mut drive.server);
+    assert_eq!(drive.saves, 0);
     assert_eq!(drive.settings, Settings::default());
     assert_eq!(drive.target, Target::Gear { order: 1 });
 }
@@ -251,22 +246,25 @@ fn without_authority_nothing_is_written() {
 #[test]
 fn the_acknowledge_bit_needs_authority_and_an_edge() {
     let mut drive = TestDrive::default();
-    let mut server = Server::default();
     for (word, acknowledge) in [(0x80, false), (0, false), (0x80, true), (0x81, false)] {
-        ask_server(&mut server, &mut drive, &write(0, &[word]));
-        let expected = Some((word & 1 == 1, acknowledge));
-        assert_eq!(expected, drive.commands.pop(), "{word}");
+        accepted(&mut drive, &write(0, &[word]));
+        let run = Some(word & 1 == 1);
+        let expected = (BusCommand { run, acknowledge }, true);
+        assert_eq!(drive.server.take_command(), expected, "{word}");
     }
-    let actual = ask_server(&mut server, &mut drive, &read(0, 1));
-    assert_eq!(actual, [3, 2, 0, 0x81]);
+    assert_eq!(request(&mut drive, &read(0, 1)), [3, 2, 0, 0x81]);
     drive.authority = Authority::Command;
-    ask_server(&mut server, &mut drive, &write(0, &[0]));
-    let refused = ask_server(&mut server, &mut drive, &write(0, &[0x81]));
-    assert_eq!(refused, [0x90, Exception::NotInControl as u8]);
+    accepted(&mut drive, &write(0, &[0]));
+    refuses(&mut drive, &write(0, &[0x81]), Exception::NotInControl);
     // The refused word is not the last one.
-    let actual = ask_server(&mut server, &mut drive, &read(0, 1));
-    assert_eq!(actual, [3, 2, 0, 0]);
-    assert_eq!(drive.commands, [(false, false)]);
+    assert_eq!(request(&mut drive, &read(0, 1)), [3, 2, 0, 0]);
+    // The run bit was 0 in between: the first command is a stop.
+    accepted(&mut drive, &write(0, &[1]));
+    for (run, is_active) in [(false, true), (true, false)] {
+        let (command, active) = drive.server.take_command();
+        let expected = (Some(run), false, is_active);
+        assert_eq!((command.run, command.acknowledge, active), expected);
+    }
     refuses(&mut drive, &write(0, &[2]), Exception::Value);
 }
 
@@ -309,11 +307,11 @@ fn a_refused_target_leaves_the_control_word() {
     let mut drive = TestDrive::default();
     let [high, low] = float(20.0);
     refuses(&mut drive, &write(0, &[1, 32, high, low]), Exception::Value);
-    assert!(drive.commands.is_empty());
+    assert_no_command(&mut drive.server);
     let [high, low] = float(0.8);
     accepted(&mut drive, &write(0, &[1, 32, high, low]));
-    let expected = (Target::K(0.8), &[(true, false)][..]);
-    assert_eq!(expected, (drive.target, &drive.commands[..]));
+    let (command, _) = drive.server.take_command();
+    assert_eq!((drive.target, command.run), (Target::K(0.8), Some(true)));
 }
 
 #[test]
@@ -385,7 +383,7 @@ fn both_transports_answer_alike() {
     let serial = rtu::check(&answer).unwrap().to_vec();
     let network = [&[0xab, 0xcd, 0, 0, 0, 6][..], &frame[..6]].concat();
     assert_eq!(tcp::frame_length(&network), Ok(Some(12)));
-    let adu = tcp::adu(&network).unwrap();
+    let adu = &network[tcp::HEADER_BYTES..];
     assert!(server.answer(adu, &mut drive, &mut answer) && tcp::wrap(&network, &mut answer));
     assert_eq!(answer[..6], [0xab, 0xcd, 0, 0, 0, serial.len() as u8]);
     assert_eq!(answer[6..], serial[..]);
@@ -411,7 +409,7 @@ fn both_transports_answer_alike() {
         assert_eq!(tcp::frame_length(&header), Err(tcp::NotModbus));
     }
     assert_eq!(tcp::frame_length(&network[..5]), Ok(None));
-    assert!(drive.commands.is_empty());
+    assert_no_command(&mut server);
 }
 
 #[test]

@@ -637,4 +637,5 @@ fn a_chunk_is_of_whole_words_and_follows_the_last() {
     }
     assert_eq!(check(992, 8, 992), Ok(Some(1000)));
     assert_eq!(check(996, 8, 996), Err(UpdateRefusal::Length));
+    assert_eq!(check(u32::MAX, 4, 0), Err(UpdateRefusal::Length));
 }

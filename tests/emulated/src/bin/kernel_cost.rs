@@ -12,18 +12,20 @@ fn run() {
 #[cfg(target_os = "none")]
 fn run() {
     use cost::measure;
-    use kband_emulated::kernels::{
-        CHATTER, ORBITS, WAVE_CHATTER, WAVES, begin, begin_on_tones, track, track_on_tones,
-    };
+    use kband::impact::{Kernel, Single, Tone, WaveKernel};
+    use kband_emulated::kernels::{CHATTER, ORBITS, WAVE_CHATTER, WAVES, begin, begin_on_tones};
 
     let counter = kband_emulated::Counter::start();
+    let track = |k| Single::build(k, 0.8).expect("a k within range");
     let one = measure(&counter, "f32", (ORBITS, CHATTER), begin, track);
     // Bounds: the counted value, plus 3 % for another compiler.
     assert!(one.orbits <= 195, "{}", one.orbits);
     assert!(one.set_up <= 680, "{}", one.set_up);
     assert!(one.worst <= 237, "{}", one.worst);
     let waves = (WAVES, WAVE_CHATTER);
-    let two = measure(&counter, "f32-tones", waves, begin_on_tones, track_on_tones);
+    let tones = [Tone::new(0.15, 2.356), Tone::default()];
+    let track = |k| Single::on_tones(tones, k, 0.8).expect("a k within range");
+    let two = measure(&counter, "f32-tones", waves, begin_on_tones, track);
     // A second tone may double the cost.
     let costs = [two.orbits, two.high, two.low].into_iter();
     for (two, one) in costs.zip([one.orbits, one.high, one.low]) {
@@ -35,11 +37,15 @@ fn run() {
 mod cost {
     use core::hint::black_box;
 
-    use kband::impact::{Single, SingleState};
-    use kband_emulated::kernels::{TRACKS, fall, fly, states};
+    use kband::arithmetic::Noise;
+    use kband::impact::{Kernel, Single, SingleState};
+    use kband_emulated::kernels::{Machine, next};
     use kband_emulated::{Counter, emit};
 
     type Start = (Single, SingleState);
+
+    /// k of eight tracks.
+    const TRACKS: [f64; 8] = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85];
 
     pub struct Cost {
         /// The most expensive orbit that stays locked or chaotic.
@@ -75,7 +81,7 @@ mod cost {
         let kernels = TRACKS.map(track);
         // Mean cost of one impact from each state.
         let falls = |top| {
-            let states = states::<Single>(top);
+            let states = states(top);
             counter.count(|| {
                 black_box(fall(&kernels, &states));
             }) / states.len() as u64
@@ -90,6 +96,35 @@ mod cost {
             high,
             low,
         }
+    }
+
+    /// 256 states on [`TRACKS`], with velocities up to `top`.
+    fn states(top: f64) -> [(SingleState, u8); 256] {
+        let mut noise = Noise::new(1);
+        core::array::from_fn(|i| {
+            let phase = f64::from(noise.uniform()) * core::f64::consts::TAU;
+            let velocity = f64::from(noise.uniform()) * top;
+            let state = Single::state(phase, velocity).expect("a state within range");
+            (state, (i & 7) as u8)
+        })
+    }
+
+    /// Computes one impact from each state, and combines their bits, so the compiler can skip none.
+    #[inline(never)]
+    fn fall(kernels: &[Single; 8], states: &[(SingleState, u8)]) -> u32 {
+        let mut sum = 0_u32;
+        for &(state, index) in states {
+            let landing = kernels[usize::from(index & 7)].land(state);
+            let [phase, velocity] = Single::bits(landing.next);
+            sum = sum.wrapping_add(phase ^ velocity);
+        }
+        sum
+    }
+
+    /// State after `count` impacts.
+    #[inline(never)]
+    fn fly(kernel: &Single, start: SingleState, count: u32) -> SingleState {
+        (0..count).fold(start, |state, _| next(kernel, start, state))
     }
 
     fn orbit(counter: &Counter, (kernel, start): Start) -> u64 {

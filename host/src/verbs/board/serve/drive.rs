@@ -5,9 +5,7 @@ use std::time::Duration;
 use kband::feeder::OutOfRange;
 use kband_bus::{Answer, Authority, Exception, Machine, SaveProgress, Server, Snapshot};
 use kband_control::wire::{Access, Record, Status, Telemetry};
-use kband_control::{
-    BusCommand, Event, Fault, Inputs, Report, Settings, StartCause, State, Target,
-};
+use kband_control::{Event, Fault, Inputs, Report, Settings, StartCause, Target};
 use kband_plant::{Change, ClosedLoop, Scene};
 
 use super::Feeder;
@@ -43,13 +41,12 @@ impl Feeder for Simulated {
     }
 
     fn answer(&mut self, adu: &[u8], answer: &mut Answer) -> bool {
-        let answered = self.server.answer(adu, &mut self.drive, answer);
-        self.drive.link_alive |= answered;
-        answered
+        self.server.answer(adu, &mut self.drive, answer)
     }
 
     fn advance(&mut self, passed: Duration) -> Result<()> {
-        self.drive.advance(passed.as_secs_f64());
+        let seconds = passed.as_secs_f64();
+        self.drive.advance(seconds, &mut self.server);
         Ok(())
     }
 
@@ -74,10 +71,6 @@ struct Drive {
     due: f64,
     enabled: bool,
     events: Vec<Record>,
-    run: Option<bool>,
-    run_was_off: bool,
-    acknowledge: bool,
-    link_alive: bool,
     save: SaveProgress,
 }
 
@@ -98,15 +91,11 @@ impl Drive {
             due: 0.0,
             enabled: false,
             events: Vec::new(),
-            run: None,
-            run_was_off: false,
-            acknowledge: false,
-            link_alive: false,
             save: SaveProgress::None,
         })
     }
 
-    fn advance(&mut self, seconds: f64) {
+    fn advance(&mut self, seconds: f64, server: &mut Server) {
         self.due += seconds;
         while self.time < self.due {
             if !self.enabled && self.time >= ENABLE_TIME {
@@ -114,14 +103,8 @@ impl Drive {
                 self.closed.apply(Change::Enable(true));
             }
             if self.settings().bus_controls() {
-                // A run bit that was 0 only briefly is read as 0 for a whole cycle.
-                let off = std::mem::take(&mut self.run_was_off);
-                let command = BusCommand {
-                    run: if off { Some(false) } else { self.run },
-                    acknowledge: std::mem::take(&mut self.acknowledge),
-                };
-                let link_alive = std::mem::take(&mut self.link_alive);
-                self.closed.command(command, link_alive);
+                let (command, is_active) = server.take_command();
+                self.closed.command(command, is_active);
             }
             let moment = self.closed.cycle();
             (self.time, self.report) = (moment.time, moment.report);
@@ -138,10 +121,6 @@ impl Drive {
                 });
             }
         }
-    }
-
-    fn at_rest(&self) -> bool {
-        matches!(self.report.state, State::Off | State::Fault)
     }
 }
 
@@ -179,30 +158,18 @@ impl Machine for Drive {
         self.events.get(number as usize).copied()
     }
 
-    fn command(&mut self, run: bool, acknowledge: bool) {
-        self.run = Some(run);
-        self.run_was_off |= !run;
-        self.acknowledge |= acknowledge;
-    }
-
     fn set_target(&mut self, target: Target) -> Result<(), Exception> {
         let set = self.closed.controller_mut().set_target(target);
         set.map_err(|_| Exception::Value)
     }
 
     fn set_settings(&mut self, settings: &Settings) -> Result<(), Exception> {
-        if !self.at_rest() {
-            return Err(Exception::Busy);
-        }
         settings.check().map_err(|_| Exception::Value)?;
         let configured = self.closed.configure(settings);
         configured.map_err(|_| Exception::Value)
     }
 
     fn save(&mut self) -> Result<(), Exception> {
-        if !self.at_rest() {
-            return Err(Exception::Busy);
-        }
         self.closed.controller_mut().settings_saved();
         self.save = SaveProgress::Done;
         Ok(())

@@ -100,9 +100,7 @@ fn serve(mut stream: TcpStream, shared: &Shared) -> std::io::Result<()> {
                 break;
             };
             let frame: Vec<u8> = waiting.drain(..length).collect();
-            let Some(adu) = tcp::adu(&frame) else {
-                return Ok(());
-            };
+            let adu = &frame[tcp::HEADER_BYTES..];
             let answered = shared.with(|feeder| feeder.answer(adu, &mut answer));
             shared
                 .requests
