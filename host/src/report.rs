@@ -18,7 +18,6 @@ pub use view::{Field, View};
 
 use std::io::{ErrorKind, Write};
 
-use serde::Serialize;
 use serde_json::{Map, Value as Json};
 
 use crate::file::{self, Destination};
@@ -78,12 +77,9 @@ impl Printout {
         self
     }
 
-    pub fn json(mut self, value: &impl Serialize) -> Result<Self> {
-        self.json = Some(serde_json::to_value(value).map_err(|error| {
-            let cause = format!("the result has no JSON form: {error}");
-            Refusal::new(cause, "use --format csv")
-        })?);
-        Ok(self)
+    pub fn json(mut self, value: impl Into<Json>) -> Self {
+        self.json = Some(value.into());
+        self
     }
 
     /// The printout with its own CSV rows, for results too large for a table.

@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let plan = task.plan(desk)?;
     let map = Kicks::draw(&task, &plan, desk)?;
     let rates = Rates::measure(&task, &plan, desk)?;
-    let report = report(&task, &plan, &map, &rates)?;
+    let report = report(&task, &plan, &map, &rates);
     output.show(&report, || map.picture(&task, &plan))
 }
 
@@ -243,7 +243,7 @@ fields! {
     }
 }
 
-fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Printout> {
+fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Printout {
     let kicks = (0..task.arguments.attempts as u32).filter_map(|attempt| plan.attempt(attempt));
     let kicks: Vec<KickSettings> = kicks.map(|kick| kick.settings()).collect();
     let none = Kick::NONE.settings();
@@ -279,7 +279,7 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
     let kick_alone = attempt_view().without(columns::SHARE);
     let kick = |kick: KickSettings| kick_alone.object(&(String::new(), kick, 0.0));
     let cells = map.cells();
-    let report = report.json(&serde_json::json!({
+    let report = report.json(serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
         "order": order,
         "k": k,
@@ -301,8 +301,8 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
         "captured_alone": rates.alone,
         "captured": rates.by_attempt,
         "map": attempt_view().objects(&cells),
-    }))?;
-    Ok(report.csv_of(attempt_view().table_of(&cells)))
+    }));
+    report.csv_of(attempt_view().table_of(&cells))
 }
 
 struct Kicks {

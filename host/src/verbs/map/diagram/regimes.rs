@@ -66,7 +66,7 @@ impl Map {
         })
     }
 
-    pub fn report(&self) -> Result<Printout> {
+    pub fn report(&self) -> Printout {
         let mut rows: Vec<Share> = Vec::new();
         for (&(start, _), ends) in STARTS.iter().zip(&self.ends) {
             for (_, regime, points) in ending::count_fills(ends) {
@@ -91,7 +91,7 @@ impl Map {
             .heading(format!("Where a part ends: k = {k}, R = {restitution}{contact}"))
             .note("--out FILE.svg draws the map, FILE.csv lists its points")
             .csv_of(full)
-            .json(&serde_json::json!({
+            .json(serde_json::json!({
                 "k": [self.k.low, self.k.high, self.k.count],
                 "restitution": [self.restitution.low, self.restitution.high, self.restitution.count],
                 "followed": MAX_ORBIT_IMPACTS,

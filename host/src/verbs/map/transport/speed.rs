@@ -101,7 +101,7 @@ impl Row {
 pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
     let over = Over::new(&feeder)?;
     let rows = rows(&feeder, &over, desk)?;
-    let report = report(&feeder, &over, &rows)?;
+    let report = report(&feeder, &over, &rows);
     Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
 }
 
@@ -364,7 +364,7 @@ fields! {
     }
 }
 
-fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
+fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Printout {
     let view = speeds(feeder);
     let objects = view.objects(rows);
     let view = match feeder.arguments.part_length {
@@ -383,7 +383,7 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
     let (range, drive) = (over.describe(), feeder.describe());
     let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
-    report.json(&json!({
+    report.json(json!({
         "rows": objects,
         "critical_slope": in_phase.or((critical.len() == 1).then(|| critical[0])),
         "velocity_bound": bound(feeder),
