@@ -13,7 +13,7 @@ use serde_json::json;
 use super::{Computed, Feeder, ORDERS};
 use crate::arguments::{Range, k_of};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
 use crate::report::{Printout, columns, counted, fields, span, when};
@@ -202,7 +202,7 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
     }
     // With scatter there is no final regime.
     let constant = when(scatter.scatter == 0.0, || over.k.len());
-    let endings = desk.spread("regimes", constant, ORBITS_PER_BLOCK, |columns| {
+    let endings = desk.spread("regimes", constant, |columns| {
         let tracks: Vec<_> = columns.iter().map(|n| (over.k[*n], restitution)).collect();
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
     })?;
