@@ -256,9 +256,7 @@ fn sweep(
         table,
         &arguments.sweep,
         &|file| arguments.apply_to(file),
-        arguments.runs.unwrap_or(1),
-        // A single run per point uses the scene unchanged. Of several, each has its own draws.
-        arguments.runs.is_some(),
+        arguments.runs,
         arguments.fidelity,
         desk,
     )?;
