@@ -148,7 +148,7 @@ impl Output {
     pub fn show(&self, report: &Printout, picture: impl FnOnce() -> Picture) -> Result<Exit> {
         report.print(self.format)?;
         if let Some((target, Kind::Numbers(format))) = &self.kind {
-            report.save(*format, target)?;
+            target.write(|out| report.write(*format, out))?;
             eprintln!("{}", target.describe_write());
         }
         self.draw(picture)

@@ -20,7 +20,7 @@ use std::io::{ErrorKind, Write};
 
 use serde_json::{Map, Value as Json};
 
-use crate::file::{self, Destination};
+use crate::file;
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
 
@@ -143,10 +143,6 @@ impl Printout {
         }
         let mut out = std::io::BufWriter::new(text_output());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
-    }
-
-    pub fn save(&self, format: Format, target: &Destination) -> Result<()> {
-        target.write(|out| self.write(format, out))
     }
 }
 
