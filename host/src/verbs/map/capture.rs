@@ -4,12 +4,13 @@ use std::task::Poll;
 
 use kband::feeder::{OutOfRange, Restitution};
 use kband::impact::ContactTime;
-use kband::regime::band::{Band, BandError};
+use kband::regime::band::Band;
 use kband::regime::capture::{
     DriveLag, DriveLagSettings, Kick, KickSettings, Lot, Outcome, Plan, PlanSettings, Planner,
     ScoredKick, Trial, TrialRun,
 };
 
+use super::common_band;
 use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
@@ -113,12 +114,10 @@ struct Task<'a> {
 impl<'a> Task<'a> {
     fn new(arguments: &'a Arguments) -> Result<Self> {
         let order = arguments.order as u32;
-        let band = Band::common(arguments.restitution, order).map_err(|error| match error {
-            BandError::OutOfRange(refusal) => Refusal::from(refusal),
-            BandError::Empty(none) => Refusal::new(
-                none.to_string(),
-                "narrow --restitution, or choose another --order",
-            ),
+        let contact = ContactTime::INSTANT;
+        let band = common_band(arguments.restitution, order, contact)?.map_err(|none| {
+            let next = "narrow --restitution, or choose another --order";
+            Refusal::new(none.to_string(), next)
         })?;
         let k = arguments.amplitude.or_k(arguments.k)?;
         let k = k.unwrap_or(band.setpoint());
@@ -146,7 +145,7 @@ impl<'a> Task<'a> {
                 restitution: arguments.restitution,
                 order,
                 amplitude_error: arguments.amplitude_error / 100.0,
-                contact: ContactTime::INSTANT,
+                contact,
             },
             drive: drive(arguments.start)?,
             retry_drive: drive(1.0)?,
