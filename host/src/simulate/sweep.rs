@@ -323,15 +323,3 @@ fn most_frequent<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let entry = counts.iter().rev().max_by_key(|(_, count)| *count);
     entry.map_or(String::new(), |(name, _)| (*name).into())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn values_of_a_range_are_evenly_spaced_up_to_its_ends() {
-        for (range, expected) in [("5..35:4", &[5.0, 15.0, 25.0, 35.0][..]), ("0.1", &[0.1])] {
-            assert_eq!(Axes::parse(&format!("a={range}")).unwrap().values, expected);
-        }
-    }
-}
