@@ -148,7 +148,7 @@ impl Output {
     pub fn show(&self, report: &Printout, picture: impl FnOnce() -> Picture) -> Result<Exit> {
         report.print(self.format)?;
         if let Some((target, Kind::Numbers(format))) = &self.kind {
-            report.save(*format, target)?;
+            target.write(|out| report.write(*format, out))?;
             eprintln!("{}", target.describe_write());
         }
         self.draw(picture)
@@ -398,27 +398,23 @@ pub fn range_or_value((low, high): (f64, f64), count: usize) -> ValueParser {
     ValueParser::new(move |text: &str| {
         let is_open = text.contains("..") && !text.contains(':');
         let counted = when(is_open, || format!(":{count}"));
-        let range = range(&format!("{text}{counted}")).ok();
+        let range = range(&format!("{text}{counted}"));
         let within = range.filter(|range| low <= range.low && range.high <= high);
         let accepted = || format!("one number or LO..HI or LO..HI:N within {low}..{high}");
         within.ok_or_else(|| format!("accepted: {}, LO < HI, N in 2..1000000", accepted()))
     })
 }
 
-/// Parses a range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
-pub fn range(text: &str) -> Result<Range, String> {
-    let read = || {
-        let Some((low, rest)) = text.split_once("..") else {
-            let value = number(text).ok()?;
-            return Some(Range::new(value, value, 1));
-        };
-        let (high, steps) = rest.split_once(':')?;
-        let (low, high) = (number(low).ok()?, number(high).ok()?);
-        let steps = whole(steps).filter(|steps| (2..=1_000_000).contains(steps))?;
-        (low < high).then_some(Range::new(low, high, steps))
+/// A range `LO..HI:N` with `LO < HI` and N in 2..=1 000 000, or one value.
+fn range(text: &str) -> Option<Range> {
+    let Some((low, rest)) = text.split_once("..") else {
+        let value = number(text).ok()?;
+        return Some(Range::new(value, value, 1));
     };
-    let accepted = "LO..HI:N with LO < HI and N in 2..1000000";
-    read().ok_or_else(|| format!("accepted: {accepted}, such as 0.3..0.5:200, or one number"))
+    let (high, steps) = rest.split_once(':')?;
+    let (low, high) = (number(low).ok()?, number(high).ok()?);
+    let steps = whole(steps).filter(|steps| (2..=1_000_000).contains(steps))?;
+    (low < high).then_some(Range::new(low, high, steps))
 }
 
 /// A parser of one number or `LO..HI` within `low..=high`, as both ends.

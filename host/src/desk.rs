@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::ending::ORBITS_PER_BLOCK;
 use crate::refusal::{Refusal, Result};
 
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
@@ -111,15 +112,14 @@ impl Desk {
         self.map(title, count, work)?.into_iter().collect()
     }
 
-    /// Like [`Desk::try_map`] for groups of up to `block_size` numbers, each spread over the range.
+    /// Like [`Desk::try_map`] for groups of orbits, each of numbers spread over the range.
     pub fn spread<T: Send>(
         &self,
         title: &str,
         count: usize,
-        block_size: usize,
         work: impl Fn(&[usize]) -> Result<Vec<T>> + Sync + Send,
     ) -> Result<Vec<T>> {
-        let blocks = count.div_ceil(block_size.max(1));
+        let blocks = count.div_ceil(ORBITS_PER_BLOCK);
         let tasks = blocks.max(self.pool()?.current_num_threads()).min(count);
         let of_task = |task: usize| (task..count).step_by(tasks).collect::<Vec<_>>();
         let results = self.try_map(title, tasks, |task| work(&of_task(task)))?;

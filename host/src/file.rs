@@ -252,25 +252,24 @@ fn source(path: &Path) -> &Path {
     }
 }
 
-/// Opens an input; `next` is the next step of the error.
-pub fn open(path: &Path, next: &str) -> Result<File> {
-    let file = File::open(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
+/// Takes an input by `take`; `next` is the next step of the error.
+fn input<T>(path: &Path, next: &str, take: fn(&Path) -> std::io::Result<T>) -> Result<T> {
+    let taken = take(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
     used::add(path, Role::Input)?;
-    Ok(file)
+    Ok(taken)
+}
+
+pub fn open(path: &Path, next: &str) -> Result<File> {
+    input(path, next, |path| File::open(path))
 }
 
 pub fn read(path: &Path, next: &str) -> Result<Vec<u8>> {
-    let bytes = fs::read(source(path)).map_err(|error| Refusal::file(path, &error, next))?;
-    used::add(path, Role::Input)?;
-    Ok(bytes)
+    input(path, next, |path| fs::read(path))
 }
 
 pub fn read_text(path: &Path) -> Result<String> {
     let next = "give the path of a readable text file";
-    let text = fs::read_to_string(source(path));
-    let text = text.map_err(|error| Refusal::file(path, &error, next))?;
-    used::add(path, Role::Input)?;
-    Ok(text)
+    input(path, next, |path| fs::read_to_string(path))
 }
 
 /// Removes the temporary files of this run; the last act before a forced stop.

@@ -18,10 +18,9 @@ pub use view::{Field, View};
 
 use std::io::{ErrorKind, Write};
 
-use serde::Serialize;
 use serde_json::{Map, Value as Json};
 
-use crate::file::{self, Destination};
+use crate::file;
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
 
@@ -78,12 +77,9 @@ impl Printout {
         self
     }
 
-    pub fn json(mut self, value: &impl Serialize) -> Result<Self> {
-        self.json = Some(serde_json::to_value(value).map_err(|error| {
-            let cause = format!("the result has no JSON form: {error}");
-            Refusal::new(cause, "use --format csv")
-        })?);
-        Ok(self)
+    pub fn json(mut self, value: impl Into<Json>) -> Self {
+        self.json = Some(value.into());
+        self
     }
 
     /// The printout with its own CSV rows, for results too large for a table.
@@ -147,10 +143,6 @@ impl Printout {
         }
         let mut out = std::io::BufWriter::new(text_output());
         quiet_if_closed(self.write(format, &mut out).and_then(|()| out.flush()))
-    }
-
-    pub fn save(&self, format: Format, target: &Destination) -> Result<()> {
-        target.write(|out| self.write(format, out))
     }
 }
 

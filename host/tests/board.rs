@@ -15,7 +15,7 @@ use kband_control::{Identification, Identified, Key, Settings, State, Target};
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 use kband_machines::terminal::Terminal;
-use outcome::Outcome;
+use outcome::{Outcome, folder};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -81,10 +81,6 @@ fn an_image_is_checked_without_a_probe() {
     let outcome = run(&folder, "flash", &[image.to_str().unwrap()]);
     let expected = ["--features flash", "no debug probe"];
     outcome.refused(&[expected[usize::from(cfg!(feature = "flash"))], "next:"]);
-}
-
-fn folder() -> TempDir {
-    tempfile::tempdir().unwrap()
 }
 
 #[test]

@@ -8,13 +8,9 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use kband_control::wire::crc32;
-use outcome::{Outcome, kband, start};
+use outcome::{Outcome, folder, kband, start};
 use rayon::prelude::*;
 use tempfile::TempDir;
-
-fn folder() -> TempDir {
-    tempfile::tempdir().unwrap()
-}
 
 fn names(folder: &TempDir) -> Vec<String> {
     let name = |entry: std::io::Result<DirEntry>| entry.unwrap().file_name().into_string();

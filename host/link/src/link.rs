@@ -40,6 +40,17 @@ pub enum BoardMessage {
 }
 
 impl BoardMessage {
+    /// The message in a frame with this sequence number; `None` for other frames.
+    pub fn from_frame((sequence, frame): (u8, Outgoing<'_>)) -> Option<Self> {
+        match frame {
+            Outgoing::Identity(identity) => {
+                (sequence == 0).then(|| Self::Started(identity.image.into()))
+            }
+            Outgoing::Response(response) => Self::from_response(response),
+            Outgoing::Update(_) => None,
+        }
+    }
+
     /// The message in a response; `None` for other responses.
     pub fn from_response(response: Response<'_>) -> Option<Self> {
         match response {
@@ -360,16 +371,9 @@ impl Link {
                     self.unreadable = self.unreadable.wrapping_add(1);
                     continue;
                 };
-                let message = match answer {
-                    (0, Outgoing::Response(Response::Telemetry(telemetry))) => {
-                        Some(BoardMessage::Telemetry(telemetry))
-                    }
-                    (0, Outgoing::Identity(identity)) => {
-                        Some(BoardMessage::Started(identity.image.into()))
-                    }
-                    _ => None,
-                };
-                self.unsolicited.extend(message);
+                if answer.0 == 0 {
+                    self.unsolicited.extend(BoardMessage::from_frame(answer));
+                }
                 if self.unsolicited.len() > MAX_UNSOLICITED {
                     self.unsolicited.pop_front();
                 }

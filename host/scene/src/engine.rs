@@ -253,14 +253,14 @@ const MAX_CACHED_PLANS: usize = 256;
 
 /// Cache of search results for the controllers of this process; it changes no bit of a run.
 pub struct Plans {
-    kicks: Vec<KickResult>,
-    gear: Vec<GearPlanned>,
+    kicks: VecDeque<KickResult>,
+    gear: VecDeque<GearPlanned>,
     strikes: VecDeque<StrikeCount>,
 }
 
 static PLANS: Mutex<Plans> = Mutex::new(Plans {
-    kicks: Vec::new(),
-    gear: Vec::new(),
+    kicks: VecDeque::new(),
+    gear: VecDeque::new(),
     strikes: VecDeque::new(),
 });
 
@@ -286,22 +286,13 @@ impl Plans {
         let Some(requested) = controller.strikes_search().copied() else {
             return;
         };
-        let cached = |plans: &Self| {
-            let mut counts = plans.strikes.iter().rev();
-            counts.find(|count| count.settings == requested).copied()
-        };
-        let count = cached(&Self::all());
-        let Some(count) = count.or_else(|| StrikeCount::compute(requested).ok()) else {
+        let is_requested = |count: &&StrikeCount| count.settings == requested;
+        let cached = Self::all().strikes.iter().rev().find(is_requested).copied();
+        let Some(count) = cached.or_else(|| StrikeCount::compute(requested).ok()) else {
             return;
         };
         controller.supply_strikes(&count);
-        let mut plans = Self::all();
-        if cached(&plans).is_none() {
-            if plans.strikes.len() == MAX_CACHED_PLANS {
-                plans.strikes.pop_front();
-            }
-            plans.strikes.push_back(count);
-        }
+        remember(&mut Self::all().strikes, count, |count| count.settings);
     }
 
     #[cold]
@@ -321,25 +312,22 @@ impl Plans {
 
     /// Caches the results of a controller's searches.
     pub fn cache(controller: &Controller) {
-        let (planned, geared) = (controller.planned(), controller.gear_planned());
-        if planned.is_none() && geared.is_none() {
-            return;
+        if let Some(plan) = controller.planned() {
+            remember(&mut Self::all().kicks, plan, |plan| plan.settings);
         }
-        let plans = &mut *Self::all();
-        remember(&mut plans.gear, geared.cloned(), |plan, new| {
-            plan.settings == new.settings
-        });
-        remember(&mut plans.kicks, planned, |plan, new| {
-            plan.settings == new.settings
-        });
+        if let Some(plan) = controller.gear_planned() {
+            remember(&mut Self::all().gear, plan.clone(), |plan| plan.settings);
+        }
     }
 }
 
-fn remember<T>(cached: &mut Vec<T>, plan: Option<T>, same: impl Fn(&T, &T) -> bool) {
-    if let Some(plan) = plan
-        && cached.len() < MAX_CACHED_PLANS
-        && !cached.iter().any(|other| same(other, &plan))
-    {
-        cached.push(plan);
+/// Adds a result for other settings than those of the cached ones; the oldest one makes room.
+fn remember<T, S: PartialEq>(cached: &mut VecDeque<T>, new: T, settings: fn(&T) -> S) {
+    if cached.iter().any(|old| settings(old) == settings(&new)) {
+        return;
     }
+    if cached.len() == MAX_CACHED_PLANS {
+        cached.pop_front();
+    }
+    cached.push_back(new);
 }

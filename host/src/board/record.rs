@@ -48,7 +48,7 @@ pub fn replay(
                 identified = true;
                 continue;
             }
-            if let Some(message) = message(answer)
+            if let Some(message) = BoardMessage::from_frame(answer)
                 && !take(message)?
             {
                 return Ok(damage);
@@ -79,14 +79,6 @@ fn check_header((_, answer): &(u8, Outgoing<'_>)) -> Result<()> {
     );
     let next = "replay it with the kband that recorded it";
     Err(Refusal::new(cause, next))
-}
-
-fn message(answer: (u8, Outgoing<'_>)) -> Option<BoardMessage> {
-    match answer {
-        (0, Outgoing::Identity(identity)) => Some(BoardMessage::Started(identity.image.into())),
-        (_, Outgoing::Identity(_) | Outgoing::Update(_)) => None,
-        (_, Outgoing::Response(response)) => BoardMessage::from_response(response),
-    }
 }
 
 #[cfg(test)]

@@ -171,13 +171,7 @@ impl Image {
     /// The program for the chip's slot, a multiple of 4 bytes; refused if it does not fit there.
     pub fn update(&self) -> Result<Vec<u8>> {
         let slot = &self.chip.slot;
-        let mut bytes = Vec::new();
-        for piece in &self.pieces {
-            if slot.start <= piece.address {
-                bytes.resize((piece.address - slot.start) as usize, 0xff);
-                bytes.extend_from_slice(&piece.bytes);
-            }
-        }
+        let mut bytes = contents_from(slot.start, &self.pieces);
         bytes.resize(bytes.len().next_multiple_of(4), 0xff);
         let program = self.program..slot.start + bytes.len() as u32;
         if program.start != slot.start || program.end > slot.end {
@@ -227,14 +221,20 @@ impl Image {
     }
 }
 
+/// Contents of the flash from an address on, erased between the pieces.
+fn contents_from(start: u32, pieces: &[Piece]) -> Vec<u8> {
+    let mut contents = Vec::new();
+    for piece in pieces.iter().filter(|piece| start <= piece.address) {
+        contents.resize((piece.address - start) as usize, 0xff);
+        contents.extend_from_slice(&piece.bytes);
+    }
+    contents
+}
+
 /// Fills the last word of an image with the CRC-32 of the program from the address `program` on,
 /// which the board checks at each start. An update does not replace a loader before it.
 fn fill_check(pieces: &mut [Piece], program: u32) -> Result<()> {
-    let mut flash = Vec::new();
-    for piece in pieces.iter().filter(|piece| program <= piece.address) {
-        flash.resize((piece.address - program) as usize, 0xff);
-        flash.extend_from_slice(&piece.bytes);
-    }
+    let mut flash = contents_from(program, pieces);
     let last = pieces.last_mut();
     match last.and_then(|piece| piece.bytes.last_chunk_mut()) {
         // The last word is erased.

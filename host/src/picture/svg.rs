@@ -157,15 +157,3 @@ fn escape(text: &str) -> String {
         .replace('<', "&lt;")
         .replace('>', "&gt;")
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn coordinates_are_short() {
-        assert_eq!(short(1.0), "1");
-        assert_eq!(short(-0.001), "0");
-        assert_eq!(short(100.126), "100.13");
-    }
-}

@@ -158,17 +158,17 @@ impl Point {
 }
 
 impl Sweep {
-    /// Runs the scene of `table` `count` times at each point, after `prepare`. With `drawn`, each
-    /// run has its own parts and noise, equal at all points (common random numbers).
+    /// Runs the scene of `table` once at each point, after `prepare`. With `drawn`, it makes so many
+    /// runs, each with its own parts and noise, equal at all points (common random numbers).
     pub fn run(
         table: &Table,
         axes: &[Axes],
         prepare: &(dyn Fn(&mut SceneFile) + Sync),
-        count: usize,
-        drawn: bool,
+        drawn: Option<usize>,
         fidelity: Option<Fidelity>,
         desk: &Desk,
     ) -> Result<Self> {
+        let count = drawn.unwrap_or(1);
         let mut counts = axes.iter().map(|axis| axis.values.len());
         let points = counts.try_fold(1_usize, usize::checked_mul);
         let points = points.filter(|points| points.saturating_mul(count) <= MAX_RUNS);
@@ -203,8 +203,8 @@ impl Sweep {
             let (_, file) = &scenes[n / count];
             let fidelity = fidelity.or(file.fidelity).unwrap_or_default();
             match drawn {
-                true => runs::run_one(&runs::drawn(file, (n % count) as u64), fidelity),
-                false => runs::run_one(file, fidelity),
+                Some(_) => runs::run_one(&runs::drawn(file, (n % count) as u64), fidelity),
+                None => runs::run_one(file, fidelity),
             }
         })?;
         let mut runs = runs.into_iter();
@@ -322,16 +322,4 @@ fn most_frequent<'a>(names: impl Iterator<Item = &'a str>) -> String {
     // Of equal ones `max_by_key` takes the last.
     let entry = counts.iter().rev().max_by_key(|(_, count)| *count);
     entry.map_or(String::new(), |(name, _)| (*name).into())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn values_of_a_range_are_evenly_spaced_up_to_its_ends() {
-        for (range, expected) in [("5..35:4", &[5.0, 15.0, 25.0, 35.0][..]), ("0.1", &[0.1])] {
-            assert_eq!(Axes::parse(&format!("a={range}")).unwrap().values, expected);
-        }
-    }
 }

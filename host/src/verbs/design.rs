@@ -108,8 +108,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     }
     let file = read.scene(&table)?;
     let design = Design::search(&file, &arguments.ranges(&file), desk)?;
-    let report = report(&file, &design)?;
-    output.show(&report, || picture(&file, &design))
+    output.show(&report(&file, &design), || picture(&file, &design))
 }
 
 fn parts_a_minute(file: &SceneFile, conveyed: Conveyed) -> f64 {
@@ -177,7 +176,7 @@ fn comparison(file: &SceneFile, design: &Design) -> Option<String> {
     Some(format!("{now} {then}"))
 }
 
-fn report(file: &SceneFile, design: &Design) -> Result<Printout> {
+fn report(file: &SceneFile, design: &Design) -> Printout {
     let all = designed(file);
     let tones = |n: usize| design.best.iter().any(|row| row.feeder.tones[n][0] > 0.0);
     let varies = |value: fn(&Feeder) -> f64| {
@@ -246,7 +245,7 @@ fn report(file: &SceneFile, design: &Design) -> Result<Printout> {
             "The search took shares and speeds from a table. Its front differs from simulated parts by {share_rms} rms, at most {share_max}, in \
              share and {speed_rms} % rms, at most {speed_max} %, in speed; the rows are simulated parts."
         ))
-        .json(&document)
+        .json(document)
 }
 
 fn picture(file: &SceneFile, design: &Design) -> Picture {

@@ -237,7 +237,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         ("scope", scope.as_ref()),
     ]
     .map(|(name, target)| (name, target.map(Destination::path)));
-    sentences::report(&outcome, fidelity, unmet.as_deref(), &written)?.print(arguments.format)?;
+    sentences::report(&outcome, fidelity, unmet.as_deref(), &written).print(arguments.format)?;
     Ok(match unmet {
         Some(unmet) if !unmet.is_empty() => Exit::CheckFailed,
         _ => Exit::Done,
@@ -256,9 +256,7 @@ fn sweep(
         table,
         &arguments.sweep,
         &|file| arguments.apply_to(file),
-        arguments.runs.unwrap_or(1),
-        // A single run per point uses the scene unchanged. Of several, each has its own draws.
-        arguments.runs.is_some(),
+        arguments.runs,
         arguments.fidelity,
         desk,
     )?;

@@ -9,6 +9,7 @@ use std::process::{Child, Command, Stdio};
 use kband_machines::emulator::Machine;
 use kband_machines::images;
 use serde_json::Value;
+use tempfile::TempDir;
 
 /// Time limit of one command, s of wall-clock time; sufficient on a busy machine.
 pub const TIMEOUT: &str = "120";
@@ -18,6 +19,10 @@ pub struct Outcome {
     pub out: String,
     pub stderr: String,
     args: String,
+}
+
+pub fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
 }
 
 /// Runs `kband` with these words in `folder`; killed at the limit.

@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         "telemetry": telemetry_json(&rows, frequency),
     }));
     record.write(&target)?;
-    status.printout()?.print(arguments.printed.format)?;
+    status.printout().print(arguments.printed.format)?;
     let (written, steps) = (target.describe_write(), record.steps.len());
     eprintln!("{written}: step {steps}, {}", arguments.step);
     Ok(Exit::Done)

@@ -35,7 +35,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     loop {
         let status = BoardStatus::request(&mut link)?;
         if matches!(status.state(), Some(State::Off | State::Fault)) {
-            status.printout()?.print(arguments.printed.format)?;
+            status.printout().print(arguments.printed.format)?;
             return Ok(Exit::Done);
         }
         if Instant::now() > end || desk.check_stop().is_err() {

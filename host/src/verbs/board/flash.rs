@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         }
     }
     report
-        .json(&json!({
+        .json(json!({
             "image": path.display().to_string(),
             "chip": chip.name,
             "flash_used": flash_bytes,
@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             "sectors": runs.iter().map(sector).collect::<Vec<_>>(),
             "option_bytes": options.map(|options| options.what),
             "written": !arguments.dry_run,
-        }))?
+        }))
         .print(arguments.printed.format)
         .map(|()| Exit::Done)
 }

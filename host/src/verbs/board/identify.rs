@@ -50,7 +50,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
             "this desk speaks version {VERSION}, schema {SCHEMA:08x}: {}",
             link.fitting_firmware()
         ));
-        report.json(&json)?.print(arguments.printed.format)?;
+        report.json(json).print(arguments.printed.format)?;
         return Ok(Exit::CheckFailed);
     }
     let mut faults = Vec::new();
@@ -147,7 +147,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     json["faults"] = faults.iter().map(fault).collect();
     json["last_words"] = json!(last_words);
     json["counters"] = json!(counters);
-    let report = Printout::new(table).json(&json)?;
+    let report = Printout::new(table).json(json);
     report.print(arguments.printed.format).map(|()| Exit::Done)
 }
 

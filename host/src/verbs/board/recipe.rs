@@ -261,5 +261,5 @@ fn list(link: &mut Link, note: Option<String>) -> Result<Printout> {
         let number = u32::from(number).into();
         table.push([number, name.into(), target.into(), used.into()]);
     }
-    Printout::new(table).notes(note).json(&rows)
+    Ok(Printout::new(table).notes(note).json(rows))
 }

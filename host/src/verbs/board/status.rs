@@ -46,7 +46,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             let _ = write!(stdout(), "\x1b[H\x1b[J");
             report::print(&status.screen())?;
         } else {
-            status.printout()?.print(arguments.printed.format)?;
+            status.printout().print(arguments.printed.format)?;
         }
         if !arguments.live || desk.check_stop().is_err() {
             return Ok(Exit::Done);
@@ -193,7 +193,7 @@ impl BoardStatus {
         rows
     }
 
-    pub fn printout(&self) -> Result<Printout> {
+    pub fn printout(&self) -> Printout {
         let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
         let causes = causes::describe(&self.causes).into_iter();
         let causes = causes.map(|cause| ("predicted", cause));
@@ -201,7 +201,7 @@ impl BoardStatus {
             table.push([item.into(), value.into()]);
         }
         let next = format!("next: {}", self.next());
-        Printout::new(table).note(next).json(&self.to_json())
+        Printout::new(table).note(next).json(self.to_json())
     }
 
     /// The status within 23 lines of 80 columns: short items are paired, alarms share a line.
@@ -329,7 +329,7 @@ impl BoardStatus {
 
 /// Prints the present status, the last act of a verb.
 pub fn show(link: &mut Link, format: Format) -> Result<Exit> {
-    BoardStatus::request(link)?.printout()?.print(format)?;
+    BoardStatus::request(link)?.printout().print(format)?;
     Ok(Exit::Done)
 }
 
@@ -370,7 +370,7 @@ mod tests {
     #[test]
     fn an_input_that_is_not_active_and_a_track_at_rest_say_so() {
         let mut printed = Vec::new();
-        let printout = status().printout().unwrap();
+        let printout = status().printout();
         printout.write(Format::Table, &mut printed).unwrap();
         let printed = String::from_utf8(printed).unwrap();
         let value = |item: &str| {

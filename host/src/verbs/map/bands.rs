@@ -4,7 +4,7 @@ mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::{ContactTime, TangentialSettings, Wave};
-use kband::regime::band::{Band, BandError, Margins, NoBand};
+use kband::regime::band::{Band, Margins, NoBand};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
 use kband::regime::reach::Reach;
@@ -12,6 +12,7 @@ use kband::regime::wave_band::WaveBands;
 use kband::transport::locked;
 use kband_scene::restitutions;
 
+use super::common_band;
 use crate::arguments::{self, ContactArguments, DriveArguments, OutputArguments, ToneArguments};
 use crate::causes;
 use crate::desk::Desk;
@@ -109,11 +110,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
 }
 
 fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime) -> Result<Row> {
-    let band = match Band::common_with_contact(lot, order, contact) {
-        Ok(band) => Ok(band),
-        Err(BandError::Empty(none)) => Err(none),
-        Err(BandError::OutOfRange(refusal)) => return Err(refusal.into()),
-    };
+    let band = common_band(lot, order, contact)?;
     // Both apply to instantaneous impacts.
     let instant = contact.is_instant();
     let chaos = |restitution| -> Result<Option<Estimate>> {

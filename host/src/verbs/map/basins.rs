@@ -85,12 +85,12 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
             "Where parts end at {drive_text}, R = {r}{contact}: {side} x {side} starts, phase 0..2 pi, velocity 0..{highest} b w"
         ))
         .note(format!("A part that starts from rest: {from_rest}"))
-        .json(&json!({
+        .json(json!({
             "k": k,
             "restitution": arguments.restitution,
             "shares": shares().objects(&rows),
             "from_rest": from_rest,
-        }))?
+        }))
         .csv(
             &[PHASE, VELOCITY, REGIME],
             move |rows| {

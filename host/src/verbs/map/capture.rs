@@ -4,12 +4,13 @@ use std::task::Poll;
 
 use kband::feeder::{OutOfRange, Restitution};
 use kband::impact::ContactTime;
-use kband::regime::band::{Band, BandError};
+use kband::regime::band::Band;
 use kband::regime::capture::{
     DriveLag, DriveLagSettings, Kick, KickSettings, Lot, Outcome, Plan, PlanSettings, Planner,
     ScoredKick, Trial, TrialRun,
 };
 
+use super::common_band;
 use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
@@ -84,7 +85,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let plan = task.plan(desk)?;
     let map = Kicks::draw(&task, &plan, desk)?;
     let rates = Rates::measure(&task, &plan, desk)?;
-    let report = report(&task, &plan, &map, &rates)?;
+    let report = report(&task, &plan, &map, &rates);
     output.show(&report, || map.picture(&task, &plan))
 }
 
@@ -113,12 +114,10 @@ struct Task<'a> {
 impl<'a> Task<'a> {
     fn new(arguments: &'a Arguments) -> Result<Self> {
         let order = arguments.order as u32;
-        let band = Band::common(arguments.restitution, order).map_err(|error| match error {
-            BandError::OutOfRange(refusal) => Refusal::from(refusal),
-            BandError::Empty(none) => Refusal::new(
-                none.to_string(),
-                "narrow --restitution, or choose another --order",
-            ),
+        let contact = ContactTime::INSTANT;
+        let band = common_band(arguments.restitution, order, contact)?.map_err(|none| {
+            let next = "narrow --restitution, or choose another --order";
+            Refusal::new(none.to_string(), next)
         })?;
         let k = arguments.amplitude.or_k(arguments.k)?;
         let k = k.unwrap_or(band.setpoint());
@@ -146,7 +145,7 @@ impl<'a> Task<'a> {
                 restitution: arguments.restitution,
                 order,
                 amplitude_error: arguments.amplitude_error / 100.0,
-                contact: ContactTime::INSTANT,
+                contact,
             },
             drive: drive(arguments.start)?,
             retry_drive: drive(1.0)?,
@@ -243,7 +242,7 @@ fields! {
     }
 }
 
-fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Printout> {
+fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Printout {
     let kicks = (0..task.arguments.attempts as u32).filter_map(|attempt| plan.attempt(attempt));
     let kicks: Vec<KickSettings> = kicks.map(|kick| kick.settings()).collect();
     let none = Kick::NONE.settings();
@@ -279,7 +278,7 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
     let kick_alone = attempt_view().without(columns::SHARE);
     let kick = |kick: KickSettings| kick_alone.object(&(String::new(), kick, 0.0));
     let cells = map.cells();
-    let report = report.json(&serde_json::json!({
+    let report = report.json(serde_json::json!({
         "restitution": [task.lot.restitution.low(), task.lot.restitution.high()],
         "order": order,
         "k": k,
@@ -301,8 +300,8 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Result<Pr
         "captured_alone": rates.alone,
         "captured": rates.by_attempt,
         "map": attempt_view().objects(&cells),
-    }))?;
-    Ok(report.csv_of(attempt_view().table_of(&cells)))
+    }));
+    report.csv_of(attempt_view().table_of(&cells))
 }
 
 struct Kicks {

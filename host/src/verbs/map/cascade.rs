@@ -61,8 +61,9 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
             Refusal::new("no band of this order ends in a flip on these tones", next)
         })?
     };
-    let report = report(arguments, &cascade)?;
-    output.show(&report, || picture(arguments, &cascade))
+    output.show(&report(arguments, &cascade), || {
+        picture(arguments, &cascade)
+    })
 }
 
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
@@ -134,7 +135,7 @@ fields! {
     }
 }
 
-fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout> {
+fn report(arguments: &Arguments, cascade: &Cascade) -> Printout {
     let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled_orbits().collect();
     let visible: Vec<Option<f64>> = cascade.max_visible_scatters().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
@@ -182,7 +183,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Result<Printout> {
     );
     report
         .notes([chaos, scattered, lost].into_iter().flatten())
-        .json(&serde_json::json!({
+        .json(serde_json::json!({
             "restitution": r,
             "order": order,
             "k1": k1,

@@ -110,10 +110,10 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     if arguments.show == Show::Regimes {
         let map = regimes::Map::compute(arguments, desk)?;
-        return output.show(&map.report()?, || map.picture());
+        return output.show(&map.report(), || map.picture());
     }
     let diagram = Arc::new(Diagram::compute(arguments, desk)?);
-    output.show(&diagram.report()?, || diagram.picture(arguments))
+    output.show(&diagram.report(), || diagram.picture(arguments))
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -230,7 +230,7 @@ impl Diagram {
         })
     }
 
-    fn report(self: &Arc<Self>) -> Result<Printout> {
+    fn report(self: &Arc<Self>) -> Printout {
         let (name, unit) = (self.over.column().name, self.over.column().unit);
         let mut all: Vec<Regimes> = Vec::new();
         for branch in &self.branches {
@@ -269,7 +269,7 @@ impl Diagram {
             .notes(bands)
             .note(count)
             .csv(&impact_columns, move |out| rows.impacts(out))
-            .json(&serde_json::json!({
+            .json(serde_json::json!({
                 "over": name,
                 "bands": self.bands,
                 "regimes": regimes,

@@ -316,7 +316,7 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
         .collect();
     let csv = map_point().table_of(&points);
     let report = report.notes(unlocked).notes([second, third]);
-    Ok(report.json(&json)?.csv_of(csv))
+    Ok(report.json(json).csv_of(csv))
 }
 
 fn picture(arguments: &Arguments, survey: &Survey) -> Picture {

@@ -11,3 +11,18 @@ pub mod impacts;
 pub(super) mod margins;
 pub(super) mod paper;
 pub(super) mod transport;
+
+use kband::feeder::Restitution;
+use kband::impact::ContactTime;
+use kband::regime::band::{Band, BandError, NoBand};
+
+use crate::refusal::Result;
+
+/// The band that all parts of a lot share, or the reason why there is none.
+fn common_band(lot: Restitution, order: u32, contact: ContactTime) -> Result<Result<Band, NoBand>> {
+    match Band::common_with_contact(lot, order, contact) {
+        Ok(band) => Ok(Ok(band)),
+        Err(BandError::Empty(none)) => Ok(Err(none)),
+        Err(BandError::OutOfRange(refused)) => Err(refused.into()),
+    }
+}

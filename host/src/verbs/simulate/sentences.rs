@@ -8,7 +8,6 @@ use serde_json::{Value as Json, json};
 
 use super::summary::Observed;
 use crate::causes;
-use crate::refusal::Result;
 use crate::report::{Field, Printout, View, columns, fields, finite, number, numbers, span, when};
 use crate::simulate::{
     Lot, Outcome, RESTING_AMPLITUDE, STATISTICS_START, band_name, describe, regime_text,
@@ -25,7 +24,7 @@ pub(super) fn report(
     fidelity: &str,
     unmet: Option<&[String]>,
     written: &[Written<'_>; 3],
-) -> Result<Printout> {
+) -> Printout {
     let observed = Observed::from_outcome(outcome);
     let summary = observed.lines();
     let heading = format!("{}\n\n{}", summary.join("\n"), describe_scene(outcome));
@@ -54,7 +53,7 @@ pub(super) fn report(
     timeline(outcome)
         .heading(heading)
         .notes(sentences.into_iter().flatten())
-        .json(&as_json(outcome, &observed, fidelity, unmet, written))
+        .json(as_json(outcome, &observed, fidelity, unmet, written))
 }
 
 type TimedEvent = (f64, String, Report);

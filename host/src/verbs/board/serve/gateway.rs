@@ -73,11 +73,10 @@ impl Gateway {
         }
         loop {
             let request = Request::Event(self.next_event);
-            let event = self.link.request(&request, |response| match response {
-                Response::Event(event) => event,
-                _ => None,
-            })?;
-            let Some(event) = event else { return Ok(()) };
+            let message = self.link.request(&request, BoardMessage::from_response)?;
+            let Some(BoardMessage::Event(event)) = message else {
+                return Ok(());
+            };
             self.next_event = event.number.wrapping_add(1);
             news.push(BoardMessage::Event(event));
         }

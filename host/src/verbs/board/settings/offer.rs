@@ -58,7 +58,7 @@ impl Commissioning<'_> {
         let view = view.and(View::from_fields(vec![applied]));
         let value = [value];
         let report = view.printout(&value).notes(notes);
-        report.json(&view.object(&value[0]))?.print(self.format)
+        report.json(view.object(&value[0])).print(self.format)
     }
 }
 

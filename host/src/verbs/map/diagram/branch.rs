@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::{Arguments, ColumnStart, Over};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS};
 use crate::picture::Fill;
 use crate::refusal::Result;
 
@@ -152,7 +152,7 @@ fn classify(
     desk: &Desk,
 ) -> Result<()> {
     let columns = tracks.len();
-    let endings = desk.spread("regimes", columns, ORBITS_PER_BLOCK, |places| {
+    let endings = desk.spread("regimes", columns, |places| {
         let group: Vec<_> = places.iter().map(|n| tracks[*n]).collect();
         Endings::from_tracks(&group, MAX_ORBIT_IMPACTS, contact)
     })?;
@@ -167,7 +167,7 @@ fn classify(
         }
     }
     let starts: Vec<_> = hopping.iter().map(|(_, n, from)| (*n, *from)).collect();
-    let ends = desk.spread("regimes", starts.len(), ORBITS_PER_BLOCK, |places| {
+    let ends = desk.spread("regimes", starts.len(), |places| {
         let starts: Vec<_> = places.iter().map(|place| starts[*place]).collect();
         Ok(ending::of_each(&endings, starts.into_iter()))
     })?;

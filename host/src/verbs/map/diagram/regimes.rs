@@ -7,7 +7,7 @@ use kband::regime::classify::Regime;
 use super::Arguments;
 use crate::arguments::{ContactArguments, Range};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Refusal, Result};
 use crate::report::columns::{FROM_LOCK, FROM_REST, K, RESTITUTION};
@@ -49,7 +49,7 @@ impl Map {
         let (k, restitution) = ranges(arguments)?;
         let of_row = |restitution| k.values().map(move |k| (k, restitution));
         let places: Vec<(f64, f64)> = restitution.values().flat_map(of_row).collect();
-        let ends = desk.spread("regimes", places.len(), ORBITS_PER_BLOCK, |places_of| {
+        let ends = desk.spread("regimes", places.len(), |places_of| {
             let tracks: Vec<_> = places_of.iter().map(|n| places[*n]).collect();
             let endings = Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, contact)?;
             let starts = endings.iter().map(|track| track.start_near_lock(1));
@@ -66,7 +66,7 @@ impl Map {
         })
     }
 
-    pub fn report(&self) -> Result<Printout> {
+    pub fn report(&self) -> Printout {
         let mut rows: Vec<Share> = Vec::new();
         for (&(start, _), ends) in STARTS.iter().zip(&self.ends) {
             for (_, regime, points) in ending::count_fills(ends) {
@@ -91,7 +91,7 @@ impl Map {
             .heading(format!("Where a part ends: k = {k}, R = {restitution}{contact}"))
             .note("--out FILE.svg draws the map, FILE.csv lists its points")
             .csv_of(full)
-            .json(&serde_json::json!({
+            .json(serde_json::json!({
                 "k": [self.k.low, self.k.high, self.k.count],
                 "restitution": [self.restitution.low, self.restitution.high, self.restitution.count],
                 "followed": MAX_ORBIT_IMPACTS,

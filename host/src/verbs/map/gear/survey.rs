@@ -7,10 +7,10 @@ use std::ops::Range;
 
 use kband::feeder::Restitution;
 use kband::impact::{ContactTime, Scatter, Wave, WaveMap};
-use kband::regime::band::{Band, BandError};
 use kband::regime::gear::{Share, shares_from_rest};
 use kband_scene::restitutions;
 
+use super::super::common_band;
 use crate::desk::Desk;
 use crate::refusal::Result;
 
@@ -140,15 +140,6 @@ impl Lot {
     pub(super) fn run_periods(&self) -> f64 {
         0.75 * self.periods * (self.runs * effort(Stage::Verdict)) as f64
     }
-
-    /// k in the middle of the lot's band; `None` without a band.
-    fn middle_of_band(&self) -> Result<Option<f64>> {
-        match Band::common_with_contact(self.restitution, self.order, self.contact) {
-            Ok(band) => Ok(Some(band.setpoint())),
-            Err(BandError::Empty(_)) => Ok(None),
-            Err(BandError::OutOfRange(refusal)) => Err(refusal.into()),
-        }
-    }
 }
 
 impl Survey {
@@ -190,7 +181,8 @@ impl Survey {
             _ => best(0..k.len())?,
         };
         let two_tones = best(k.len()..waves.len() * k.len())?;
-        let band_middle = lot.middle_of_band()?.map(on_sine).transpose()?;
+        let band = common_band(lot.restitution, lot.order, lot.contact)?.ok();
+        let band_middle = band.map(|band| on_sine(band.setpoint())).transpose()?;
         Ok(Self {
             lot,
             k: k.to_vec(),

@@ -365,7 +365,7 @@ pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a
     let blocks = desk.try_map("conveying", values.len(), |n| task.rows(values[n]))?;
     let rows: Vec<Row> = blocks.into_iter().flatten().collect();
     let (range, notes, text) = (task.range, task.notes(&rows)?, task.describe());
-    let report = report(over, &rows, &notes, &text)?;
+    let report = report(over, &rows, &notes, &text);
     let picture = move || picture(over, range, &rows, &notes, &text);
     Ok((report, Box::new(picture)))
 }
@@ -444,7 +444,7 @@ fields! {
 /// A notable value of the axis, and what happens there.
 type Note = (f64, &'static str);
 
-fn report(over: Over, rows: &[Row], notes: &[Note], text: &str) -> Result<Printout> {
+fn report(over: Over, rows: &[Row], notes: &[Note], text: &str) -> Printout {
     let axis = |axis: Over, value: fn(&Row) -> f64| match axis == over {
         true => Field::json(axis.column(), value),
         false => Field::all(axis.column(), value),
@@ -465,7 +465,7 @@ fn report(over: Over, rows: &[Row], notes: &[Note], text: &str) -> Result<Printo
         .heading(format!("Conveying speed with friction; {text}"))
         .notes(notes.iter().map(in_words))
         .notes(is_unheld.then_some(unheld))
-        .json(&json!({"rows": view.objects(rows), "notes": in_json}))
+        .json(json!({"rows": view.objects(rows), "notes": in_json}))
 }
 
 fn picture(over: Over, range: Range, rows: &[Row], notes: &[Note], text: &str) -> Picture {

@@ -13,7 +13,7 @@ use serde_json::json;
 use super::{Computed, Feeder, ORDERS};
 use crate::arguments::{Range, k_of};
 use crate::desk::Desk;
-use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS, ORBITS_PER_BLOCK};
+use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::Result;
 use crate::report::{Printout, columns, counted, fields, span, when};
@@ -101,7 +101,7 @@ impl Row {
 pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
     let over = Over::new(&feeder)?;
     let rows = rows(&feeder, &over, desk)?;
-    let report = report(&feeder, &over, &rows)?;
+    let report = report(&feeder, &over, &rows);
     Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
 }
 
@@ -202,7 +202,7 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
     }
     // With scatter there is no final regime.
     let constant = when(scatter.scatter == 0.0, || over.k.len());
-    let endings = desk.spread("regimes", constant, ORBITS_PER_BLOCK, |columns| {
+    let endings = desk.spread("regimes", constant, |columns| {
         let tracks: Vec<_> = columns.iter().map(|n| (over.k[*n], restitution)).collect();
         Endings::from_tracks(&tracks, MAX_ORBIT_IMPACTS, feeder.contact)
     })?;
@@ -364,7 +364,7 @@ fields! {
     }
 }
 
-fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
+fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Printout {
     let view = speeds(feeder);
     let objects = view.objects(rows);
     let view = match feeder.arguments.part_length {
@@ -383,7 +383,7 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Result<Printout> {
     let (range, drive) = (over.describe(), feeder.describe());
     let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
-    report.json(&json!({
+    report.json(json!({
         "rows": objects,
         "critical_slope": in_phase.or((critical.len() == 1).then(|| critical[0])),
         "velocity_bound": bound(feeder),
