@@ -58,9 +58,6 @@ pub struct Board {
     pub stall: u32,
     /// Whether an interrupt may be due.
     pub attention: bool,
-    /// Number of successive reads of the busy flash's status. Any write or other register read ends
-    /// the count, except the window watchdog's count.
-    pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
     pub reset: Option<Cause>,
@@ -112,7 +109,6 @@ impl Board {
             cycle: START_CYCLE,
             stall: 0,
             attention: false,
-            flash_status_reads: 0,
             float: false,
             reset: None,
             supplied: true,
@@ -472,12 +468,6 @@ impl Board {
         }
     }
 
-    /// Tick until which nothing changes for a core that reads only flash status and window count.
-    pub fn is_still_until(&self) -> u64 {
-        let counts = self.window.counts_at(self.now, self.lower());
-        self.next.min(self.flash.busy).min(counts)
-    }
-
     /// Reports a read of a flash word with two wrong bits (RM0440, 3.3.7).
     fn check_word(&mut self, offset: usize) {
         if self.flash.reads_torn(offset) {
@@ -515,15 +505,6 @@ impl Board {
         };
         let (now, lower) = (self.now, self.lower());
         match block {
-            Block::Flash if offset == self.flash.status_offset() && self.flash.busy > now => {
-                self.flash_status_reads = self.flash_status_reads.saturating_add(1);
-                self.attention = true;
-            }
-            // The window watchdog's count.
-            Block::Window if offset == 0 => {}
-            _ => self.flash_status_reads = 0,
-        }
-        match block {
             Block::Window => self.window.read(offset, now, lower),
             Block::Watchdog => self.watchdog.read(offset, now),
             Block::Serial(number) => self.serials[number].read(offset),
@@ -536,8 +517,22 @@ impl Board {
             Block::Port(number) => self.ports[number].read(offset),
             Block::Check => self.check.read(offset),
             Block::Clocks => self.clocks.read(offset, now),
-            Block::Flash => self.flash.register(offset, now),
+            Block::Flash => {
+                if offset == self.flash.status_offset() {
+                    self.skip_flash_wait();
+                }
+                self.flash.register(offset, now)
+            }
         }
+    }
+
+    /// Delays a read of the busy flash's status until something changes. A program waits for the
+    /// flash in a loop that reads only this status and the window watchdog's count.
+    fn skip_flash_wait(&mut self) {
+        let counts = self.window.counts_at(self.now, self.lower());
+        let until = self.next.min(self.flash.busy).min(counts);
+        let ticks = until.saturating_sub(self.now);
+        self.stall += ticks.checked_div(self.cycle).unwrap_or(0) as u32;
     }
 
     fn set_register(&mut self, at: u32, value: u32) {
@@ -612,7 +607,6 @@ impl Board {
     }
 
     fn own(&mut self, address: u32) -> u32 {
-        self.flash_status_reads = 0;
         match address {
             IDENTITY => self.identity.0,
             0xe004_2004 => self.stops[0],
@@ -769,7 +763,6 @@ impl Bus for Board {
 
     #[inline]
     fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
-        self.flash_status_reads = 0;
         let at = address.wrapping_sub(MEMORY) as usize;
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }

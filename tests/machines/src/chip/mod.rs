@@ -109,19 +109,8 @@ pub struct Chip {
     /// Whether the supply fell below the RAM's retention voltage.
     power_lost: bool,
     handlers: [Handler; EXCEPTIONS],
-    /// State of the core at its last read of the busy flash's status.
-    snapshot: Option<Box<Snapshot>>,
     /// How the program hangs; interrupts with a higher priority still run.
     pub hangs: Option<Hang>,
-}
-
-/// State of the core at a read of the busy flash's status.
-#[derive(Clone, Debug)]
-struct Snapshot {
-    core: Core,
-    at: u64,
-    /// Ticks and instructions since the previous read, if the core's state was equal there.
-    elapsed: Option<(u64, u64)>,
 }
 
 /// Ways in which a program hangs.
@@ -160,7 +149,6 @@ impl Chip {
             was_reset: false,
             power_lost: false,
             handlers: [Handler::default(); EXCEPTIONS],
-            snapshot: None,
             hangs: None,
         }
     }
@@ -467,37 +455,6 @@ impl Chip {
         }
         self.board.run_due();
         self.handle_exceptions();
-        if self.board.flash_status_reads > 0 {
-            self.skip_flash_wait(until);
-        }
-    }
-
-    /// Skips repetitions of a loop that waits for the flash, as long as nothing changes in it.
-    #[cold]
-    fn skip_flash_wait(&mut self, until: u64) {
-        let now = self.board.now;
-        let repeated = self.board.flash_status_reads > 1;
-        let before = self.snapshot.take().filter(|_| repeated);
-        let mut elapsed = None;
-        if let Some(mut before) = before {
-            let rounds = self.core.instructions - before.core.instructions;
-            before.core.instructions = self.core.instructions;
-            let same = before.core == self.core;
-            elapsed = same.then_some((now - before.at, rounds));
-            // The first rounds may still load lines of the program.
-            if let Some((ticks, instructions)) = elapsed.filter(|_| elapsed == before.elapsed) {
-                let still = self.board.is_still_until().min(until);
-                let rounds = still.saturating_sub(now + 1) / ticks.max(1);
-                self.core.instructions += rounds * instructions;
-                self.board.now += rounds * ticks;
-                self.board.cycles += rounds * ticks / self.board.cycle.max(1);
-            }
-        }
-        self.snapshot = Some(Box::new(Snapshot {
-            core: self.core.clone(),
-            at: self.board.now,
-            elapsed,
-        }));
     }
 
     #[inline(always)]
@@ -646,54 +603,4 @@ fn set_word(words: &mut [u32], offset: u32, value: u32) {
 fn width(address: u32, length: usize) -> usize {
     let fits = |size: &usize| (address as usize | length).is_multiple_of(*size);
     [4, 2].into_iter().find(fits).unwrap_or(1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Short runs execute each round of the wait; one long run skips most of them.
-    #[test]
-    fn a_skipped_flash_wait_equals_an_executed_one() {
-        const CODE: u32 = 0x2000_1000;
-        // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne to the first; b to itself.
-        let program = [0x6802_u16, 0x680c, 0x421a, 0xd1fb, 0xe7fe];
-        let mut chip = Chip::default();
-        let vectors = [0x2002_0000_u32, 0x0800_0009, 0xe7fe_e7fe];
-        for (place, word) in chip.flash_mut().chunks_exact_mut(4).zip(vectors) {
-            place.copy_from_slice(&word.to_le_bytes());
-        }
-        chip.power_on();
-        chip.run(TICKS / 1000);
-        chip.board.flash.erases_in = Some(TICKS / 100);
-        for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
-            chip.board.store(code, 2, half.into()).unwrap();
-        }
-        // Window watchdog: clock, slowest count, start. Flash: keys, sector 11.
-        for (address, value) in [
-            (0x4002_3840, 1 << 11),
-            (0x4000_2c04, 0x1ff),
-            (0x4000_2c00, 0xff),
-            (0x4002_3c04, 0x4567_0123),
-            (0x4002_3c04, 0xcdef_89ab),
-            (0x4002_3c10, 2 | 11 << 3 | 2 << 8),
-            (0x4002_3c10, 2 | 11 << 3 | 2 << 8 | 1 << 16),
-        ] {
-            chip.board.store(address, 4, value).unwrap();
-        }
-        chip.core.r[..4].copy_from_slice(&[0x4002_3c0c, 0x4000_2c00, 0, 1 << 16]);
-        chip.core.r[15] = CODE;
-        let mut executed = chip.clone();
-        let end = chip.board.now + TICKS / 80;
-        chip.run(end);
-        while executed.board.now < end {
-            let soon = executed.board.now + 3 * executed.board.cycle;
-            executed.run(soon.min(end));
-        }
-        assert_eq!(chip.core.r[15], CODE + 8, "the wait is over");
-        assert_eq!(chip.core, executed.core);
-        assert_eq!(chip.board.now, executed.board.now);
-        assert_eq!(chip.board.cycles, executed.board.cycles);
-        assert_eq!(chip.board.reset, None);
-    }
 }

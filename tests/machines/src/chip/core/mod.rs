@@ -67,7 +67,7 @@ pub const LINK: usize = 14;
 /// Register number of the program counter, the address of the next instruction.
 pub const COUNTER: usize = 15;
 
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
     pub r: [u32; 16],
