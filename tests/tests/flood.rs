@@ -74,7 +74,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
     let held = rig.amplitude();
     let began = rig.time();
     rig.chip.forget_handlers();
-    let lost = rig.chip.board.serials[1].lost;
+    let lost = rig.chip.board.link.lost;
     let before = rig.counters();
     let (mut sent, mut counts, mut sent_bytes) = (0_u64, 1_u64, 0);
     let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
@@ -90,7 +90,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
         rig.run(rig.time() + lasts);
         (low, high) = (low.min(rig.amplitude()), high.max(rig.amplitude()));
         // Discards the output so far.
-        rig.chip.board.serials[1].sent.clear();
+        rig.chip.board.link.sent.clear();
         if counts * 500 < sent {
             rig.counters();
             counts += 1;
@@ -99,7 +99,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
     let after = rig.counters();
     counts += 1;
     let counted = after.frames() - before.frames();
-    let lost = rig.chip.board.serials[1].lost - lost;
+    let lost = rig.chip.board.link.lost - lost;
     let (sampling, port) = (rig.chip.handler(SAMPLE), rig.chip.handler(LINK));
     let lasted = rig.time() - began;
     println!(

@@ -167,8 +167,8 @@ impl Rig {
                     self.chip.supply_returns();
                 }
             }
-            Act::Link(bytes) => board.serials[1].receive(board.now, bytes),
-            Act::Bus(bytes) => board.serials[3].receive(board.now, bytes),
+            Act::Link(bytes) => board.link.receive(board.now, bytes),
+            Act::Bus(bytes) => board.fieldbus.receive(board.now, bytes),
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
             Act::Jump(address) => self.chip.core.set_next_instruction(*address),
@@ -323,7 +323,7 @@ impl Rig {
         let frame = frame.to_vec();
         self.act(&Act::Link(frame.clone()));
         let mut receiver = Receiver::new();
-        let mut seen = self.chip.board.serials[1].sent.len();
+        let mut seen = self.chip.board.link.sent.len();
         let end = self.time() + ANSWER_TIMEOUT;
         let mut knock = self.time() + REPEAT_INTERVAL;
         while self.time() < end {
@@ -407,7 +407,7 @@ impl Rig {
 
     /// Bytes that the board has sent over its link.
     pub fn sent(&self) -> Vec<u8> {
-        let sent = self.chip.board.serials[1].sent.iter();
+        let sent = self.chip.board.link.sent.iter();
         sent.map(|(_, byte)| *byte).collect()
     }
 }

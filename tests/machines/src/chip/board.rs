@@ -32,7 +32,7 @@ const EDGE: u16 = 6;
 const CONVERTED: u16 = 18;
 const TIMER_BREAK: u16 = 24;
 const TIMER_UPDATE: u16 = 25;
-const SERIAL: u16 = 37;
+const LINK: u16 = 38;
 const FIELDBUS: u16 = 52;
 /// EXTI line of the supply monitor (12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;
@@ -85,8 +85,10 @@ pub struct Board {
     check: Check,
     /// Memory below the RAM; this chip has none.
     pub memory_below_ram: Vec<u8>,
-    /// USART1 to USART3, UART4.
-    pub serials: [Serial; 4],
+    /// USART2.
+    pub link: Serial,
+    /// UART4.
+    pub fieldbus: Serial,
     /// IWDG.
     pub watchdog: Independent,
     window: Window,
@@ -127,7 +129,8 @@ impl Board {
             voltage: Voltage::default(),
             check: Check::default(),
             memory_below_ram: Vec::new(),
-            serials: std::array::from_fn(|_| Serial::new(kind)),
+            link: Serial::new(kind),
+            fieldbus: Serial::new(kind),
             watchdog: Independent::new(),
             window: Window::new(kind),
             system: System::new(),
@@ -151,7 +154,8 @@ impl Board {
         self.converter = Converter::new(self.kind);
         self.voltage.reset();
         self.check = Check::default();
-        self.serials.iter_mut().for_each(Serial::reset);
+        self.link.reset();
+        self.fieldbus.reset();
         self.watchdog
             .reset(self.flash.hardware_watchdog(), self.now);
         self.window = Window::new(self.kind);
@@ -202,12 +206,11 @@ impl Board {
             self.world.violate(self.now, what);
         }
         let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
-        let timer = cycle * u64::from(self.clocks.timer_divider(true));
+        let timer = cycle * u64::from(self.clocks.timer_divider());
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
-        for (serial, upper) in self.serials.iter_mut().zip([true, false, false, false]) {
-            serial.cycle = cycle * u64::from(self.clocks.divider(upper));
-        }
+        self.link.cycle = self.lower();
+        self.fieldbus.cycle = self.lower();
     }
 
     /// Duration of an APB1 cycle, ticks.
@@ -228,10 +231,8 @@ impl Board {
         let [update, broke] = self.bridge.interrupts();
         system.line(TIMER_UPDATE, update);
         system.line(TIMER_BREAK, broke);
-        let numbers = [SERIAL, SERIAL + 1, SERIAL + 2, FIELDBUS];
-        for (number, serial) in numbers.into_iter().zip(&self.serials) {
-            system.line(number, serial.interrupts());
-        }
+        system.line(LINK, self.link.interrupts());
+        system.line(FIELDBUS, self.fieldbus.interrupts());
         if self.clocks.security() {
             system.pend(NMI);
         }
@@ -263,19 +264,19 @@ impl Board {
             return;
         }
         let lower = self.lower();
-        let mut next = self.world.due.min(self.watchdog.due());
-        if !self.halted {
-            next = next.min(self.system.tick_due);
-        }
-        next = next
+        let tick = if self.halted {
+            u64::MAX
+        } else {
+            self.system.tick_due
+        };
+        self.next = (self.world.due.min(tick))
+            .min(self.watchdog.due())
             .min(self.bridge.due())
             .min(self.converter.due())
             .min(self.window.due(lower))
-            .min(self.window.warns(lower));
-        for serial in &self.serials {
-            next = next.min(serial.due());
-        }
-        self.next = next;
+            .min(self.window.warns(lower))
+            .min(self.link.due())
+            .min(self.fieldbus.due());
     }
 
     pub(super) fn run_due(&mut self) {
@@ -317,7 +318,7 @@ impl Board {
         while !self.halted && self.cycle > 0 && self.system.tick_due <= now {
             self.system.tick(self.cycle);
         }
-        for serial in &mut self.serials {
+        for serial in [&mut self.link, &mut self.fieldbus] {
             while serial.due() <= now {
                 serial.run_events(now);
             }
@@ -507,7 +508,8 @@ impl Board {
         match block {
             Block::Window => self.window.read(offset, now, lower),
             Block::Watchdog => self.watchdog.read(offset, now),
-            Block::Serial(number) => self.serials[number].read(offset),
+            Block::Link => self.link.read(offset),
+            Block::Fieldbus => self.fieldbus.read(offset),
             Block::Power => self.power.read(offset),
             Block::Voltage => self.voltage.read(offset),
             Block::Bridge => self.bridge.read(offset, now),
@@ -544,7 +546,8 @@ impl Board {
         match block {
             Block::Window => self.window.write(offset, value, now, lower),
             Block::Watchdog => self.watchdog.write(offset, value, now),
-            Block::Serial(number) => self.serials[number].write(offset, value, now),
+            Block::Link => self.link.write(offset, value, now),
+            Block::Fieldbus => self.fieldbus.write(offset, value, now),
             Block::Power => {
                 self.power.write(offset, value);
                 self.follow_monitor();

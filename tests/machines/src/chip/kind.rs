@@ -124,8 +124,10 @@ pub enum Block {
     Window,
     /// IWDG.
     Watchdog,
-    /// USART1 to USART3, UART4, from 0 on.
-    Serial(usize),
+    /// USART2.
+    Link,
+    /// UART4.
+    Fieldbus,
     /// PWR.
     Power,
     /// DAC1.
@@ -154,8 +156,8 @@ const SIZE: u32 = 0x400;
 const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
     (Block::Window, 1, [0x4000_2c00, 0x4000_2c00]),
     (Block::Watchdog, 1, [0x4000_3000, 0x4000_3000]),
-    (Block::Serial(0), 1, [0x4001_1000, 0x4001_3800]),
-    (Block::Serial(1), 3, [0x4000_4400, 0x4000_4400]),
+    (Block::Link, 1, [0x4000_4400, 0x4000_4400]),
+    (Block::Fieldbus, 1, [0x4000_4c00, 0x4000_4c00]),
     (Block::Power, 1, [0x4000_7000, 0x4000_7000]),
     (Block::Voltage, 1, [0x4000_7400, 0x5000_0800]),
     (Block::Bridge, 1, [0x4001_0000, 0x4001_2c00]),
@@ -182,8 +184,7 @@ impl Kind {
             let offset = address.wrapping_sub(first[self as usize]);
             let number = (offset / SIZE) as usize;
             let block = match block {
-                Block::Serial(first) => Block::Serial(first + number),
-                Block::Port(first) => Block::Port(first + number),
+                Block::Port(_) => Block::Port(number),
                 block => block,
             };
             (offset < count * SIZE).then_some((block, offset % SIZE))
