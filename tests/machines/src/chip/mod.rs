@@ -21,7 +21,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{Bus, COUNTER, Core, Fault, STACK, WaitState};
+use self::core::{Bus, COUNTER, Core, Fault, STACK};
 pub use board::{Board, MEMORY};
 use clocks::{Cause, TICKS};
 use kind::Kind;
@@ -377,7 +377,7 @@ impl Chip {
         let older = self.older && !loader;
         self.runs = if older { Runs::Unknown } else { Runs::Core };
         self.board.halted = false;
-        self.core.waits = WaitState::Not;
+        self.core.waits = false;
         self.board.refresh();
     }
 
@@ -436,7 +436,7 @@ impl Chip {
                 self.board.pass(until);
             } else if self.runs == Runs::Halted {
                 self.board.pass_halted(until);
-            } else if self.core.waits != WaitState::Not {
+            } else if self.core.waits {
                 self.sleeps(until);
             } else {
                 self.stretch(until);
@@ -481,12 +481,9 @@ impl Chip {
     }
 
     fn sleeps(&mut self, until: u64) {
-        let event = self.core.waits == WaitState::Event && self.core.event;
-        let wakes = self.board.system.wakes() && self.due_exception().is_some()
-            || self.core.waits == WaitState::Interrupt && self.board.system.wakes();
-        if event || wakes {
-            self.core.event &= !event;
-            self.core.waits = WaitState::Not;
+        if self.core.event || self.due_exception().is_some() {
+            self.core.event = false;
+            self.core.waits = false;
         } else {
             let next = self.board.next.min(until);
             self.board.now = self.board.now.max(next);
@@ -496,8 +493,7 @@ impl Chip {
     }
 
     fn due_exception(&self) -> Option<u16> {
-        let (core, system) = (&self.core, &self.board.system);
-        system.due(core.mask, core.fault_mask, core.base_priority)
+        self.board.system.due(self.core.mask)
     }
 
     fn handle_exceptions(&mut self) {
@@ -563,9 +559,7 @@ impl Chip {
                 system.fault_address = address;
             }
         }
-        let core = &self.core;
-        let running = system.running(core.mask, core.fault_mask, core.base_priority);
-        if running <= -1 {
+        if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;
             self.core.attention = true;
             self.board.locks_up();

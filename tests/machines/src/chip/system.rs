@@ -106,34 +106,20 @@ impl System {
         first
     }
 
-    /// Priority of the active exception (B1.5.4), with the masks of the core.
-    pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
-        let mut lowest = self.first(self.active).0;
-        if base != 0 {
-            lowest = lowest.min(base.into());
-        }
-        if mask {
-            lowest = lowest.min(0);
-        }
-        if fault_mask {
-            lowest = lowest.min(-1);
-        }
-        lowest
-    }
-
-    /// Whether any enabled exception is pending; it ends a wait for an interrupt, masked or not.
-    pub fn wakes(&self) -> bool {
-        self.pending & self.enabled != 0
+    /// Priority of the active exception (B1.5.4), with the mask of the core (PRIMASK).
+    pub fn running(&self, mask: bool) -> i32 {
+        let active = self.first(self.active).0;
+        if mask { active.min(0) } else { active }
     }
 
     /// The exception to enter next.
-    pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
+    pub fn due(&self, mask: bool) -> Option<u16> {
         let pending = self.pending & self.enabled;
         if pending == 0 {
             return None;
         }
         let (priority, number) = self.first(pending);
-        (priority < self.running(mask, fault_mask, base)).then_some(number)
+        (priority < self.running(mask)).then_some(number)
     }
 
     pub fn enter(&mut self, number: u16) {

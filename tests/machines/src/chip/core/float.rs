@@ -7,8 +7,6 @@ use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
 const NAN: u32 = 0x7fc0_0000;
 /// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
-/// FPSCR bit: operations on NaN return the default NaN.
-const DEFAULT_NAN: u32 = 1 << 25;
 
 fn is_nan(bits: u32) -> bool {
     bits & 0x7fff_ffff > 0x7f80_0000
@@ -28,9 +26,6 @@ impl Core {
     fn number(&self, result: f32, operands: &[u32]) -> u32 {
         if !result.is_nan() {
             return result.to_bits();
-        }
-        if self.status & DEFAULT_NAN != 0 {
-            return NAN;
         }
         let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
         let first = operands.iter().find(signalling);
@@ -110,16 +105,8 @@ impl Core {
         let s = match (double, kind) {
             (false, 0) => register(n, bit(second, 7), false),
             (true, 0 | 1) => register(n, bit(second, 7), true) + kind,
-            (false, 7) if n == 1 => {
-                match (to_core, t) {
-                    (true, COUNTER) => {
-                        let saturated = self.saturated;
-                        self.set_flags(self.status);
-                        self.saturated = saturated;
-                    }
-                    (true, t) => _ = self.set(t, self.status),
-                    (false, t) => self.status = self.r[t],
-                }
+            (false, 7) if n == 1 && to_core && t == COUNTER => {
+                self.set_flags(self.status);
                 return Ok(1);
             }
             _ => return Err(Fault::Undefined),

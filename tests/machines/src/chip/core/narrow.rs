@@ -136,13 +136,8 @@ impl Core {
             },
             0x4 => return self.store_many(bus, STACK, list, true, true),
             0x5 => return self.store_many(bus, STACK, list | 1 << LINK, true, true),
-            0x6 if bits(code, 5, 3) == 0b011 => {
-                if bit(code, 1) {
-                    self.mask = bit(code, 4);
-                }
-                if bit(code, 0) {
-                    self.fault_mask = bit(code, 4);
-                }
+            0x6 if bits(code, 5, 3) == 0b011 && bit(code, 1) => {
+                self.mask = bit(code, 4);
                 self.attention = true;
                 return Ok(1);
             }
