@@ -11,7 +11,7 @@ use super::gpio::{Mode, Port, Wire};
 use super::kind::{Block, Kind};
 use super::power::{Power, Supply};
 use super::serial::Serial;
-use super::system::{NMI, System, WriteEffect};
+use super::system::{NMI, System};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
 use super::world::{Event, STEP, World};
@@ -619,20 +619,21 @@ impl Board {
         }
     }
 
-    fn set_own(&mut self, address: u32, size: u32, value: u32) -> WriteEffect {
+    fn set_own(&mut self, address: u32, size: u32, value: u32) {
         match address {
             0xe004_2004 => self.stops[0] = value,
             STOPS_LOWER => self.stops[1] = value,
             address if address == self.kind.facts().timer_stop.0 => self.stops[2] = value,
             address => {
                 let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
-                let effect = self.system.write(address, size, value, now, cycle, cycles);
+                if self.system.write(address, size, value, now, cycle, cycles) {
+                    self.reset = Some(Cause::Software);
+                }
+                self.float = self.system.float();
                 self.attention = true;
                 self.schedule();
-                return effect;
             }
         }
-        WriteEffect::Nothing
     }
 
     #[inline(never)]
@@ -708,11 +709,7 @@ impl Board {
                 Some(())
             }
             0xe => {
-                match self.set_own(address, size, value) {
-                    WriteEffect::Reset => self.reset = Some(Cause::Software),
-                    WriteEffect::Float(on) => self.float = on,
-                    WriteEffect::Nothing => {}
-                }
+                self.set_own(address, size, value);
                 Some(())
             }
             _ => None,

@@ -8,15 +8,6 @@ const INTERRUPTS: u16 = 16;
 /// Priority below any other: no exception is active.
 const IDLE: i32 = 256;
 
-/// Effect of a write on the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WriteEffect {
-    Nothing,
-    Reset,
-    /// Switches the floating-point unit on or off.
-    Float(bool),
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct System {
     pending: u128,
@@ -244,7 +235,7 @@ impl System {
         u32::from_le_bytes(bytes)
     }
 
-    /// Writes a register of `size` bytes.
+    /// Writes a register of `size` bytes; returns whether it requests a reset.
     pub fn write(
         &mut self,
         address: u32,
@@ -253,7 +244,7 @@ impl System {
         now: u64,
         cycle: u64,
         cycles: u64,
-    ) -> WriteEffect {
+    ) -> bool {
         let bits = |from: u32| u128::from(value) << (16 + 8 * from);
         let mut set_priorities = |first: u32| {
             let all = self.priorities.as_flattened_mut().iter_mut();
@@ -308,19 +299,14 @@ impl System {
             0xe000_ed08 => self.vectors = value & !0x7f,
             0xe000_ed0c if value >> 16 == 0x5fa => {
                 self.grouping = value & 0x700;
-                if value & 4 != 0 {
-                    return WriteEffect::Reset;
-                }
+                return value & 4 != 0;
             }
             0xe000_ed10 => self.control = value & 0x16,
             0xe000_ed14 => self.configuration = value & 0x31b,
             0xe000_ed24 => self.handlers = value,
             0xe000_ed28 => self.fault_status &= !value,
             0xe000_ed2c => self.hard_status &= !value,
-            0xe000_ed88 => {
-                self.access = value;
-                return WriteEffect::Float(value >> 20 & 0xf == 0xf);
-            }
+            0xe000_ed88 => self.access = value,
             0xe000_ed94 => self.protection = value & 7,
             0xe000_ed98 => self.region = (value & 7) as usize,
             0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
@@ -329,7 +315,12 @@ impl System {
             0xe000_ef34 => self.float_context = value,
             _ => {}
         }
-        WriteEffect::Nothing
+        false
+    }
+
+    /// Whether the floating-point unit is on (CPACR).
+    pub fn float(&self) -> bool {
+        self.access >> 20 & 0xf == 0xf
     }
 
     fn restart_tick(&mut self, now: u64, cycle: u64) {
