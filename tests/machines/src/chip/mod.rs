@@ -57,17 +57,15 @@ pub const LINK: u16 = 16 + 38;
 pub const MILLISECOND: u16 = 15;
 const EXCEPTIONS: usize = 16 + 82;
 
-/// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
+/// Bits of CFSR (B3.2.15).
 const FETCH_FAULT: u32 = 1 << 8;
-const ACCESS_FAULT: u32 = 1 << 9 | 1 << 15;
+const ACCESS_FAULT: u32 = 1 << 9;
 const STACK_FAULT: u32 = 1 << 12;
 const UNDEFINED: u32 = 1 << 16;
 const BAD_STATE: u32 = 1 << 17;
 const BAD_RETURN: u32 = 1 << 18;
 const NO_COPROCESSOR: u32 = 1 << 19;
 const UNALIGNED: u32 = 1 << 24;
-const FORCED: u32 = 1 << 30;
-const DEBUG_EVENT: u32 = 1 << 31;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
@@ -534,7 +532,6 @@ impl Chip {
             self.board.system.fault_status |= STACK_FAULT;
             if number != HARD_FAULT {
                 // The fault's handler is entered instead, on the same stack.
-                self.board.system.hard_status |= FORCED;
                 self.board.system.leave(number);
                 self.enter(HARD_FAULT);
             }
@@ -547,17 +544,14 @@ impl Chip {
         let system = &mut self.board.system;
         match fault {
             Fault::Breakpoint if debugged => return self.stop(2),
-            Fault::Breakpoint => system.hard_status |= DEBUG_EVENT,
+            Fault::Breakpoint => {}
             Fault::Undefined => system.fault_status |= UNDEFINED,
             Fault::State => system.fault_status |= BAD_STATE,
             Fault::Return => system.fault_status |= BAD_RETURN,
             Fault::NoCoprocessor => system.fault_status |= NO_COPROCESSOR,
             Fault::Unaligned => system.fault_status |= UNALIGNED,
             Fault::Fetch => system.fault_status |= FETCH_FAULT,
-            Fault::Access(address) => {
-                system.fault_status |= ACCESS_FAULT;
-                system.fault_address = address;
-            }
+            Fault::Access(_) => system.fault_status |= ACCESS_FAULT,
         }
         if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;
@@ -565,7 +559,6 @@ impl Chip {
             self.board.locks_up();
             return;
         }
-        system.hard_status |= FORCED;
         self.enter(HARD_FAULT);
     }
 

@@ -23,10 +23,6 @@ pub struct System {
     handlers: u32,
     /// Configurable fault status (CFSR).
     pub fault_status: u32,
-    /// Hard fault status (HFSR).
-    pub hard_status: u32,
-    /// Address of a bus fault (BFAR).
-    pub fault_address: u32,
     access: u32,
     /// Memory protection: control, region number, and base address and attributes of each region.
     pub(super) protection: u32,
@@ -205,8 +201,6 @@ impl System {
             0xe000_ed18..0xe000_ed24 => self.priority_word(address - 0xe000_ed18 + 4),
             0xe000_ed24 => self.handlers,
             0xe000_ed28 => self.fault_status,
-            0xe000_ed2c => self.hard_status,
-            0xe000_ed38 | 0xe000_ed34 => self.fault_address,
             0xe000_ed88 => self.access,
             0xe000_ed90 => (self.regions.len() as u32) << 8,
             0xe000_ed94 => self.protection,
@@ -305,7 +299,6 @@ impl System {
             0xe000_ed14 => self.configuration = value & 0x31b,
             0xe000_ed24 => self.handlers = value,
             0xe000_ed28 => self.fault_status &= !value,
-            0xe000_ed2c => self.hard_status &= !value,
             0xe000_ed88 => self.access = value,
             0xe000_ed94 => self.protection = value & 7,
             0xe000_ed98 => self.region = (value & 7) as usize,
