@@ -130,6 +130,16 @@ impl Rig {
         self.run(self.time() + seconds)
     }
 
+    /// Runs in steps of some s until a condition is met, which takes less than `limit` s.
+    #[track_caller]
+    pub fn run_until(&mut self, step: f64, limit: f64, is_met: impl Fn(&Self) -> bool) {
+        let end = self.time() + limit;
+        while !is_met(self) {
+            self.run_for(step);
+            assert!(self.time() < end, "not within {limit} s");
+        }
+    }
+
     /// Switches the supply off for a time in s, and on again for another.
     pub fn power_cycle(&mut self, off: f64, on: f64) -> &mut Self {
         self.act(&Act::Volts(0.0)).run_for(off);

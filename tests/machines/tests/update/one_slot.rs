@@ -177,10 +177,7 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
         let frame = rig.update_frame(request);
         rig.act(&Act::Link(frame));
-        while rig.chip.board.supplied {
-            rig.run_for(1e-3);
-            assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
-        }
+        rig.run_until(1e-3, 10.0, |rig| !rig.chip.board.supplied);
         restart(&mut rig, 0.5);
         assert_eq!(waits(&mut rig), !keeps_image, "{request:?} {cut}");
         if keeps_image {
