@@ -57,16 +57,6 @@ pub const LINK: u16 = 16 + 38;
 pub const MILLISECOND: u16 = 15;
 const EXCEPTIONS: usize = 16 + 82;
 
-/// Bits of CFSR (B3.2.15).
-const FETCH_FAULT: u32 = 1 << 8;
-const ACCESS_FAULT: u32 = 1 << 9;
-const STACK_FAULT: u32 = 1 << 12;
-const UNDEFINED: u32 = 1 << 16;
-const BAD_STATE: u32 = 1 << 17;
-const BAD_RETURN: u32 = 1 << 18;
-const NO_COPROCESSOR: u32 = 1 << 19;
-const UNALIGNED: u32 = 1 << 24;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
     Halted,
@@ -529,7 +519,8 @@ impl Chip {
         let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
         self.board.spend(cycles);
         if !taken {
-            self.board.system.fault_status |= STACK_FAULT;
+            // Stacking fault.
+            self.board.system.fault_status |= 1 << 12;
             if number != HARD_FAULT {
                 // The fault's handler is entered instead, on the same stack.
                 self.board.system.leave(number);
@@ -542,17 +533,18 @@ impl Chip {
     fn fault(&mut self, fault: Fault) {
         let debugged = self.halting & DEBUG != 0;
         let system = &mut self.board.system;
-        match fault {
+        // Bits of CFSR (B3.2.15).
+        system.fault_status |= match fault {
             Fault::Breakpoint if debugged => return self.stop(2),
-            Fault::Breakpoint => {}
-            Fault::Undefined => system.fault_status |= UNDEFINED,
-            Fault::State => system.fault_status |= BAD_STATE,
-            Fault::Return => system.fault_status |= BAD_RETURN,
-            Fault::NoCoprocessor => system.fault_status |= NO_COPROCESSOR,
-            Fault::Unaligned => system.fault_status |= UNALIGNED,
-            Fault::Fetch => system.fault_status |= FETCH_FAULT,
-            Fault::Access(_) => system.fault_status |= ACCESS_FAULT,
-        }
+            Fault::Breakpoint => 0,
+            Fault::Fetch => 1 << 8,
+            Fault::Access(_) => 1 << 9,
+            Fault::Undefined => 1 << 16,
+            Fault::State => 1 << 17,
+            Fault::Return => 1 << 18,
+            Fault::NoCoprocessor => 1 << 19,
+            Fault::Unaligned => 1 << 24,
+        };
         if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;
             self.core.attention = true;
