@@ -29,12 +29,10 @@ use system::HARD_FAULT;
 
 /// Registers of the core for a debugger (ARM DDI 0403E, C1.6).
 const RESET: u32 = 0xe000_ed0c;
-const PROCESSOR: u32 = 0xe000_ed00;
 const WHY_HALTED: u32 = 0xe000_ed30;
 const HALTING: u32 = 0xe000_edf0;
 const SELECT: u32 = 0xe000_edf4;
 const TRANSFER: u32 = 0xe000_edf8;
-const CATCH: u32 = 0xe000_edfc;
 const BREAKPOINTS: u32 = 0xe000_2000;
 /// Bits of the halting register.
 const DEBUG: u32 = 1;
@@ -275,12 +273,9 @@ impl Chip {
 
     fn own(&mut self, address: u32) -> Option<u32> {
         Some(match address {
-            // Upper half of the word with the flash size.
-            0x1fff_7a22 => self.board.identity.1,
             BREAKPOINTS => 0x260,
             WHY_HALTED => self.why,
             TRANSFER => self.transfer,
-            CATCH => self.board.system.catch,
             HALTING => {
                 let mut value = self.halting | READY;
                 if self.halting & DEBUG != 0 {
@@ -305,10 +300,8 @@ impl Chip {
             HALTING if value >> 16 == 0xa05f => self.halt(value & 0xffff),
             SELECT => self.select(value),
             TRANSFER => self.transfer = value,
-            CATCH => self.board.system.catch = value,
             RESET if value >> 16 == 0x05fa && value & 4 != 0 => self.reset(Cause::Software),
             WHY_HALTED => self.why &= !value,
-            HALTING | PROCESSOR | BREAKPOINTS | RESET => {}
             _ => return false,
         }
         true
@@ -411,7 +404,7 @@ impl Chip {
         self.entry = entry & !1;
         let starts = flash::RANGE.contains(&entry) && entry & 1 == 1;
         self.runs = if starts { Runs::Core } else { Runs::Stopped };
-        if self.halting & DEBUG != 0 && self.board.system.catch & 1 != 0 {
+        if self.halting & DEBUG != 0 && self.board.system.debug & 1 != 0 {
             self.stop(8);
         }
     }

@@ -36,9 +36,8 @@ pub struct System {
     tick_left: u64,
     cycles_from: u64,
     counts: bool,
-    trace: u32,
-    /// Debug exception and monitor control (vector catch).
-    pub catch: u32,
+    /// Debug exception and monitor control: vector catch of a reset, trace enable.
+    pub debug: u32,
 }
 
 impl System {
@@ -54,7 +53,7 @@ impl System {
 
     pub fn reset(&mut self) {
         *self = Self {
-            catch: self.catch,
+            debug: self.debug,
             ..Self::new()
         };
     }
@@ -207,7 +206,7 @@ impl System {
             0xe000_ed98 => self.region as u32,
             0xe000_ed9c => self.regions[self.region].0 | self.region as u32,
             0xe000_eda0 => self.regions[self.region].1,
-            0xe000_edfc => self.trace,
+            0xe000_edfc => self.debug,
             0xe000_ef34 => self.float_context,
             _ => 0,
         }
@@ -249,7 +248,7 @@ impl System {
         };
         match address {
             0xe000_1000 => {
-                let counts = value & 1 == 1 && self.trace >> 24 & 1 == 1;
+                let counts = value & 1 == 1 && self.debug >> 24 & 1 == 1;
                 if counts != self.counts {
                     self.cycles_from = cycles.wrapping_sub(self.cycles_from);
                     self.counts = counts;
@@ -304,7 +303,7 @@ impl System {
             0xe000_ed98 => self.region = (value & 7) as usize,
             0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
             0xe000_eda0 => self.regions[self.region].1 = value,
-            0xe000_edfc => self.trace = value,
+            0xe000_edfc => self.debug = value,
             0xe000_ef34 => self.float_context = value,
             _ => {}
         }
