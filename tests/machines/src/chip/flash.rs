@@ -23,7 +23,6 @@ const RESET_INSTRUCTIONS: u32 = 1 << 11;
 const RESET_DATA: u32 = 1 << 12;
 const PROGRAM: u32 = 1;
 const ERASE_SECTOR: u32 = 1 << 1;
-const ERASE_ALL: u32 = 1 << 2;
 const START_ERASING: u32 = 1 << 16;
 const LOCKED: u32 = 1 << 31;
 /// Error bits of the status register: parallelism, sequence.
@@ -43,13 +42,9 @@ const OPTION_BYTES: u32 = 0x0fff_ffec;
 const LINES: [usize; 2] = [64, 8];
 /// Duration of programming a word, ticks: 16 us (DS8626, flash memory programming).
 const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
-/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64, 128 KiB
-/// and all; rows: by bytes, half words and words. The longest durations are twice as long.
-const ERASE_TIMES: [[u64; 4]; 3] = [
-    [400, 1200, 2000, 16_000],
-    [300, 700, 1300, 11_000],
-    [250, 550, 1000, 8_000],
-];
+/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64 and 128
+/// KiB; rows: by bytes, half words and words. The longest durations are twice as long.
+const ERASE_TIMES: [[u64; 3]; 3] = [[400, 1200, 2000], [300, 700, 1300], [250, 550, 1000]];
 
 /// Size of the longest word that a chip programs at once, bytes; a sector is larger.
 const LONGEST_WORD: usize = 8;
@@ -356,11 +351,7 @@ impl Flash {
 
     fn erase(&mut self, now: u64) {
         let number = self.control as usize >> 3 & 0xf;
-        if self.control & ERASE_ALL != 0 {
-            self.bytes.fill(0xff);
-            self.weak.clear();
-            self.begin_erasure(0..SIZE, self.erasure(3), now);
-        } else if self.control & ERASE_SECTOR != 0
+        if self.control & ERASE_SECTOR != 0
             && let Some(range) = sector(number)
         {
             let size = usize::from(number >= 4) + usize::from(number >= 5);
@@ -375,10 +366,6 @@ impl Flash {
         self.bytes[range.clone()].fill(0xff);
         self.erasures += 1;
         self.weak.remove(&number);
-        self.begin_erasure(range, duration, now);
-    }
-
-    fn begin_erasure(&mut self, range: Range<usize>, duration: u64, now: u64) {
         self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
         (self.duration, self.busy) = (duration, now + duration);
