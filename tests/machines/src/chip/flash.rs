@@ -122,7 +122,7 @@ pub struct Flash {
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
     /// Sectors with an incomplete last erasure. They may read as erased, but not reliably.
-    pub weak: BTreeSet<usize>,
+    pub weak: Vec<Range<usize>>,
     pub programmed_weak: bool,
     /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
     /// bank may then corrupt the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
@@ -210,13 +210,6 @@ impl Flash {
     /// can be read while the other one is programmed or erased.
     pub fn is_busy(&self, offset: usize, now: u64) -> bool {
         now < self.busy && (self.kind == Kind::Stm32f405 || self.shares_bank(offset))
-    }
-
-    fn sector_at(&self, offset: usize) -> Option<usize> {
-        if self.kind == Kind::Stm32g474 {
-            return Some(offset / pages::SIZE);
-        }
-        (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
     }
 
     /// Sets the option bytes as if programmed and loaded.
@@ -355,17 +348,17 @@ impl Flash {
             && let Some(range) = sector(number)
         {
             let size = usize::from(number >= 4) + usize::from(number >= 5);
-            self.erase_sector(number, range, self.erasure(size), now);
+            self.erase_sector(range, self.erasure(size), now);
         } else {
             self.status |= WRONG_SEQUENCE;
         }
     }
 
-    fn erase_sector(&mut self, number: usize, range: Range<usize>, duration: u64, now: u64) {
+    fn erase_sector(&mut self, range: Range<usize>, duration: u64, now: u64) {
         self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
         self.bytes[range.clone()].fill(0xff);
         self.erasures += 1;
-        self.weak.remove(&number);
+        self.weak.retain(|weak| *weak != range);
         self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
         (self.duration, self.busy) = (duration, now + duration);
@@ -376,9 +369,8 @@ impl Flash {
         if now < self.busy
             && let Some((at, before)) = &self.under_way
             && before.len() > LONGEST_WORD
-            && let Some(number) = self.sector_at(*at)
         {
-            self.weak.insert(number);
+            self.weak.push(*at..*at + before.len());
         }
     }
 
@@ -416,8 +408,7 @@ impl Flash {
         if 1 << (self.control >> 8 & 3) != size {
             return self.status |= WRONG_SIZE;
         }
-        let sector = self.sector_at(offset);
-        self.programmed_weak |= sector.is_some_and(|number| self.weak.contains(&number));
+        self.programmed_weak |= self.weak.iter().any(|range| range.contains(&offset));
         let at = START + offset as u32;
         let worn = self.worn.filter(|(address, _)| *address == at);
         let value = value | worn.map_or(0, |(_, bits)| bits);

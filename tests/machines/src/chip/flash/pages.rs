@@ -68,7 +68,7 @@ impl Flash {
         let range = number * SIZE..(number + 1) * SIZE;
         self.torn.retain(|at| !range.contains(at));
         let usual = ERASE_TIME[usize::from(self.slow)];
-        self.erase_sector(number, range, self.erases_in.unwrap_or(usual), now);
+        self.erase_sector(range, self.erases_in.unwrap_or(usual), now);
     }
 
     /// Writes half a word; the second half programs the word. After an erasure a word can be
@@ -92,7 +92,7 @@ impl Flash {
         if word != 0 && !erased {
             return self.status |= PROGRAMMED_TWICE;
         }
-        self.programmed_weak |= self.weak.contains(&(at / SIZE));
+        self.programmed_weak |= self.weak.iter().any(|range| range.contains(&at));
         self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
         self.bytes[at..at + WORD].copy_from_slice(&word.to_le_bytes());
