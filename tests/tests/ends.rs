@@ -18,11 +18,6 @@ fn machine() -> Hazard {
     hazard
 }
 
-/// Its board at 1 s with saved settings.
-fn commissioned() -> Rig {
-    machine().commissioned(Kind::default())
-}
-
 /// Its board at 3 s, running.
 fn running() -> Rig {
     let rig = machine().before(Kind::default());
@@ -62,20 +57,6 @@ fn the_bridge_opens_in_time_for_every_cause() {
         let resets = rig.resets();
         let is_recorded = |cause| resets[1..].iter().any(|reset| reset.1 == cause);
         assert!(reset.is_none_or(is_recorded), "{name}: {resets:?}");
-    }
-}
-
-#[test]
-fn the_cause_of_an_open_bridge_is_reported_and_kept() {
-    let rig = running();
-    for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
-        let mut rig = rig.clone();
-        rig.at(3.0, act.clone()).run(3.03);
-        // Lamp and log follow within one cycle and the time to write a record.
-        assert!(rig.faults_after(3.0).is_some(), "{act:?}");
-        // The record waits until the supply has been good for 100 ms.
-        rig.at(3.1, Act::Volts(3.3)).run(3.4);
-        assert_eq!(rig.stored_fault(0), Some(number), "{act:?}");
     }
 }
 
@@ -131,21 +112,8 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
 }
 
 #[test]
-fn a_board_does_not_start_by_itself() {
-    let mut rig = commissioned();
-    // Power fails and returns with the enable input on.
-    rig.at(1.1, Act::Enable(true)).at(1.2, Act::Volts(0.0));
-    rig.at(1.7, Act::Volts(3.3)).run(3.0);
-    assert_eq!(rig.closes_after(1.2), None);
-    rig.at(3.0, Act::Enable(false));
-    rig.at(3.6, Act::Enable(true)).run(5.0);
-    assert!(rig.closes_after(3.6).is_some());
-    assert!((rig.amplitude() - 0.2).abs() < 0.01, "the target is kept");
-}
-
-#[test]
 fn damaged_settings_never_drive() {
-    let mut rig = commissioned();
+    let mut rig = machine().commissioned(Kind::default());
     // The mark of the bank is before the first record.
     let settings = Kind::default().facts().settings + 32;
     assert_eq!(rig.stored(), SavedSettings::InUse);

@@ -94,13 +94,15 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
         (2.6, Act::OverCurrent(false)),
     ];
     let acts = passes.into_iter().chain(withdrawn(3.0, 3.6));
-    let rig = play(kind, &machine().acts(acts).end(4.2)).rig;
+    let mut rig = play(kind, &machine().acts(acts).end(4.2)).rig;
     assert!(rig.opening_after(2.5).is_some_and(|time| time < 1e-4));
     let dark = rig.find_time(2.5, &Event::Ready(false)).unwrap();
     let fault = rig.faults_after(2.5).unwrap();
     assert!(dark < 2.522 && fault < 2.522, "{dark} {fault}");
     let restart = rig.closes_after(2.51).expect("it can be acknowledged");
     assert!((3.6..3.7).contains(&restart), "{restart}");
+    rig.act(&Act::Enable(false)).run_for(1.0);
+    assert_eq!(rig.stored_fault(0), Some(Fault::OverCurrent.number()));
 }
 
 /// READY is on once the estimated share in gear, less its error, is above 0.5; off below 0.4.
