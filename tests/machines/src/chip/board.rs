@@ -20,7 +20,6 @@ use kband::arithmetic::Noise;
 
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
-const COUPLED: u32 = 0x1000_0000;
 /// Addresses: identity of the chip, debug freeze register (38.16).
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
@@ -69,7 +68,6 @@ pub struct Board {
     power: Power,
     pub flash: Flash,
     pub ram: Vec<u8>,
-    coupled: Vec<u8>,
     /// Ports A to I.
     pub ports: Vec<Port>,
     /// TIM1.
@@ -117,7 +115,6 @@ impl Board {
             power: Power::new(kind),
             flash: Flash::new(kind),
             ram: vec![0; MEMORY_SIZE],
-            coupled: vec![0; kind.facts().coupled],
             ports: (0..9).map(|number| Port::new(kind, number)).collect(),
             bridge: Bridge::new(kind),
             converter: Converter::new(kind),
@@ -170,7 +167,7 @@ impl Board {
     /// Fills the RAM with noise, as after a loss of the supply.
     pub fn scramble(&mut self, seed: u64) {
         let mut noise = Noise::new(seed);
-        for byte in self.ram.iter_mut().chain(&mut self.coupled) {
+        for byte in &mut self.ram {
             *byte = noise.bits() as u8;
         }
     }
@@ -642,18 +639,10 @@ impl Board {
                 self.check_word(at);
                 number(&self.flash.bytes, at, size)
             }
-            1 if address < COUPLED + self.coupled.len() as u32 => {
-                number(&self.coupled, (address - COUPLED) as usize, size)
+            1 if address & !3 == self.kind.facts().flash_size => {
+                let half = if self.kind == Kind::Stm32f405 { 16 } else { 0 };
+                Some(self.identity.1 << half >> (8 * (address & 3)))
             }
-            1 => match address & !3 {
-                place if place == self.kind.facts().flash_size => {
-                    let half = if self.kind == Kind::Stm32f405 { 16 } else { 0 };
-                    Some(self.identity.1 << half >> (8 * (address & 3)))
-                }
-                0x1fff_7a10..=0x1fff_7a1c => Some(0x0039_0020),
-                0x1fff_c000..=0x1fff_c00c => Some(self.flash.options >> 8 & 0xffff),
-                _ => None,
-            },
             4 | 5 => Some(self.register(address & !3) >> (8 * (address & 3))),
             0xe => Some(self.own(address & !3) >> (8 * (address & 3))),
             _ => None,
@@ -676,10 +665,6 @@ impl Board {
                 self.flash.program(at, size, value, now);
                 self.operated(before);
                 Some(())
-            }
-            1 => {
-                let at = address.wrapping_sub(COUPLED) as usize;
-                put(&mut self.coupled, at, size, value)
             }
             4 | 5 => {
                 let word = address & !3;
