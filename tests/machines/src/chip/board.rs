@@ -20,7 +20,9 @@ use kband::arithmetic::Noise;
 
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
-/// Addresses: identity of the chip, debug freeze register (38.16).
+/// Addresses: flash size of the STM32F405 in the upper half (39.2), identity of the chip, debug
+/// freeze register (38.16).
+const FLASH_SIZE: u32 = 0x1fff_7a20;
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
 /// Interrupt numbers (12.2, table 62).
@@ -639,10 +641,7 @@ impl Board {
                 self.check_word(at);
                 number(&self.flash.bytes, at, size)
             }
-            1 if address & !3 == self.kind.facts().flash_size => {
-                let half = if self.kind == Kind::Stm32f405 { 16 } else { 0 };
-                Some(self.identity.1 << half >> (8 * (address & 3)))
-            }
+            1 if address & !3 == FLASH_SIZE => Some(self.identity.1 << 16 >> (8 * (address & 3))),
             4 | 5 => Some(self.register(address & !3) >> (8 * (address & 3))),
             0xe => Some(self.own(address & !3) >> (8 * (address & 3))),
             _ => None,

@@ -20,8 +20,6 @@ pub struct Facts {
     pub feature: Option<&'static str>,
     /// Identity (DBGMCU_IDCODE), and flash size in KiB.
     pub identity: (u32, u32),
-    /// Address of the word with the flash size.
-    pub flash_size: u32,
     /// Debug freeze register of APB2, and its bit for TIM1.
     pub timer_stop: (u32, u32),
     /// Highest frequency of the core in Hz, and the one without range 1 boost.
@@ -59,7 +57,6 @@ pub struct Facts {
 const STM32F405: Facts = Facts {
     feature: None,
     identity: (0x1007_6413, 1024),
-    flash_size: 0x1fff_7a20,
     timer_stop: (0xe004_200c, 1),
     // DS8626, table 14.
     fastest: [168_000_000; 2],
@@ -85,7 +82,6 @@ const STM32F405: Facts = Facts {
 const STM32G474: Facts = Facts {
     feature: Some("stm32g474re"),
     identity: (0x2003_6469, 512),
-    flash_size: 0x1fff_75e0,
     timer_stop: (0xe004_2010, 1 << 11),
     // RM0440, 6.1.5.
     fastest: [170_000_000, 150_000_000],
