@@ -21,10 +21,11 @@ use kband::arithmetic::Noise;
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
 /// Addresses: flash size of the STM32F405 in the upper half (39.2), identity of the chip, debug
-/// freeze register (38.16).
+/// freeze registers of both buses (38.16).
 const FLASH_SIZE: u32 = 0x1fff_7a20;
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
+const STOPS_UPPER: u32 = 0xe004_200c;
 /// Interrupt numbers (12.2, table 62).
 const MONITOR: u16 = 1;
 const CONVERTED: u16 = 18;
@@ -92,7 +93,7 @@ pub struct Board {
     lines: [u32; 6],
     monitor: bool,
     configuration: [u32; 8],
-    stops: [u32; 3],
+    stops: [u32; 2],
     pub world: World,
 }
 
@@ -131,7 +132,7 @@ impl Board {
             lines: [0; 6],
             monitor: false,
             configuration: [0; 8],
-            stops: [0; 3],
+            stops: [0; 2],
             world: World::default(),
         }
     }
@@ -161,7 +162,7 @@ impl Board {
         self.float = false;
         self.stall = 0;
         if cause == Cause::Power {
-            self.stops = [0; 3];
+            self.stops = [0; 2];
         }
         self.refresh();
     }
@@ -199,7 +200,8 @@ impl Board {
             let what = format!("the core at {core} MHz, above its limit of {limit} MHz");
             self.world.violate(self.now, what);
         }
-        let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
+        // TIM1 of the STM32F405.
+        let stopped = self.halted && self.stops[1] & 1 != 0;
         let timer = cycle * u64::from(self.clocks.timer_divider());
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
@@ -437,10 +439,10 @@ impl Board {
         self.pass(until);
         let ticks = self.now - from;
         self.system.pause(ticks);
-        if self.stops[1] >> 12 & 1 == 1 {
+        if self.stops[0] >> 12 & 1 == 1 {
             self.watchdog.suspend(ticks);
         }
-        if self.stops[1] >> 11 & 1 == 1 {
+        if self.stops[0] >> 11 & 1 == 1 {
             self.window.pause(ticks);
         }
         self.schedule();
@@ -597,18 +599,16 @@ impl Board {
     fn own(&mut self, address: u32) -> u32 {
         match address {
             IDENTITY => self.identity.0,
-            0xe004_2004 => self.stops[0],
-            STOPS_LOWER => self.stops[1],
-            address if address == self.kind.facts().timer_stop.0 => self.stops[2],
+            STOPS_LOWER => self.stops[0],
+            STOPS_UPPER => self.stops[1],
             address => self.system.read(address, self.now, self.cycle, self.cycles),
         }
     }
 
     fn set_own(&mut self, address: u32, size: u32, value: u32) {
         match address {
-            0xe004_2004 => self.stops[0] = value,
-            STOPS_LOWER => self.stops[1] = value,
-            address if address == self.kind.facts().timer_stop.0 => self.stops[2] = value,
+            STOPS_LOWER => self.stops[0] = value,
+            STOPS_UPPER => self.stops[1] = value,
             address => {
                 let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
                 if self.system.write(address, size, value, now, cycle, cycles) {

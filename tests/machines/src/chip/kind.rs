@@ -20,8 +20,6 @@ pub struct Facts {
     pub feature: Option<&'static str>,
     /// Identity (DBGMCU_IDCODE), and flash size in KiB.
     pub identity: (u32, u32),
-    /// Debug freeze register of APB2, and its bit for TIM1.
-    pub timer_stop: (u32, u32),
     /// Highest frequency of the core in Hz, and the one without range 1 boost.
     pub fastest: [u32; 2],
     /// Lowest supply for the highest frequency and for the flash, V.
@@ -57,7 +55,6 @@ pub struct Facts {
 const STM32F405: Facts = Facts {
     feature: None,
     identity: (0x1007_6413, 1024),
-    timer_stop: (0xe004_200c, 1),
     // DS8626, table 14.
     fastest: [168_000_000; 2],
     // With 5 wait states, and with programming of the flash by words (DS8626, table 15).
@@ -82,7 +79,6 @@ const STM32F405: Facts = Facts {
 const STM32G474: Facts = Facts {
     feature: Some("stm32g474re"),
     identity: (0x2003_6469, 512),
-    timer_stop: (0xe004_2010, 1 << 11),
     // RM0440, 6.1.5.
     fastest: [170_000_000, 150_000_000],
     lowest: 1.71,
