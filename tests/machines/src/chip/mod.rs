@@ -76,8 +76,6 @@ pub struct Handler {
 
 #[derive(Clone, Debug)]
 pub struct Chip {
-    /// Number of flash operations after which the supply fails.
-    pub fails_after: Option<u64>,
     /// Whether the bridge was driven while a debugger changed the flash or ran a loader.
     pub driven_while_halted: bool,
     pub was_halted: bool,
@@ -121,7 +119,6 @@ impl Chip {
         let mut board = Board::new(kind);
         board.bridge.switch_on();
         Self {
-            fails_after: None,
             driven_while_halted: false,
             was_halted: false,
             board,
@@ -183,7 +180,6 @@ impl Chip {
 
     /// Switches the supply on. The RAM contains noise, and any firmware in the flash starts.
     pub fn power_on(&mut self) {
-        self.fails_after = None;
         self.board.supplied = true;
         self.board.scramble(self.board.now | 1);
         self.halting = 0;
@@ -248,8 +244,7 @@ impl Chip {
     }
 
     fn is_supplied(&self) -> bool {
-        self.fails_after
-            .is_none_or(|operations| self.board.flash.operations < operations)
+        self.board.supplied && self.board.reset != Some(Cause::Power)
     }
 
     fn run_between_accesses(&mut self) -> Option<()> {
