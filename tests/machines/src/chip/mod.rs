@@ -531,7 +531,6 @@ impl Chip {
             Fault::State => 1 << 17,
             Fault::Return => 1 << 18,
             Fault::NoCoprocessor => 1 << 19,
-            Fault::Unaligned => 1 << 24,
         };
         if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;

@@ -1,7 +1,7 @@
 //! Single precision of the FPv4-SP: rounding to nearest, with subnormal numbers (ARM DDI 0403E,
 //! A2.5, A6.4 to A6.7). A NaN without a NaN operand has no sign.
 
-use super::memory::{put, word};
+use super::memory::{WORD, read, write};
 use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
 
 const NAN: u32 = 0x7fc0_0000;
@@ -81,9 +81,9 @@ impl Core {
         };
         for (number, at) in numbers.iter_mut().zip((from..).step_by(4)) {
             if load {
-                *number = word(bus, at)?;
+                *number = read(bus, WORD, at)?;
             } else {
-                put(bus, at, *number)?;
+                write(bus, 4, at, *number)?;
             }
         }
         self.back(base, after);
