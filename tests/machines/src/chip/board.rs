@@ -147,7 +147,7 @@ impl Board {
         self.ports.iter_mut().for_each(Port::reset);
         self.bridge.reset();
         self.converter = Converter::new(self.kind);
-        self.voltage.reset();
+        self.voltage = Voltage::default();
         self.check = Check::default();
         self.link.reset();
         self.fieldbus.reset();

@@ -200,7 +200,7 @@ impl Chip {
         self.board.supplied = false;
         self.board.flash.supply_goes(self.board.now);
         self.board.bridge.reset();
-        self.board.voltage.reset();
+        self.board.voltage = Default::default();
         self.board.refresh();
     }
 
