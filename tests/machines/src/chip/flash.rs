@@ -268,24 +268,24 @@ impl Flash {
 
     /// Reads a register by its offset at tick `now`.
     pub fn register(&self, offset: u32, now: u64) -> u32 {
-        if self.kind == Kind::Stm32g474 {
-            return self.page_register(offset, now);
-        }
-        match offset {
-            0x00 => self.access,
-            0x0c => self.status | (u32::from(now < self.busy) * BUSY),
-            0x10 => {
-                self.control
-                    | (u32::from(now < self.busy) * START_ERASING * (self.control >> 1 & 1))
+        match (self.kind, offset) {
+            (_, 0x00) => self.access,
+            (_, offset) if offset == self.status_offset() => {
+                self.status | (u32::from(now < self.busy) * BUSY)
             }
-            0x14 => self.option_control,
+            (Kind::Stm32f405, 0x10) => self.control,
+            (Kind::Stm32f405, 0x14) => self.option_control,
+            (Kind::Stm32g474, 0x14) => self.control | pages::OPTION_LOCK,
+            (Kind::Stm32g474, 0x18) => self.code,
+            (Kind::Stm32g474, 0x20) => self.options,
             _ => 0,
         }
     }
 
+    /// Writes a register. The option bytes of the STM32G474 cannot be written here.
     pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
-        match offset {
-            0x00 => {
+        match (self.kind, offset) {
+            (_, 0x00) => {
                 self.access = value & 0x707;
                 if value & RESET_INSTRUCTIONS != 0 {
                     self.instructions.clear();
@@ -295,22 +295,18 @@ impl Flash {
                     self.stale = None;
                 }
             }
-            offset if self.kind == Kind::Stm32g474 => self.set_page_register(offset, value, now),
-            0x04 => self.unlock(value),
-            0x08 => {
+            (Kind::Stm32f405, 0x04) | (Kind::Stm32g474, 0x08) => {
+                let opens = turn(&mut self.keys, KEYS, value);
+                self.control &= !(u32::from(opens) * LOCKED);
+            }
+            (Kind::Stm32f405, 0x0c) => self.status &= !(value & ERRORS),
+            (Kind::Stm32g474, 0x10) => self.status &= !(value & pages::ERRORS),
+            (Kind::Stm32f405, 0x10) | (Kind::Stm32g474, 0x14) => self.set_control(value, now),
+            (Kind::Stm32f405, 0x08) => {
                 let opens = turn(&mut self.option_keys, OPTION_KEYS, value);
                 self.option_control &= !(u32::from(opens) * OPTIONS_LOCKED);
             }
-            0x0c => self.status &= !(value & ERRORS),
-            0x10 if self.control & LOCKED == 0 => {
-                self.control = value & !START_ERASING;
-                if value & LOCKED != 0 {
-                    self.keys = 0;
-                } else if value & START_ERASING != 0 {
-                    self.erase(now);
-                }
-            }
-            0x14 if self.option_control & OPTIONS_LOCKED == 0 => {
+            (Kind::Stm32f405, 0x14) if self.option_control & OPTIONS_LOCKED == 0 => {
                 self.option_control = value & !OPTIONS_START;
                 if value & OPTIONS_LOCKED != 0 {
                     self.option_keys = 0;
@@ -321,14 +317,25 @@ impl Flash {
                     self.busy = now + self.erasure(0);
                 }
             }
+            (Kind::Stm32g474, 0x18) => self.code &= !(value & pages::DOUBLE_ERROR),
             _ => {}
         }
     }
 
-    /// Compares a key; the second of two right ones unlocks the controller.
-    fn unlock(&mut self, key: u32) {
-        let opens = turn(&mut self.keys, KEYS, key);
-        self.control &= !(u32::from(opens) * LOCKED);
+    fn set_control(&mut self, value: u32, now: u64) {
+        if self.control & LOCKED != 0 {
+            return;
+        }
+        self.control = value & !START_ERASING;
+        self.half = None;
+        if value & LOCKED != 0 {
+            self.keys = 0;
+        } else if value & START_ERASING != 0 {
+            match self.kind {
+                Kind::Stm32f405 => self.erase(now),
+                Kind::Stm32g474 => self.erase_page(now),
+            }
+        }
     }
 
     fn time(&self, typical: u64) -> u64 {
