@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use super::clocks::TICKS;
 use super::kind::Kind;
+use kband::arithmetic::Noise;
 
 mod pages;
 
@@ -396,10 +397,9 @@ impl Flash {
         if self.kind == Kind::Stm32g474 {
             self.tear(at, before.len());
         }
-        let mut state = now | 1;
+        let mut noise = Noise::new(now);
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
-            state = (state.wrapping_mul(6_364_136_223_846_793_005)).wrapping_add(1);
-            let mask = (state >> 33) as u8;
+            let mask = noise.bits() as u8;
             *place = *place & mask | before & !mask;
         }
     }
