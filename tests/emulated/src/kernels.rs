@@ -1,5 +1,6 @@
 //! Workloads for the kernels, equal on every machine.
 
+use kband::arithmetic::Noise;
 use kband::impact::{
     Integer, IntegerState, Kernel, Landing, Single, SingleState, Tone, WaveKernel,
 };
@@ -151,15 +152,6 @@ fn hash_waves<K: Machine + WaveKernel>(count: u32) -> u32 {
     })
 }
 
-/// A random number in 0..1 (splitmix64).
-fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
-}
-
 /// k of eight tracks.
 pub const TRACKS: [f64; 8] = [0.06, 0.12, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85];
 
@@ -176,10 +168,10 @@ pub fn track_on_tones<K: WaveKernel>(k: f64) -> K {
 
 /// 256 states on [`TRACKS`], with velocities up to `top`. It panics if the kernel refuses them.
 pub fn states<K: Machine>(top: f64) -> [(K::State, u8); 256] {
-    let mut random = 1;
+    let mut noise = Noise::new(1);
     core::array::from_fn(|i| {
-        let phase = uniform(&mut random) * core::f64::consts::TAU;
-        let velocity = uniform(&mut random) * top;
+        let phase = f64::from(noise.uniform()) * core::f64::consts::TAU;
+        let velocity = f64::from(noise.uniform()) * top;
         let state = K::state(phase, velocity).expect("a state within range");
         (state, (i & 7) as u8)
     })

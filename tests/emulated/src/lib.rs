@@ -10,7 +10,7 @@
 //! kband_emulated::image!(run);
 //!
 //! fn run() {
-//!     kband_emulated::say!("two and two: {}", 2 + 2);
+//!     kband_emulated::emit!("two and two: {}", 2 + 2);
 //!     assert_eq!(2 + 2, 4);
 //! }
 //! ```
