@@ -263,7 +263,7 @@ impl Board {
         self.next = (self.world.due.min(tick))
             .min(self.watchdog.due())
             .min(self.bridge.due())
-            .min(self.converter.due())
+            .min(self.converter.due)
             .min(self.window.due(lower))
             .min(self.link.due())
             .min(self.fieldbus.due());
@@ -282,7 +282,7 @@ impl Board {
         loop {
             let track = self.world.due;
             let (bridge, converter) = if self.supplied {
-                (self.bridge.due(), self.converter.due())
+                (self.bridge.due(), self.converter.due)
             } else {
                 (u64::MAX, u64::MAX)
             };

@@ -41,7 +41,7 @@ pub struct Converter {
     registers: [u32; 64],
     prescaler: u32,
     /// End tick of the running group.
-    due: u64,
+    pub due: u64,
 }
 
 impl Converter {
@@ -139,11 +139,6 @@ impl Converter {
             });
             self.due = now + times.sum::<u64>();
         }
-    }
-
-    /// Tick at which the group ends.
-    pub fn due(&self) -> u64 {
-        self.due
     }
 
     /// Ends the group with the readings `level` of each channel, 0 to 4095.
