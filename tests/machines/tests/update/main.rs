@@ -101,15 +101,8 @@ fn runs_other(rig: &mut Rig) -> bool {
 }
 
 fn power_cycle(rig: &mut Rig) {
-    restart(rig, 0.0);
+    rig.power_cycle(0.01, 0.0);
     await_image(rig);
-}
-
-/// Switches the supply off and on, and runs for a time in s.
-fn restart(rig: &mut Rig, seconds: f64) {
-    rig.act(&Act::Volts(0.0)).run_for(0.01);
-    rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3)).run_for(seconds);
 }
 
 /// Presses the enable input; returns whether the bridge closes.
