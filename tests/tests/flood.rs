@@ -7,13 +7,11 @@
 use kband_control::Target;
 use kband_control::wire::Request;
 use kband_tests::chip::kind::Kind;
-use kband_tests::chip::{LINK, SAMPLE};
+use kband_tests::chip::{DEADLINE, LINK, SAMPLE};
 use kband_tests::number;
 use kband_tests::rig::{Act, Rig};
 use kband_tests::states::Random;
 
-/// Cycles of the core between two samples.
-const DEADLINE: u64 = 8400;
 /// Bytes per slice of the run at 115200 baud, and the slice's duration in s.
 const SLICE: usize = 1152;
 const SLICE_DURATION: f64 = 0.1;

@@ -3,16 +3,13 @@
 use kband_control::wire::Request;
 use kband_control::{Fault, Limits, State, Target};
 use kband_machines::bus::{UNIT, float, frame, read, write};
-use kband_machines::chip::SAMPLE;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
+use kband_machines::chip::{DEADLINE, SAMPLE};
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
 use kband_plant::Change;
-
-/// Cycles of the core between two samples.
-const DEADLINE: u64 = 8400;
 
 /// A machine at rest under command of its bus; rate in baud.
 fn machine(target: Target, baud: f32, parity: f32) -> Rig {

@@ -47,6 +47,8 @@ const MAX_LOADER_INSTRUCTIONS: u64 = 60_000_000;
 /// Duration of a probe's access, ticks: 20 us.
 const ACCESS_TICKS: u64 = TICKS / 50_000;
 
+/// Cycles of the core between two samples.
+pub const DEADLINE: u64 = 8400;
 /// Exception number of the converter.
 pub const SAMPLE: u16 = 16 + 18;
 /// Exception number of the link's port, USART2.
