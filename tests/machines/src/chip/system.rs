@@ -17,10 +17,6 @@ pub struct System {
     /// Priority of each exception, sixteen in a row.
     priorities: [[u8; 16]; 7],
     vectors: u32,
-    grouping: u32,
-    control: u32,
-    configuration: u32,
-    handlers: u32,
     /// Configurable fault status (CFSR).
     pub fault_status: u32,
     access: u32,
@@ -28,7 +24,6 @@ pub struct System {
     pub(super) protection: u32,
     region: usize,
     regions: [(u32, u32); 8],
-    float_context: u32,
     tick_control: u32,
     tick_reload: u32,
     /// Tick at which SysTick next wraps.
@@ -44,8 +39,6 @@ impl System {
     pub fn new() -> Self {
         Self {
             enabled: (1 << INTERRUPTS) - 1,
-            configuration: 0x200,
-            float_context: 0xc000_0000,
             tick_due: u64::MAX,
             ..Self::default()
         }
@@ -192,33 +185,18 @@ impl System {
             0xe000_e300..0xe000_e310 => bits(self.active, address - 0xe000_e300),
             0xe000_e400..0xe000_e460 => self.priority_word(address - 0xe000_e400 + 16),
             0xe000_ed00 => 0x410f_c241,
-            0xe000_ed04 => self.state(),
+            0xe000_ed04 => {
+                let (_, handled) = self.first(self.active);
+                u32::from(handled) | ((self.pending >> SYSTICK & 1) as u32) << 26
+            }
             0xe000_ed08 => self.vectors,
-            0xe000_ed0c => 0xfa05_0000 | self.grouping,
-            0xe000_ed10 => self.control,
-            0xe000_ed14 => self.configuration,
             0xe000_ed18..0xe000_ed24 => self.priority_word(address - 0xe000_ed18 + 4),
-            0xe000_ed24 => self.handlers,
             0xe000_ed28 => self.fault_status,
             0xe000_ed88 => self.access,
-            0xe000_ed90 => (self.regions.len() as u32) << 8,
             0xe000_ed94 => self.protection,
-            0xe000_ed98 => self.region as u32,
-            0xe000_ed9c => self.regions[self.region].0 | self.region as u32,
-            0xe000_eda0 => self.regions[self.region].1,
             0xe000_edfc => self.debug,
-            0xe000_ef34 => self.float_context,
             _ => 0,
         }
-    }
-
-    fn state(&self) -> u32 {
-        let (_, handled) = self.first(self.active);
-        let pending = |number: u16, at: u32| ((self.pending >> number & 1) as u32) << at;
-        u32::from(handled)
-            | pending(SYSTICK, 26)
-            | pending(NMI, 31)
-            | u32::from(self.pending >> INTERRUPTS != 0) << 22
     }
 
     fn priority_word(&self, first: u32) -> u32 {
@@ -281,22 +259,8 @@ impl System {
             0xe000_e280..0xe000_e290 => self.pending &= !bits(address - 0xe000_e280),
             0xe000_e400..0xe000_e460 => set_priorities(address - 0xe000_e400 + 16),
             0xe000_ed18..0xe000_ed24 => set_priorities(address - 0xe000_ed18 + 4),
-            0xe000_ed04 => {
-                if value >> 31 == 1 {
-                    self.pend(NMI);
-                }
-                let clears = (value >> 25 & 1) << SYSTICK;
-                let sets = (value >> 26 & 1) << SYSTICK;
-                self.pending = self.pending & !u128::from(clears) | u128::from(sets);
-            }
             0xe000_ed08 => self.vectors = value & !0x7f,
-            0xe000_ed0c if value >> 16 == 0x5fa => {
-                self.grouping = value & 0x700;
-                return value & 4 != 0;
-            }
-            0xe000_ed10 => self.control = value & 0x16,
-            0xe000_ed14 => self.configuration = value & 0x31b,
-            0xe000_ed24 => self.handlers = value,
+            0xe000_ed0c => return value >> 16 == 0x5fa && value & 4 != 0,
             0xe000_ed28 => self.fault_status &= !value,
             0xe000_ed88 => self.access = value,
             0xe000_ed94 => self.protection = value & 7,
@@ -304,7 +268,6 @@ impl System {
             0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
             0xe000_eda0 => self.regions[self.region].1 = value,
             0xe000_edfc => self.debug = value,
-            0xe000_ef34 => self.float_context = value,
             _ => {}
         }
         false
