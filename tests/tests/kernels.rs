@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use kband_emulated::kernels;
-use kband_tests::chip::core::{Bus, COUNTER, Fault};
+use kband_tests::chip::core::{COUNTER, Fault};
 use kband_tests::chip::kind::Kind;
 use kband_tests::emulator::{self, Clock, Machine};
 use kband_tests::images;

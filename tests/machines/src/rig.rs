@@ -11,7 +11,7 @@ use kband_control::wire::{
 use kband_plant::{Change, Scene};
 
 use crate::chip::clocks::{Cause, TICKS};
-use crate::chip::core::{Bus, STACK};
+use crate::chip::core::STACK;
 use crate::chip::gpio::Wire;
 use crate::chip::kind::Kind;
 use crate::chip::world::{Event, World};

@@ -5,7 +5,6 @@ use super::bridge::Bridge;
 use super::check::Check;
 use super::clocks::{Cause, Clocks, START_CYCLE, TICKS};
 use super::converter::Converter;
-use super::core::Bus;
 use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
 use super::kind::{Block, Kind};
@@ -724,21 +723,25 @@ fn put(bytes: &mut [u8], at: usize, size: u32, value: u32) -> Option<()> {
     Some(())
 }
 
-impl Bus for Board {
+/// The bus of the core; `None` for an address without memory or peripheral.
+impl Board {
+    /// Reads 1, 2 or 4 bytes.
     #[inline]
-    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
+    pub fn load(&mut self, address: u32, size: u32) -> Option<u32> {
         let at = address.wrapping_sub(MEMORY) as usize;
         number(&self.ram, at, size).or_else(|| self.load_elsewhere(address, size))
     }
 
+    /// Writes 1, 2 or 4 bytes.
     #[inline]
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
+    pub fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
         let at = address.wrapping_sub(MEMORY) as usize;
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }
 
+    /// Fetches two bytes of an instruction.
     #[inline]
-    fn fetch(&mut self, address: u32) -> Option<u16> {
+    pub fn fetch(&mut self, address: u32) -> Option<u16> {
         let at = address.wrapping_sub(flash::START) as usize;
         let idle = self.now >= self.flash.busy;
         (idle.then(|| number(&self.flash.bytes, at, 2)).flatten())
@@ -746,8 +749,9 @@ impl Bus for Board {
             .map(|half| half as u16)
     }
 
+    /// Called when an instruction is in another line of 16 bytes than the previous one.
     #[inline]
-    fn line(&mut self, address: u32) {
+    pub fn line(&mut self, address: u32) {
         if flash::RANGE.contains(&address) {
             self.wait_for_flash(address);
             self.stall += self.flash.fetch(address);

@@ -21,7 +21,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{Bus, COUNTER, Core, Fault, STACK};
+use self::core::{COUNTER, Core, Fault, STACK};
 pub use board::{Board, MEMORY};
 use clocks::{Cause, TICKS};
 use kind::Kind;

@@ -1,6 +1,6 @@
 //! Exception entry and return (ARM DDI 0403E, B1.5.6 and B1.5.8).
 
-use super::{Bus, COUNTER, Core, Fault, LINK, STACK};
+use super::{Board, COUNTER, Core, Fault, LINK, STACK};
 
 /// Bit of CONTROL: numbers in the floating-point registers.
 const FLOAT: u32 = 1 << 2;
@@ -15,7 +15,7 @@ const FLOAT_LATENCY: u32 = 17;
 impl Core {
     /// Enters exception `number` with its handler at `vector`. Returns the cycles, and whether the
     /// frame fits the stack.
-    pub fn enter(&mut self, bus: &mut impl Bus, number: u16, vector: u32) -> (u32, bool) {
+    pub fn enter(&mut self, bus: &mut Board, number: u16, vector: u32) -> (u32, bool) {
         let float = self.control & FLOAT != 0;
         let size = if float { FLOAT_FRAME } else { FRAME };
         let stack = self.r[STACK];
@@ -52,7 +52,7 @@ impl Core {
     }
 
     /// Leaves the exception by `link`; returns the cycles.
-    pub fn leave(&mut self, bus: &mut impl Bus, link: u32) -> Result<u32, Fault> {
+    pub fn leave(&mut self, bus: &mut Board, link: u32) -> Result<u32, Fault> {
         if !matches!(link & 0xf, 0x1 | 0x9) {
             return Err(Fault::Return);
         }

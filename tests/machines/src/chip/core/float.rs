@@ -2,7 +2,7 @@
 //! A2.5, A6.4 to A6.7). A NaN without a NaN operand has no sign.
 
 use super::memory::{WORD, read, write};
-use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
+use super::{Board, COUNTER, Core, Cycles, Fault, bit, bits};
 
 const NAN: u32 = 0x7fc0_0000;
 /// Bit that makes a NaN a quiet one.
@@ -33,7 +33,7 @@ impl Core {
         first.or_else(any).map_or(NAN, |bits| bits | QUIET)
     }
 
-    pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let double = match bits(second, 8, 4) {
             0b1010 => false,
             0b1011 => true,
@@ -60,7 +60,7 @@ impl Core {
     }
 
     /// Loads and stores of one, two or several numbers.
-    fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut impl Bus) -> Cycles {
+    fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut Board) -> Cycles {
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
         let (base, number) = (bits(first, 0, 4), bits(second, 0, 8));

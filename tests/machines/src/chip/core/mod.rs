@@ -14,17 +14,7 @@ mod memory;
 mod narrow;
 mod wide;
 
-/// Memory and peripherals of the core; `None` for an address without either.
-pub trait Bus {
-    /// Reads 1, 2 or 4 bytes.
-    fn load(&mut self, address: u32, size: u32) -> Option<u32>;
-    /// Writes 1, 2 or 4 bytes.
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
-    /// Fetches two bytes of an instruction.
-    fn fetch(&mut self, address: u32) -> Option<u16>;
-    /// Called when an instruction is in another line of 16 bytes than the previous one.
-    fn line(&mut self, address: u32);
-}
+use super::Board;
 
 /// Reason for which an instruction was not executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,7 +104,7 @@ impl Core {
     /// Executes one instruction and returns its cycles. A fault leaves the registers unchanged,
     /// except those already loaded.
     #[inline(always)]
-    pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
+    pub fn step(&mut self, bus: &mut Board) -> Result<u32, Fault> {
         let address = self.r[COUNTER];
         let line = Some(address >> 4);
         if line != self.line {

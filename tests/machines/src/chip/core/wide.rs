@@ -1,6 +1,6 @@
 //! Instructions of two halfwords (ARM DDI 0403E, A5.3).
 
-use super::{Bus, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, bit, bits, signed};
+use super::{Board, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, bit, bits, signed};
 
 /// Fields of registers in an instruction of two halfwords: n, a (or the low half), d, m.
 fn registers(first: u16, second: u16) -> [usize; 4] {
@@ -9,7 +9,7 @@ fn registers(first: u16, second: u16) -> [usize; 4] {
 }
 
 impl Core {
-    pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let kind = bits(first, 4, 7);
         match (bits(first, 11, 2), bit(second, 15)) {
             (0b01 | 0b11, _) if kind & 0b100_0000 != 0 => self.coprocessor(first, second, bus),
