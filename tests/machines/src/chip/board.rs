@@ -213,10 +213,6 @@ impl Board {
         self.cycle * u64::from(self.clocks.divider(false))
     }
 
-    fn upper(&self) -> u64 {
-        self.cycle * u64::from(self.clocks.divider(true))
-    }
-
     fn interrupts(&mut self) {
         let system = &mut self.system;
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
@@ -338,7 +334,7 @@ impl Board {
     /// Triggers the converter at tick `at` if the bridge does.
     fn trigger(&mut self, triggers: bool, at: u64) {
         if triggers && self.converts {
-            let upper = self.upper();
+            let upper = self.cycle * u64::from(self.clocks.divider(true));
             self.converter.trigger(at, upper);
             if self.bridge.driven() {
                 let sampled = self.converter.samples(upper) / self.cycle.max(1);

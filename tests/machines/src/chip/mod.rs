@@ -459,7 +459,7 @@ impl Chip {
     }
 
     fn sleeps(&mut self, until: u64) {
-        if self.core.event || self.due_exception().is_some() {
+        if self.core.event || self.board.system.due(self.core.mask).is_some() {
             self.core.event = false;
             self.core.waits = false;
         } else {
@@ -468,10 +468,6 @@ impl Chip {
             self.board.run_due();
         }
         self.handle_exceptions();
-    }
-
-    fn due_exception(&self) -> Option<u16> {
-        self.board.system.due(self.core.mask)
     }
 
     fn handle_exceptions(&mut self) {
@@ -494,7 +490,7 @@ impl Chip {
                 handler.longest = handler.longest.max(duration);
             }
         }
-        if let Some(number) = self.due_exception() {
+        if let Some(number) = self.board.system.due(self.core.mask) {
             self.enter(number);
         }
     }
