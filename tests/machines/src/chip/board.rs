@@ -117,7 +117,7 @@ impl Board {
             power: Power::new(kind),
             flash: Flash::new(kind),
             ram: vec![0; MEMORY_SIZE],
-            ports: (0..9).map(|number| Port::new(kind, number)).collect(),
+            ports: vec![Port::default(); 9],
             bridge: Bridge::new(kind),
             converter: Converter::new(kind),
             voltage: Voltage::default(),

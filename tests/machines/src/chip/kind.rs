@@ -34,8 +34,6 @@ pub struct Facts {
     pub timer_function: u8,
     /// Converter channels: accelerometer (PA1), current sensor (PC0).
     pub channels: [u32; 2],
-    /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
-    pub ports: [[u32; 2]; 3],
     /// Bits of the prescaler in the window watchdog's configuration.
     pub window_prescaler: u32,
     /// Spread of the independent watchdog's oscillator, Hz.
@@ -65,7 +63,6 @@ const STM32F405: Facts = Facts {
     brown_out: &[2.83, 2.44, 2.19, 0.0],
     timer_function: 1,
     channels: [1, 10],
-    ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
     window_prescaler: 3 << 7,
     // DS8626, table 40.
     watchdog_clock: [17e3, 47e3],
@@ -89,11 +86,6 @@ const STM32G474: Facts = Facts {
     brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
     timer_function: 6,
     channels: [2, 6],
-    ports: [
-        [0xabff_ffff, 0x6400_0000],
-        [0xffff_febf, 0x100],
-        [0xffff_ffff, 0],
-    ],
     window_prescaler: 7 << 11,
     // DS12288, LSI oscillator characteristics.
     watchdog_clock: [29.5e3, 34e3],
