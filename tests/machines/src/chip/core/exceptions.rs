@@ -5,6 +5,8 @@ use super::{Board, COUNTER, Core, Fault, LINK, STACK};
 /// Bit of CONTROL: numbers in the floating-point registers.
 const FLOAT: u32 = 1 << 2;
 const FRAME: u32 = 0x20;
+/// Registers of a stack frame before the status.
+const FRAMED: [usize; 7] = [0, 1, 2, 3, 12, LINK, COUNTER];
 /// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
 /// Duration of an exception entry or return, cycles (ARM DDI 0439B, 3.9).
@@ -22,20 +24,15 @@ impl Core {
         let place = stack.wrapping_sub(size) & !7;
         let padded = u32::from(stack & 4 != 0);
         let status = self.program_status() | padded << 9;
-        let registers = [0, 1, 2, 3, 12, LINK, COUNTER].map(|number| self.r[number]);
-        let mut taken = true;
-        let mut put = |at: u32, value: u32| {
-            taken &= bus.store(place.wrapping_add(at), 4, value).is_some();
-        };
-        for (at, value) in (0_u32..).step_by(4).zip(registers) {
-            put(at, value);
-        }
-        put(28, status);
+        let mut frame = FRAMED.map(|number| self.r[number]).to_vec();
+        frame.push(status);
         if float {
-            for (at, value) in (32_u32..).step_by(4).zip(&self.s[..16]) {
-                put(at, *value);
-            }
-            put(96, self.status);
+            frame.extend(&self.s[..16]);
+            frame.push(self.status);
+        }
+        let mut taken = true;
+        for (n, value) in (0..).zip(frame) {
+            taken &= bus.store(place.wrapping_add(4 * n), 4, value).is_some();
         }
         let thread = u32::from(self.exception == 0) << 3;
         self.r[LINK] = (0xffff_fff1 | thread) & !(u32::from(float) << 4);
@@ -63,7 +60,7 @@ impl Core {
             let address = place.wrapping_add(at);
             bus.load(address, 4).ok_or(Fault::Access(address))
         };
-        for (at, number) in (0_u32..).step_by(4).zip([0, 1, 2, 3, 12, LINK, COUNTER]) {
+        for (at, number) in (0_u32..).step_by(4).zip(FRAMED) {
             self.r[number] = get(at)?;
         }
         let status = get(28)?;
