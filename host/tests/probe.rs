@@ -144,7 +144,7 @@ fn a_half_written_board_does_not_start() {
     // During erasure, first page, middle, after the verification, and in the last words.
     for cut in [1, 2, 3, 5, 8, 120, whole / 2].into_iter().chain(near_end) {
         let mut chip = board();
-        chip.fails_after = Some(cut);
+        chip.board.cut_at = Some(cut);
         let (outcome, probe) = flash(chip, &[]);
         outcome.refused(&["next: ", "kband flash again", "does not start"]);
         let mut chip = probe.chip();
@@ -156,7 +156,7 @@ fn a_half_written_board_does_not_start() {
         assert!(settings_are_kept(&chip), "cut after {cut}");
     }
     let mut chip = board();
-    chip.fails_after = Some(whole / 3);
+    chip.board.cut_at = Some(whole / 3);
     let (outcome, probe) = flash(chip, &[]);
     outcome.refused(&["kband flash again"]);
     probe.chip().power_on();

@@ -64,7 +64,6 @@ PROGRAMS = {
             "safety",
             "automatic",
             "ends",
-            "flashed",
             "accuracy",
             "first_impact",
             "gear",
@@ -95,10 +94,10 @@ DRAWN = (
         "report",
         "random_scenes",
     ),
-    ("hazards", "ends", "flashed"),
+    ("hazards", "ends"),
 )
 # They run an image, which does not record the mutants that it reaches; the list names the test.
-EMULATED = ("hazards", "ends", "flashed")
+EMULATED = ("hazards", "ends")
 SWITCH = """//! Which mutant this run has.
 
 #[cfg(target_os = "none")]

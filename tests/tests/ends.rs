@@ -1,11 +1,14 @@
-//! Every way to end operation is safe: the flashed image on its chip, and the time until its bridge
-//! opens.
+//! The flashed image on its chip, from power-on to every way to end operation: each is safe. The time
+//! until the bridge opens.
 
-use kband_control::Target;
-use kband_control::wire::{Request, SavedSettings};
+use kband_control::wire::{Request, Response, SavedSettings};
+use kband_control::{State, Target};
+use kband_plant::Scene;
 use kband_tests::chip::Hang;
 use kband_tests::chip::clocks::Cause;
 use kband_tests::chip::kind::Kind;
+use kband_tests::chip::world::Event;
+use kband_tests::desk_amplitude;
 use kband_tests::hazards::Hazard;
 use kband_tests::images;
 use kband_tests::rig::{Act, Rig};
@@ -16,11 +19,6 @@ fn machine() -> Hazard {
         .with(|scene| scene.settings.link_timeout = 0.0);
     hazard.from = 3.0;
     hazard
-}
-
-/// Its board at 1 s with saved settings.
-fn commissioned() -> Rig {
-    machine().commissioned(Kind::default())
 }
 
 /// Its board at 3 s, running.
@@ -62,20 +60,6 @@ fn the_bridge_opens_in_time_for_every_cause() {
         let resets = rig.resets();
         let is_recorded = |cause| resets[1..].iter().any(|reset| reset.1 == cause);
         assert!(reset.is_none_or(is_recorded), "{name}: {resets:?}");
-    }
-}
-
-#[test]
-fn the_cause_of_an_open_bridge_is_reported_and_kept() {
-    let rig = running();
-    for (act, number) in [(Act::OverCurrent(true), 11), (Act::Volts(2.8), 14)] {
-        let mut rig = rig.clone();
-        rig.at(3.0, act.clone()).run(3.03);
-        // Lamp and log follow within one cycle and the time to write a record.
-        assert!(rig.faults_after(3.0).is_some(), "{act:?}");
-        // The record waits until the supply has been good for 100 ms.
-        rig.at(3.1, Act::Volts(3.3)).run(3.4);
-        assert_eq!(rig.stored_fault(0), Some(number), "{act:?}");
     }
 }
 
@@ -131,21 +115,8 @@ fn a_dead_or_a_wrong_crystal_is_a_fault_and_no_hang() {
 }
 
 #[test]
-fn a_board_does_not_start_by_itself() {
-    let mut rig = commissioned();
-    // Power fails and returns with the enable input on.
-    rig.at(1.1, Act::Enable(true)).at(1.2, Act::Volts(0.0));
-    rig.at(1.7, Act::Volts(3.3)).run(3.0);
-    assert_eq!(rig.closes_after(1.2), None);
-    rig.at(3.0, Act::Enable(false));
-    rig.at(3.6, Act::Enable(true)).run(5.0);
-    assert!(rig.closes_after(3.6).is_some());
-    assert!((rig.amplitude() - 0.2).abs() < 0.01, "the target is kept");
-}
-
-#[test]
 fn damaged_settings_never_drive() {
-    let mut rig = commissioned();
+    let mut rig = machine().commissioned(Kind::default());
     // The mark of the bank is before the first record.
     let settings = Kind::default().facts().settings + 32;
     assert_eq!(rig.stored(), SavedSettings::InUse);
@@ -159,4 +130,40 @@ fn damaged_settings_never_drive() {
         assert!(rig.faults_after(1.5).is_some(), "bit {bit}");
         assert_eq!(rig.stored(), SavedSettings::Damaged, "bit {bit}");
     }
+}
+
+fn from_power_on_to_lock_it_does_what_the_desk_does(kind: Kind) {
+    let mut rig = Rig::boot_on(kind);
+    rig.run(0.3);
+    rig.request_done(&Request::Target(Target::Locked { order: 1 }));
+    // The desk sends one request and is then silent.
+    rig.request_done(&Request::set("link_timeout", 0.0));
+    rig.request_done(&Request::Save);
+    // The enable input acknowledges the start without settings; then the board starts.
+    rig.at(1.5, Act::Enable(true)).run(1.5);
+    assert_eq!(rig.resets(), [(0.0, Cause::Power)]);
+    assert_eq!(rig.find_time(0.0, &Event::Bridge(true)), None);
+    rig.run(9.0);
+    let begins = rig.find_time(1.5, &Event::Bridge(true)).unwrap();
+    assert!(begins < 1.6, "{begins} s");
+    assert!(rig.find_time(1.5, &Event::Ready(true)).is_some());
+    let (board, scene) = (rig.amplitude(), Scene::default());
+    let desk = desk_amplitude(&scene, 500, State::Locked);
+    assert!((board / desk - 1.0).abs() < 0.02, "{board} {desk}");
+    assert!(rig.peak() < 0.3);
+    // One reset, no fault, and the highest core clock with its wait states.
+    assert_eq!(rig.resets().len(), 1);
+    assert_eq!(rig.find_time(1.4, &Event::Fault(true)), None);
+    assert_eq!(rig.chip.board.clock(), kind.facts().fastest[0]);
+    let wait_states = if kind == Kind::Stm32f405 { 5 } else { 4 };
+    assert_eq!(rig.chip.board.flash.latency(), wait_states);
+    // The board answers the desk.
+    rig.request(&Request::SelfTest, |response| {
+        assert!(matches!(response, Response::Refused(_)), "it runs");
+    });
+    rig.request_done(&Request::Alive);
+}
+
+kband_tests::on_both! {
+    from_power_on_to_lock_it_does_what_the_desk_does,
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use kband_firmware::trial::{self, Trial};
 use kband_plant::ClosedLoop;
 use kband_tests::chip::kind::Kind;
-use kband_tests::emulator::{self, Clock, Machine, Output};
+use kband_tests::emulator::{self, Clock, Machine};
 use kband_tests::images;
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, elf};
 
@@ -76,7 +76,7 @@ fn parts(image: &Path) -> Vec<(&'static str, f64)> {
         .collect()
 }
 
-fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
+fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> String {
     let machine = Machine::CortexM4F;
     let image = images::build("kband-firmware", "virtual_feeder", machine);
     let limit = Duration::from_secs(seconds);
@@ -86,7 +86,7 @@ fn virtual_feeder(word: &'static str, clock: Clock, seconds: u64) -> Output {
 fn trace_is_the_desks(name: &'static str) {
     let trial = Trial::named(name).unwrap();
     let mut desk = ClosedLoop::build(&(trial.scene)()).unwrap();
-    let text = virtual_feeder(name, Clock::Steady, 180).passed();
+    let text = virtual_feeder(name, Clock::Steady, 180);
     let numbered = |line: &&str| line.starts_with(|first: char| first.is_ascii_digit());
     let trace: Vec<&str> = text.lines().filter(numbered).collect();
     assert_eq!(trace.len(), trial.cycles as usize, "{text}");
@@ -109,7 +109,7 @@ const PLAN: u32 = 84_000_000;
 
 #[test]
 fn samples_control_and_plans_take_their_share_of_the_core() {
-    let text = virtual_feeder("count", Clock::Instructions, 60).passed();
+    let text = virtual_feeder("count", Clock::Instructions, 60);
     let numbers = |name: &str| -> Vec<u32> {
         let line = text.lines().find_map(|line| line.strip_prefix(name));
         let line = line.unwrap_or_else(|| panic!("{name} {text}"));

@@ -7,13 +7,11 @@
 use kband_control::Target;
 use kband_control::wire::Request;
 use kband_tests::chip::kind::Kind;
-use kband_tests::chip::{LINK, SAMPLE};
+use kband_tests::chip::{DEADLINE, LINK, SAMPLE};
 use kband_tests::number;
 use kband_tests::rig::{Act, Rig};
 use kband_tests::states::Random;
 
-/// Cycles of the core between two samples.
-const DEADLINE: u64 = 8400;
 /// Bytes per slice of the run at 115200 baud, and the slice's duration in s.
 const SLICE: usize = 1152;
 const SLICE_DURATION: f64 = 0.1;
@@ -74,7 +72,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
     let held = rig.amplitude();
     let began = rig.time();
     rig.chip.forget_handlers();
-    let lost = rig.chip.board.serials[1].lost;
+    let lost = rig.chip.board.link.lost;
     let before = rig.counters();
     let (mut sent, mut counts, mut sent_bytes) = (0_u64, 1_u64, 0);
     let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
@@ -90,7 +88,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
         rig.run(rig.time() + lasts);
         (low, high) = (low.min(rig.amplitude()), high.max(rig.amplitude()));
         // Discards the output so far.
-        rig.chip.board.serials[1].sent.clear();
+        rig.chip.board.link.sent.clear();
         if counts * 500 < sent {
             rig.counters();
             counts += 1;
@@ -99,7 +97,7 @@ fn a_flood_of_frames_delays_no_sample_and_is_counted(kind: Kind) {
     let after = rig.counters();
     counts += 1;
     let counted = after.frames() - before.frames();
-    let lost = rig.chip.board.serials[1].lost - lost;
+    let lost = rig.chip.board.link.lost - lost;
     let (sampling, port) = (rig.chip.handler(SAMPLE), rig.chip.handler(LINK));
     let lasted = rig.time() - began;
     println!(

@@ -5,14 +5,11 @@
 
 use kband_control::{Event, Shape, State, Target, UpperTone};
 use kband_plant::Scene;
-use kband_tests::chip::SAMPLE;
 use kband_tests::chip::kind::Kind;
+use kband_tests::chip::{DEADLINE, SAMPLE};
 use kband_tests::desk_amplitude;
 use kband_tests::hazards::Hazard;
 use kband_tests::rig::{Act, Rig};
-
-/// Cycles of the core between two samples.
-const DEADLINE: u64 = 8400;
 
 /// A machine with this frequency as its resonance, and a target k.
 fn machine(frequency: f32, k: f32) -> Scene {

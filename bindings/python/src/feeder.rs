@@ -1,8 +1,6 @@
 //! Plant and controller, sample by sample.
 
-use kband_control::{
-    AdcCode, Controller as Control, Inputs, PLAN_SLICES, Report, SAMPLE_RATE, Signal,
-};
+use kband_control::{AdcCode, Controller as Control, Inputs, PLAN_SLICES, SAMPLE_RATE, Signal};
 use kband_plant::Bench;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -92,7 +90,6 @@ impl Plant {
 pub struct Controller {
     signal: Signal,
     control: Control,
-    last: Report,
 }
 
 #[pymethods]
@@ -109,7 +106,6 @@ impl Controller {
         Ok(Self {
             signal,
             control: control.map_err(Refused::from)?,
-            last: Report::default(),
         })
     }
 
@@ -138,10 +134,10 @@ impl Controller {
             })?;
             *place(&mut inputs) = on.extract()?;
         }
-        self.last = self.control.cycle(self.signal.cycle(), &inputs);
-        self.signal.command(self.last.command);
+        let reported = self.control.cycle(self.signal.cycle(), &inputs);
+        self.signal.command(reported.command);
         (0..PLAN_SLICES).all(|_| self.control.plan_step());
-        report(py, &self.last)
+        report(py, &reported)
     }
 
     /// Whether the target is reached (READY).

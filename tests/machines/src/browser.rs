@@ -163,23 +163,11 @@ impl Browser {
     fn exchange(&self, method: &str, path: &str, body: &str) -> Json {
         let sent = self.send(method, path, body);
         let mut reader = BufReader::new(sent.expect("the driver reads"));
-        let mut length = 0;
-        loop {
-            let mut line = String::new();
-            reader.read_line(&mut line).expect("the driver answers");
-            let line = line.trim_end().to_lowercase();
-            if line.is_empty() {
-                break;
-            }
-            if let Some(given) = line.strip_prefix("content-length:") {
-                length = given.trim().parse().expect("a length");
-            }
-        }
-        let mut body = vec![0; length];
-        let read = reader.read_exact(&mut body);
-        read.expect("the driver's answer is whole");
-        let answer: Json = serde_json::from_slice(&body).expect("the driver's answer is JSON");
-        let value = answer["value"].clone();
+        let head = reader.by_ref().lines().map_while(Result::ok);
+        head.take_while(|line| !line.is_empty()).for_each(drop);
+        let mut answers = serde_json::Deserializer::from_reader(reader).into_iter::<Json>();
+        let answer = answers.next().and_then(Result::ok);
+        let value = answer.expect("the driver's answer is JSON")["value"].take();
         let (error, message) = (&value["error"], &value["message"]);
         assert!(error.is_null(), "{error}: {message}");
         value

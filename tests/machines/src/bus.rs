@@ -53,7 +53,7 @@ impl Rig {
     /// Sends a request on the fieldbus, and runs until the response is complete and the line was
     /// silent. `None` without a response.
     pub fn bus(&mut self, pdu: &[u8]) -> Option<TimedResponse> {
-        let port = &self.chip.board.serials[3];
+        let port = &self.chip.board.fieldbus;
         let (first, character) = (port.sent.len(), port.other_byte());
         let (rate, _) = port.other_end;
         let silence = u64::from(silence_us(rate as u32)) * TICKS / 1_000_000;
@@ -63,7 +63,7 @@ impl Rig {
         let limit = request_end as f64 / TICKS as f64 + ANSWER_TIMEOUT;
         loop {
             self.run_for(1e-4);
-            let sent = &self.chip.board.serials[3].sent[first..];
+            let sent = &self.chip.board.fieldbus.sent[first..];
             let (last, wait) = match sent.last() {
                 Some((last, _)) => (*last, silence),
                 None if self.time() > limit => return None,

@@ -14,7 +14,7 @@ impl Draw {
 
     /// A number from 0 to 1.
     pub fn unit(&mut self) -> f32 {
-        (self.0.bits() >> 8) as f32 / 16_777_216.0
+        self.0.uniform()
     }
 
     /// Uniform from `low` to `high`.

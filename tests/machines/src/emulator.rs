@@ -42,34 +42,15 @@ pub enum Clock {
     Instructions,
 }
 
-#[derive(Clone, Debug)]
-pub struct Output {
-    /// Exit status of the image, 0 if it passed; `None` after a stop at the limit.
-    pub status: Option<i32>,
-    /// Its semihosting output.
-    pub text: String,
-}
-
-impl Output {
-    /// The text of an image that passed.
-    pub fn passed(self) -> String {
-        match self.status {
-            Some(0) => self.text,
-            Some(status) => panic!("the image failed with exit status {status}:\n{}", self.text),
-            None => panic!("the image was cut by its time limit:\n{}", self.text),
-        }
-    }
-}
-
-/// Runs an image for at most `limit` of wall-clock time, without input. It is stopped at the limit
-/// even if its test has ended.
+/// Runs an image, which must pass within `limit` of wall-clock time, without input. It is stopped at
+/// the limit even if its test has ended. Returns its semihosting output.
 pub fn run(
     image: &Path,
     machine: Machine,
     clock: Clock,
     words: &[&str],
     limit: Duration,
-) -> Output {
+) -> String {
     let clock = format!("{clock:?}").to_lowercase();
     let ran = Command::new(root().join("tests/emulator"))
         .args(["--machine", machine.name(), "--clock", &clock])
@@ -86,7 +67,8 @@ pub fn run(
     match ran.status.code().or(ended) {
         Some(127) => panic!("no QEMU (qemu-system-arm) here; run tests/setup.sh"),
         // 124: the limit; 137: killed after it.
-        Some(124 | 137) | None => Output { status: None, text },
-        status => Output { status, text },
+        Some(124 | 137) | None => panic!("the image was cut by its time limit:\n{text}"),
+        Some(0) => text,
+        Some(status) => panic!("the image failed with exit status {status}:\n{text}"),
     }
 }

@@ -11,7 +11,7 @@ use kband_control::wire::{
 use kband_plant::{Change, Scene};
 
 use crate::chip::clocks::{Cause, TICKS};
-use crate::chip::core::{Bus, STACK};
+use crate::chip::core::STACK;
 use crate::chip::gpio::Wire;
 use crate::chip::kind::Kind;
 use crate::chip::world::{Event, World};
@@ -130,6 +130,16 @@ impl Rig {
         self.run(self.time() + seconds)
     }
 
+    /// Runs in steps of some s until a condition is met, which takes less than `limit` s.
+    #[track_caller]
+    pub fn run_until(&mut self, step: f64, limit: f64, is_met: impl Fn(&Self) -> bool) {
+        let end = self.time() + limit;
+        while !is_met(self) {
+            self.run_for(step);
+            assert!(self.time() < end, "not within {limit} s");
+        }
+    }
+
     /// Switches the supply off for a time in s, and on again for another.
     pub fn power_cycle(&mut self, off: f64, on: f64) -> &mut Self {
         self.act(&Act::Volts(0.0)).run_for(off);
@@ -167,8 +177,8 @@ impl Rig {
                     self.chip.supply_returns();
                 }
             }
-            Act::Link(bytes) => board.serials[1].receive(board.now, bytes),
-            Act::Bus(bytes) => board.serials[3].receive(board.now, bytes),
+            Act::Link(bytes) => board.link.receive(board.now, bytes),
+            Act::Bus(bytes) => board.fieldbus.receive(board.now, bytes),
             Act::Hang(hang) => self.chip.hangs = Some(*hang),
             Act::Halt => self.chip.debugger_halts(),
             Act::Jump(address) => self.chip.core.set_next_instruction(*address),
@@ -323,7 +333,7 @@ impl Rig {
         let frame = frame.to_vec();
         self.act(&Act::Link(frame.clone()));
         let mut receiver = Receiver::new();
-        let mut seen = self.chip.board.serials[1].sent.len();
+        let mut seen = self.chip.board.link.sent.len();
         let end = self.time() + ANSWER_TIMEOUT;
         let mut knock = self.time() + REPEAT_INTERVAL;
         while self.time() < end {
@@ -407,7 +417,7 @@ impl Rig {
 
     /// Bytes that the board has sent over its link.
     pub fn sent(&self) -> Vec<u8> {
-        let sent = self.chip.board.serials[1].sent.iter();
+        let sent = self.chip.board.link.sent.iter();
         sent.map(|(_, byte)| *byte).collect()
     }
 }

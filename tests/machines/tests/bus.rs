@@ -3,16 +3,13 @@
 use kband_control::wire::Request;
 use kband_control::{Fault, Limits, State, Target};
 use kband_machines::bus::{UNIT, float, frame, read, write};
-use kband_machines::chip::SAMPLE;
 use kband_machines::chip::gpio::Mode;
 use kband_machines::chip::kind::Kind;
 use kband_machines::chip::world::Event;
+use kband_machines::chip::{DEADLINE, SAMPLE};
 use kband_machines::hazards::Hazard;
 use kband_machines::rig::{Act, Rig};
 use kband_plant::Change;
-
-/// Cycles of the core between two samples.
-const DEADLINE: u64 = 8400;
 
 /// A machine at rest under command of its bus; rate in baud.
 fn machine(target: Target, baud: f32, parity: f32) -> Rig {
@@ -22,7 +19,7 @@ fn machine(target: Target, baud: f32, parity: f32) -> Rig {
 fn board(mut hazard: Hazard, baud: f32, parity: f32) -> Rig {
     hazard.scene.settings.link_timeout = 0.0;
     let mut rig = hazard.commissioned(Kind::Stm32f405);
-    rig.chip.board.serials[3].other_end = (baud as u64, 11);
+    rig.chip.board.fieldbus.other_end = (baud as u64, 11);
     for (key, value) in [
         ("bus_baud", baud),
         ("bus_parity", parity),
@@ -96,10 +93,10 @@ fn the_driver_is_on_only_while_an_answer_leaves() {
         let port = &rig.chip.board.ports[2];
         assert_eq!([10, 11].map(|pin| port.mode(pin)), [Mode::Function(8); 2]);
         assert_eq!(port.output(12), Some(false));
-        assert_eq!(rig.chip.board.serials[3].has_parity(), parity > 0.0);
+        assert_eq!(rig.chip.board.fieldbus.has_parity(), parity > 0.0);
         assert_eq!(driver_edges(&rig), [], "{baud}");
         assert_eq!(start(&mut rig), state(State::Starting));
-        let character = rig.chip.board.serials[3].other_byte();
+        let character = rig.chip.board.fieldbus.other_byte();
         let silence = if baud > 19_200.0 {
             1.75e-3
         } else {

@@ -94,13 +94,15 @@ fn ready_is_off_outside_the_requested_regime(kind: Kind) {
         (2.6, Act::OverCurrent(false)),
     ];
     let acts = passes.into_iter().chain(withdrawn(3.0, 3.6));
-    let rig = play(kind, &machine().acts(acts).end(4.2)).rig;
+    let mut rig = play(kind, &machine().acts(acts).end(4.2)).rig;
     assert!(rig.opening_after(2.5).is_some_and(|time| time < 1e-4));
     let dark = rig.find_time(2.5, &Event::Ready(false)).unwrap();
     let fault = rig.faults_after(2.5).unwrap();
     assert!(dark < 2.522 && fault < 2.522, "{dark} {fault}");
     let restart = rig.closes_after(2.51).expect("it can be acknowledged");
     assert!((3.6..3.7).contains(&restart), "{restart}");
+    rig.act(&Act::Enable(false)).run_for(1.0);
+    assert_eq!(rig.stored_fault(0), Some(Fault::OverCurrent.number()));
 }
 
 /// READY is on once the estimated share in gear, less its error, is above 0.5; off below 0.4.
@@ -469,10 +471,7 @@ fn flash_is_untouched_until_the_supply_settled(kind: Kind) {
         assert_eq!(save(&mut rig), refused, "{name}");
         rig.run(good + 0.098);
         assert_eq!(rig.chip.operations(), operations, "{name}");
-        while rig.chip.operations() == operations {
-            rig.run_for(1e-3);
-            assert!(rig.time() < good + 0.2, "{name}: nothing is programmed");
-        }
+        rig.run_until(1e-3, 0.1, |rig| rig.chip.operations() > operations);
         rig.run(good + 0.3);
         let faults = rig.stored_faults();
         assert!(faults.contains(&14), "{name}: {faults:?}");
@@ -489,11 +488,7 @@ fn a_supply_that_falls_ends_a_save_at_the_next_word(kind: Kind) {
     let before = rig.chip.operations();
     let save = rig.frame(&Request::Save);
     rig.act(&Act::Link(save));
-    let limit = rig.time() + 0.5;
-    while rig.chip.operations() < before + 3 {
-        rig.run_for(5e-6);
-        assert!(rig.time() < limit, "nothing is programmed");
-    }
+    rig.run_until(5e-6, 0.5, |rig| rig.chip.operations() >= before + 3);
     let start = rig.chip.operations();
     let ended = rig.act(&Act::Volts(2.6)).run_for(0.2).chip.operations();
     assert!(ended <= start + 1, "{start} words, then {ended}");
@@ -508,9 +503,7 @@ fn an_erasure_that_was_cut_short_is_repeated(kind: Kind) {
         set_pair(&mut rig, [0.7, 0.9]);
         let erasures = rig.chip.board.flash.erasures;
         rig.send(&Request::Save);
-        while rig.chip.board.flash.erasures == erasures {
-            rig.run_for(1e-3);
-        }
+        rig.run_until(1e-3, 1.0, |rig| rig.chip.board.flash.erasures > erasures);
         rig.run_for(0.19);
         rig.act(&Act::Volts(volts));
         assert!(!rig.chip.board.flash.weak.is_empty(), "{volts} V");
@@ -634,10 +627,7 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
         let frame = rig.frame(&Request::Save);
         let answers = rig.sent().len();
         rig.act(&Act::Link(frame));
-        while rig.sent().len() == answers {
-            rig.run_for(1e-3);
-            assert!(rig.time() < before + 5.0, "{n}");
-        }
+        rig.run_until(1e-3, 5.0, |rig| rig.sent().len() > answers);
         let erased = rig.chip.board.flash.erasures - erased;
         times.push((rig.time() - before, erased));
         assert_eq!(rig.stored(), SavedSettings::InUse, "{n}");
@@ -657,11 +647,8 @@ fn a_full_area_of_settings_is_saved_to_in_time(kind: Kind) {
     // The start must read the whole bank within the watchdog's period.
     rig.act(&Act::Volts(0.0)).run_for(0.01);
     rig.act(&Act::Volts(3.3));
-    let (on, start) = (rig.time(), rig.chip.handler(SAMPLE).count);
-    while rig.chip.handler(SAMPLE).count == start {
-        rig.run_for(1e-3);
-        assert!(rig.time() < on + 1.0);
-    }
+    let start = rig.chip.handler(SAMPLE).count;
+    rig.run_until(1e-3, 1.0, |rig| rig.chip.handler(SAMPLE).count > start);
     assert_eq!(rig.resets().len(), resets + 1, "power-on alone");
 }
 

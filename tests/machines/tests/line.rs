@@ -201,11 +201,11 @@ fn a_hung_link_is_a_limit_and_never_a_reset() {
     };
     alive(&mut rig, 1.0, 50);
     rig.run(3.0);
-    rig.chip.board.serials[1].stuck = true;
+    rig.chip.board.link.stuck = true;
     rig.run(6.0);
     assert!((rig.amplitude() - 0.2).abs() < 0.005, "{}", rig.amplitude());
     assert_eq!(rig.resets().len(), 1);
-    rig.chip.board.serials[1].stuck = false;
+    rig.chip.board.link.stuck = false;
     alive(&mut rig, 6.0, 5);
     rig.run(6.6);
     assert!(rig.counters().answers_dropped > 5);

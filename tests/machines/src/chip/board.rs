@@ -5,13 +5,12 @@ use super::bridge::Bridge;
 use super::check::Check;
 use super::clocks::{Cause, Clocks, START_CYCLE, TICKS};
 use super::converter::Converter;
-use super::core::Bus;
 use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
 use super::kind::{Block, Kind};
 use super::power::{Power, Supply};
 use super::serial::Serial;
-use super::system::{NMI, System, WriteEffect};
+use super::system::{NMI, System};
 use super::voltage::Voltage;
 use super::watchdog::{Independent, Window};
 use super::world::{Event, STEP, World};
@@ -20,19 +19,16 @@ use kband::arithmetic::Noise;
 
 pub const MEMORY: u32 = 0x2000_0000;
 const MEMORY_SIZE: usize = 128 * 1024;
-const COUPLED: u32 = 0x1000_0000;
-/// Addresses: identity of the chip, debug freeze register (38.16).
+/// Addresses: flash size of the STM32F405 in the upper half (39.2), identity of the chip, debug
+/// freeze registers of both buses (38.16).
+const FLASH_SIZE: u32 = 0x1fff_7a20;
 const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
+const STOPS_UPPER: u32 = 0xe004_200c;
 /// Interrupt numbers (12.2, table 62).
-const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
-/// Interrupt number of EXTI line 0.
-const EDGE: u16 = 6;
 const CONVERTED: u16 = 18;
-const TIMER_BREAK: u16 = 24;
-const TIMER_UPDATE: u16 = 25;
-const SERIAL: u16 = 37;
+const LINK: u16 = 38;
 const FIELDBUS: u16 = 52;
 /// EXTI line of the supply monitor (12.2.5).
 const MONITOR_LINE: u32 = 1 << 16;
@@ -58,9 +54,6 @@ pub struct Board {
     pub stall: u32,
     /// Whether an interrupt may be due.
     pub attention: bool,
-    /// Number of successive reads of the busy flash's status. Any write or other register read ends
-    /// the count, except the window watchdog's count.
-    pub flash_status_reads: u32,
     /// Whether the floating-point unit is on.
     pub float: bool,
     pub reset: Option<Cause>,
@@ -77,7 +70,6 @@ pub struct Board {
     power: Power,
     pub flash: Flash,
     pub ram: Vec<u8>,
-    coupled: Vec<u8>,
     /// Ports A to I.
     pub ports: Vec<Port>,
     /// TIM1.
@@ -88,8 +80,10 @@ pub struct Board {
     check: Check,
     /// Memory below the RAM; this chip has none.
     pub memory_below_ram: Vec<u8>,
-    /// USART1 to USART3, UART4.
-    pub serials: [Serial; 4],
+    /// USART2.
+    pub link: Serial,
+    /// UART4.
+    pub fieldbus: Serial,
     /// IWDG.
     pub watchdog: Independent,
     window: Window,
@@ -98,7 +92,7 @@ pub struct Board {
     lines: [u32; 6],
     monitor: bool,
     configuration: [u32; 8],
-    stops: [u32; 3],
+    stops: [u32; 2],
     pub world: World,
 }
 
@@ -112,7 +106,6 @@ impl Board {
             cycle: START_CYCLE,
             stall: 0,
             attention: false,
-            flash_status_reads: 0,
             float: false,
             reset: None,
             supplied: true,
@@ -124,21 +117,21 @@ impl Board {
             power: Power::new(kind),
             flash: Flash::new(kind),
             ram: vec![0; MEMORY_SIZE],
-            coupled: vec![0; kind.facts().coupled],
-            ports: (0..9).map(|number| Port::new(kind, number)).collect(),
+            ports: vec![Port::default(); 9],
             bridge: Bridge::new(kind),
             converter: Converter::new(kind),
             voltage: Voltage::default(),
             check: Check::default(),
             memory_below_ram: Vec::new(),
-            serials: std::array::from_fn(|_| Serial::new(kind)),
+            link: Serial::new(kind),
+            fieldbus: Serial::new(kind),
             watchdog: Independent::new(),
             window: Window::new(kind),
             system: System::new(),
             lines: [0; 6],
             monitor: false,
             configuration: [0; 8],
-            stops: [0; 3],
+            stops: [0; 2],
             world: World::default(),
         }
     }
@@ -153,9 +146,10 @@ impl Board {
         self.ports.iter_mut().for_each(Port::reset);
         self.bridge.reset();
         self.converter = Converter::new(self.kind);
-        self.voltage.reset();
+        self.voltage = Voltage::default();
         self.check = Check::default();
-        self.serials.iter_mut().for_each(Serial::reset);
+        self.link.reset();
+        self.fieldbus.reset();
         self.watchdog
             .reset(self.flash.hardware_watchdog(), self.now);
         self.window = Window::new(self.kind);
@@ -167,7 +161,7 @@ impl Board {
         self.float = false;
         self.stall = 0;
         if cause == Cause::Power {
-            self.stops = [0; 3];
+            self.stops = [0; 2];
         }
         self.refresh();
     }
@@ -175,7 +169,7 @@ impl Board {
     /// Fills the RAM with noise, as after a loss of the supply.
     pub fn scramble(&mut self, seed: u64) {
         let mut noise = Noise::new(seed);
-        for byte in self.ram.iter_mut().chain(&mut self.coupled) {
+        for byte in &mut self.ram {
             *byte = noise.bits() as u8;
         }
     }
@@ -205,13 +199,13 @@ impl Board {
             let what = format!("the core at {core} MHz, above its limit of {limit} MHz");
             self.world.violate(self.now, what);
         }
-        let stopped = self.halted && self.stops[2] & self.kind.facts().timer_stop.1 != 0;
-        let timer = cycle * u64::from(self.clocks.timer_divider(true));
+        // TIM1 of the STM32F405.
+        let stopped = self.halted && self.stops[1] & 1 != 0;
+        let timer = cycle * u64::from(self.clocks.timer_divider());
         self.bridge
             .set_cycle(if stopped { 0 } else { timer }, self.now);
-        for (serial, upper) in self.serials.iter_mut().zip([true, false, false, false]) {
-            serial.cycle = cycle * u64::from(self.clocks.divider(upper));
-        }
+        self.link.cycle = self.lower();
+        self.fieldbus.cycle = self.lower();
     }
 
     /// Duration of an APB1 cycle, ticks.
@@ -219,23 +213,12 @@ impl Board {
         self.cycle * u64::from(self.clocks.divider(false))
     }
 
-    fn upper(&self) -> u64 {
-        self.cycle * u64::from(self.clocks.divider(true))
-    }
-
     fn interrupts(&mut self) {
         let system = &mut self.system;
-        system.line(WINDOW, self.window.interrupts());
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
-        system.line(EDGE, self.lines[5] & self.lines[0] & 1 != 0);
         system.line(CONVERTED, self.converter.interrupts());
-        let [update, broke] = self.bridge.interrupts();
-        system.line(TIMER_UPDATE, update);
-        system.line(TIMER_BREAK, broke);
-        let numbers = [SERIAL, SERIAL + 1, SERIAL + 2, FIELDBUS];
-        for (number, serial) in numbers.into_iter().zip(&self.serials) {
-            system.line(number, serial.interrupts());
-        }
+        system.line(LINK, self.link.interrupts());
+        system.line(FIELDBUS, self.fieldbus.interrupts());
         if self.clocks.security() {
             system.pend(NMI);
         }
@@ -267,19 +250,18 @@ impl Board {
             return;
         }
         let lower = self.lower();
-        let mut next = self.world.due.min(self.watchdog.due());
-        if !self.halted {
-            next = next.min(self.system.tick_due);
-        }
-        next = next
+        let tick = if self.halted {
+            u64::MAX
+        } else {
+            self.system.tick_due
+        };
+        self.next = (self.world.due.min(tick))
+            .min(self.watchdog.due())
             .min(self.bridge.due())
-            .min(self.converter.due())
+            .min(self.converter.due)
             .min(self.window.due(lower))
-            .min(self.window.warns(lower));
-        for serial in &self.serials {
-            next = next.min(serial.due());
-        }
-        self.next = next;
+            .min(self.link.due())
+            .min(self.fieldbus.due());
     }
 
     pub(super) fn run_due(&mut self) {
@@ -295,7 +277,7 @@ impl Board {
         loop {
             let track = self.world.due;
             let (bridge, converter) = if self.supplied {
-                (self.bridge.due(), self.converter.due())
+                (self.bridge.due(), self.converter.due)
             } else {
                 (u64::MAX, u64::MAX)
             };
@@ -321,7 +303,7 @@ impl Board {
         while !self.halted && self.cycle > 0 && self.system.tick_due <= now {
             self.system.tick(self.cycle);
         }
-        for serial in &mut self.serials {
+        for serial in [&mut self.link, &mut self.fieldbus] {
             while serial.due() <= now {
                 serial.run_events(now);
             }
@@ -344,9 +326,6 @@ impl Board {
         if self.watchdog.due() <= self.now {
             self.reset = Some(Cause::Watchdog);
         }
-        if self.window.warns(lower) <= self.now {
-            self.window.early = true;
-        }
         if self.window.due(lower) <= self.now {
             self.reset = Some(Cause::Window);
         }
@@ -355,7 +334,7 @@ impl Board {
     /// Triggers the converter at tick `at` if the bridge does.
     fn trigger(&mut self, triggers: bool, at: u64) {
         if triggers && self.converts {
-            let upper = self.upper();
+            let upper = self.cycle * u64::from(self.clocks.divider(true));
             self.converter.trigger(at, upper);
             if self.bridge.driven() {
                 let sampled = self.converter.samples(upper) / self.cycle.max(1);
@@ -455,10 +434,10 @@ impl Board {
         self.pass(until);
         let ticks = self.now - from;
         self.system.pause(ticks);
-        if self.stops[1] >> 12 & 1 == 1 {
+        if self.stops[0] >> 12 & 1 == 1 {
             self.watchdog.suspend(ticks);
         }
-        if self.stops[1] >> 11 & 1 == 1 {
+        if self.stops[0] >> 11 & 1 == 1 {
             self.window.pause(ticks);
         }
         self.schedule();
@@ -470,12 +449,6 @@ impl Board {
         if self.power.volts < lowest && self.clock() > 60_000_000 && self.bridge.driven() {
             self.world.outside += ticks;
         }
-    }
-
-    /// Tick until which nothing changes for a core that reads only flash status and window count.
-    pub fn is_still_until(&self) -> u64 {
-        let counts = self.window.counts_at(self.now, self.lower());
-        self.next.min(self.flash.busy).min(counts)
     }
 
     /// Reports a read of a flash word with two wrong bits (RM0440, 3.3.7).
@@ -515,18 +488,10 @@ impl Board {
         };
         let (now, lower) = (self.now, self.lower());
         match block {
-            Block::Flash if offset == self.flash.status_offset() && self.flash.busy > now => {
-                self.flash_status_reads = self.flash_status_reads.saturating_add(1);
-                self.attention = true;
-            }
-            // The window watchdog's count.
-            Block::Window if offset == 0 => {}
-            _ => self.flash_status_reads = 0,
-        }
-        match block {
             Block::Window => self.window.read(offset, now, lower),
             Block::Watchdog => self.watchdog.read(offset, now),
-            Block::Serial(number) => self.serials[number].read(offset),
+            Block::Link => self.link.read(offset),
+            Block::Fieldbus => self.fieldbus.read(offset),
             Block::Power => self.power.read(offset),
             Block::Voltage => self.voltage.read(offset),
             Block::Bridge => self.bridge.read(offset, now),
@@ -536,8 +501,22 @@ impl Board {
             Block::Port(number) => self.ports[number].read(offset),
             Block::Check => self.check.read(offset),
             Block::Clocks => self.clocks.read(offset, now),
-            Block::Flash => self.flash.register(offset, now),
+            Block::Flash => {
+                if offset == self.flash.status_offset() {
+                    self.skip_flash_wait();
+                }
+                self.flash.register(offset, now)
+            }
         }
+    }
+
+    /// Delays a read of the busy flash's status until something changes. A program waits for the
+    /// flash in a loop that reads only this status and the window watchdog's count.
+    fn skip_flash_wait(&mut self) {
+        let counts = self.window.counts_at(self.now, self.lower());
+        let until = self.next.min(self.flash.busy).min(counts);
+        let ticks = until.saturating_sub(self.now);
+        self.stall += ticks.checked_div(self.cycle).unwrap_or(0) as u32;
     }
 
     fn set_register(&mut self, at: u32, value: u32) {
@@ -549,7 +528,8 @@ impl Board {
         match block {
             Block::Window => self.window.write(offset, value, now, lower),
             Block::Watchdog => self.watchdog.write(offset, value, now),
-            Block::Serial(number) => self.serials[number].write(offset, value, now),
+            Block::Link => self.link.write(offset, value, now),
+            Block::Fieldbus => self.fieldbus.write(offset, value, now),
             Block::Power => {
                 self.power.write(offset, value);
                 self.follow_monitor();
@@ -612,30 +592,28 @@ impl Board {
     }
 
     fn own(&mut self, address: u32) -> u32 {
-        self.flash_status_reads = 0;
         match address {
             IDENTITY => self.identity.0,
-            0xe004_2004 => self.stops[0],
-            STOPS_LOWER => self.stops[1],
-            address if address == self.kind.facts().timer_stop.0 => self.stops[2],
+            STOPS_LOWER => self.stops[0],
+            STOPS_UPPER => self.stops[1],
             address => self.system.read(address, self.now, self.cycle, self.cycles),
         }
     }
 
-    fn set_own(&mut self, address: u32, size: u32, value: u32) -> WriteEffect {
+    fn set_own(&mut self, address: u32, size: u32, value: u32) {
         match address {
-            0xe004_2004 => self.stops[0] = value,
-            STOPS_LOWER => self.stops[1] = value,
-            address if address == self.kind.facts().timer_stop.0 => self.stops[2] = value,
+            STOPS_LOWER => self.stops[0] = value,
+            STOPS_UPPER => self.stops[1] = value,
             address => {
                 let (now, cycle, cycles) = (self.now, self.cycle, self.cycles);
-                let effect = self.system.write(address, size, value, now, cycle, cycles);
+                if self.system.write(address, size, value, now, cycle, cycles) {
+                    self.reset = Some(Cause::Software);
+                }
+                self.float = self.system.float();
                 self.attention = true;
                 self.schedule();
-                return effect;
             }
         }
-        WriteEffect::Nothing
     }
 
     #[inline(never)]
@@ -658,18 +636,7 @@ impl Board {
                 self.check_word(at);
                 number(&self.flash.bytes, at, size)
             }
-            1 if address < COUPLED + self.coupled.len() as u32 => {
-                number(&self.coupled, (address - COUPLED) as usize, size)
-            }
-            1 => match address & !3 {
-                place if place == self.kind.facts().flash_size => {
-                    let half = if self.kind == Kind::Stm32f405 { 16 } else { 0 };
-                    Some(self.identity.1 << half >> (8 * (address & 3)))
-                }
-                0x1fff_7a10..=0x1fff_7a1c => Some(0x0039_0020),
-                0x1fff_c000..=0x1fff_c00c => Some(self.flash.options >> 8 & 0xffff),
-                _ => None,
-            },
+            1 if address & !3 == FLASH_SIZE => Some(self.identity.1 << 16 >> (8 * (address & 3))),
             4 | 5 => Some(self.register(address & !3) >> (8 * (address & 3))),
             0xe => Some(self.own(address & !3) >> (8 * (address & 3))),
             _ => None,
@@ -693,10 +660,6 @@ impl Board {
                 self.operated(before);
                 Some(())
             }
-            1 => {
-                let at = address.wrapping_sub(COUPLED) as usize;
-                put(&mut self.coupled, at, size, value)
-            }
             4 | 5 => {
                 let word = address & !3;
                 let value = if size == 4 {
@@ -711,11 +674,7 @@ impl Board {
                 Some(())
             }
             0xe => {
-                match self.set_own(address, size, value) {
-                    WriteEffect::Reset => self.reset = Some(Cause::Software),
-                    WriteEffect::Float(on) => self.float = on,
-                    WriteEffect::Nothing => {}
-                }
+                self.set_own(address, size, value);
                 Some(())
             }
             _ => None,
@@ -760,22 +719,25 @@ fn put(bytes: &mut [u8], at: usize, size: u32, value: u32) -> Option<()> {
     Some(())
 }
 
-impl Bus for Board {
+/// The bus of the core; `None` for an address without memory or peripheral.
+impl Board {
+    /// Reads 1, 2 or 4 bytes.
     #[inline]
-    fn load(&mut self, address: u32, size: u32) -> Option<u32> {
+    pub fn load(&mut self, address: u32, size: u32) -> Option<u32> {
         let at = address.wrapping_sub(MEMORY) as usize;
         number(&self.ram, at, size).or_else(|| self.load_elsewhere(address, size))
     }
 
+    /// Writes 1, 2 or 4 bytes.
     #[inline]
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
-        self.flash_status_reads = 0;
+    pub fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()> {
         let at = address.wrapping_sub(MEMORY) as usize;
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }
 
+    /// Fetches two bytes of an instruction.
     #[inline]
-    fn fetch(&mut self, address: u32) -> Option<u16> {
+    pub fn fetch(&mut self, address: u32) -> Option<u16> {
         let at = address.wrapping_sub(flash::START) as usize;
         let idle = self.now >= self.flash.busy;
         (idle.then(|| number(&self.flash.bytes, at, 2)).flatten())
@@ -783,8 +745,9 @@ impl Bus for Board {
             .map(|half| half as u16)
     }
 
+    /// Called when an instruction is in another line of 16 bytes than the previous one.
     #[inline]
-    fn line(&mut self, address: u32) {
+    pub fn line(&mut self, address: u32) {
         if flash::RANGE.contains(&address) {
             self.wait_for_flash(address);
             self.stall += self.flash.fetch(address);

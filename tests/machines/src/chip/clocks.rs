@@ -296,12 +296,9 @@ impl Clocks {
         if code < 4 { 1 } else { 2 << (code - 4) }
     }
 
-    /// Divider from the core's clock to that of a bus's timers (7.2).
-    pub fn timer_divider(&self, upper: bool) -> u32 {
-        match self.divider(upper) {
-            1 => 1,
-            divider => divider / 2,
-        }
+    /// Divider from the core's clock to that of the timers of APB2 (7.2).
+    pub fn timer_divider(&self) -> u32 {
+        (self.divider(true) / 2).max(1)
     }
 
     /// Whether a block has its clock (7.3.10 to 7.3.14; RM0440, 7.4.13 to 7.4.19); true for those
@@ -311,11 +308,11 @@ impl Clocks {
             (Kind::Stm32f405, Block::Port(number)) => (0x30, 1 << number),
             (Kind::Stm32f405, Block::Check) => (0x30, 1 << 12),
             (Kind::Stm32f405, Block::Window) => (0x40, 1 << 11),
-            (Kind::Stm32f405, Block::Serial(number @ 1..)) => (0x40, 1 << (16 + number)),
+            (Kind::Stm32f405, Block::Link) => (0x40, 1 << 17),
+            (Kind::Stm32f405, Block::Fieldbus) => (0x40, 1 << 19),
             (Kind::Stm32f405, Block::Power) => (0x40, 1 << 28),
             (Kind::Stm32f405, Block::Voltage) => (0x40, 1 << 29),
             (Kind::Stm32f405, Block::Bridge) => (0x44, 1),
-            (Kind::Stm32f405, Block::Serial(0)) => (0x44, 1 << 4),
             (Kind::Stm32f405, Block::Converter) => (0x44, 7 << 8),
             (Kind::Stm32f405, Block::Configuration) => (0x44, 1 << 14),
             (Kind::Stm32g474, Block::Check) => (0x48, 1 << 12),
@@ -323,11 +320,11 @@ impl Clocks {
             (Kind::Stm32g474, Block::Converter) => (0x4c, 1 << 13),
             (Kind::Stm32g474, Block::Voltage) => (0x4c, 1 << 16),
             (Kind::Stm32g474, Block::Window) => (0x58, 1 << 11),
-            (Kind::Stm32g474, Block::Serial(number @ 1..)) => (0x58, 1 << (16 + number)),
+            (Kind::Stm32g474, Block::Link) => (0x58, 1 << 17),
+            (Kind::Stm32g474, Block::Fieldbus) => (0x58, 1 << 19),
             (Kind::Stm32g474, Block::Power) => (0x58, 1 << 28),
             (Kind::Stm32g474, Block::Configuration) => (0x60, 1),
             (Kind::Stm32g474, Block::Bridge) => (0x60, 1 << 11),
-            (Kind::Stm32g474, Block::Serial(0)) => (0x60, 1 << 14),
             _ => return true,
         };
         word(&self.others, register) & bits != 0

@@ -4,18 +4,26 @@
 use super::kind::Kind;
 use super::{set_word, word};
 
-/// End of the injected group: its flags in SR (ISR on the STM32G474), and its interrupt's enables.
-const ENDED: u32 = 1 << 2;
-const ENDED_G474: u32 = 3 << 5;
-const ENABLED: u32 = 1 << 7;
+/// Bit of CR2, and of CR on the STM32G474.
 const ON: u32 = 1;
+// Tables of two rows: of the STM32F405, and of the STM32G474.
+/// Flags of the injected group's end in SR (ISR).
+const ENDED: [u32; 2] = [1 << 2, 3 << 5];
+/// Offsets of the common clock register and of the first result.
+const COMMON: [u32; 2] = [0x304, 0x308];
+const RESULTS: [u32; 2] = [0x3c, 0x80];
 /// Sampling times by code, half cycles (13.13.5; RM0440, 21.7.6).
-const SAMPLING: [u32; 8] = [6, 30, 56, 112, 168, 224, 288, 960];
-const SAMPLING_G474: [u32; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
+const SAMPLING: [[u32; 8]; 2] = [
+    [6, 30, 56, 112, 168, 224, 288, 960],
+    [5, 13, 25, 49, 95, 185, 495, 1281],
+];
+/// Offsets of the sampling times of channels 0 to 9, and of the others.
+const SAMPLING_TIMES: [[u32; 2]; 2] = [[0x10, 0x0c], [0x14, 0x18]];
+/// Duration of a conversion, half cycles.
+const CONVERSION: [u32; 2] = [24, 25];
 /// Delay from a trigger to the sampling, half cycles (DS8626, table 67; DS12288, ADC
 /// characteristics).
-const TRIGGER_DELAY: u32 = 6;
-const TRIGGER_DELAY_G474: u32 = 7;
+const TRIGGER_DELAY: [u32; 2] = [6, 7];
 
 /// Bits of the STM32G474 (RM0440, 21.7): ready in ISR; start and stop in CR.
 const READY_G474: u32 = 1;
@@ -33,7 +41,7 @@ pub struct Converter {
     registers: [u32; 64],
     prescaler: u32,
     /// End tick of the running group.
-    due: u64,
+    pub due: u64,
 }
 
 impl Converter {
@@ -48,16 +56,16 @@ impl Converter {
 
     /// Reads a register; from `offset` 0x300 on a common one.
     pub fn read(&self, offset: u32) -> u32 {
-        match (self.kind, offset) {
-            (Kind::Stm32f405, 0x304) | (Kind::Stm32g474, 0x308) => self.prescaler,
-            _ => word(&self.registers, offset),
+        if offset == COMMON[self.kind as usize] {
+            return self.prescaler;
         }
+        word(&self.registers, offset)
     }
 
     /// Writes a register. On the STM32G474 regulator and calibration take no time here.
     pub fn write(&mut self, offset: u32, value: u32) {
         match (self.kind, offset) {
-            (Kind::Stm32f405, 0x304) | (Kind::Stm32g474, 0x308) => self.prescaler = value,
+            (kind, offset) if offset == COMMON[kind as usize] => self.prescaler = value,
             (Kind::Stm32f405, 0x00) => self.registers[0] &= value,
             (Kind::Stm32g474, 0x00) => self.registers[0] &= !value,
             (Kind::Stm32g474, 0x08) => {
@@ -69,23 +77,16 @@ impl Converter {
                     self.registers[0] |= READY_G474;
                 }
             }
-            // The results.
-            (Kind::Stm32f405, 0x3c..=0x4c) | (Kind::Stm32g474, 0x80..=0x8c) => {}
             _ => set_word(&mut self.registers, offset, value),
         }
     }
 
-    /// Durations of a channel's sampling and of its conversion, half converter cycles.
-    fn half_cycles(&self, channel: u32) -> (u32, u32) {
-        let (number, shift) = (usize::from(channel >= 10), 3 * (channel % 10));
-        let code = |registers: [u32; 2]| (registers[number] >> shift & 7) as usize;
-        match self.kind {
-            Kind::Stm32f405 => (SAMPLING[code([self.registers[4], self.registers[3]])], 24),
-            Kind::Stm32g474 => {
-                let sampling = SAMPLING_G474[code([self.registers[5], self.registers[6]])];
-                (sampling, 25)
-            }
-        }
+    /// Duration of a channel's sampling, half converter cycles.
+    fn sampling(&self, channel: u32) -> u32 {
+        let kind = self.kind as usize;
+        let codes = SAMPLING_TIMES[kind][usize::from(channel >= 10)];
+        let code = word(&self.registers, codes) >> (3 * (channel % 10)) & 7;
+        SAMPLING[kind][code as usize]
     }
 
     /// Divider from the bus clock to the converter's.
@@ -101,12 +102,8 @@ impl Converter {
 
     /// Ticks from a trigger to the end of the group's first sample; an APB2 cycle takes `cycle`.
     pub fn samples(&self, cycle: u64) -> u64 {
-        let channel = self.group().first().copied().unwrap_or(0);
-        let delay = match self.kind {
-            Kind::Stm32f405 => TRIGGER_DELAY,
-            Kind::Stm32g474 => TRIGGER_DELAY_G474,
-        };
-        let (sampling, _) = self.half_cycles(channel);
+        let delay = TRIGGER_DELAY[self.kind as usize];
+        let sampling = self.sampling(self.group()[0]);
         u64::from((delay + sampling) * self.divider()) * cycle / 2
     }
 
@@ -136,39 +133,32 @@ impl Converter {
             }
         };
         if control & ON != 0 && is_triggered && self.due == u64::MAX {
-            let group = self.group().into_iter();
-            let times = group.map(|channel| {
-                let (sampling, conversion) = self.half_cycles(channel);
-                u64::from((sampling + conversion) * self.divider()) * cycle / 2
+            let conversion = CONVERSION[self.kind as usize];
+            let times = self.group().into_iter().map(|channel| {
+                u64::from((self.sampling(channel) + conversion) * self.divider()) * cycle / 2
             });
             self.due = now + times.sum::<u64>();
         }
     }
 
-    /// Tick at which the group ends.
-    pub fn due(&self) -> u64 {
-        self.due
-    }
-
     /// Ends the group with the readings `level` of each channel, 0 to 4095.
     pub fn end(&mut self, level: impl Fn(u32) -> u16) {
         self.due = u64::MAX;
-        let (results, ended) = match self.kind {
-            Kind::Stm32f405 => (0x3c / 4, ENDED),
-            Kind::Stm32g474 => (0x80 / 4, ENDED_G474),
-        };
-        for (rank, channel) in self.group().into_iter().enumerate() {
-            self.registers[results + rank] = level(channel).into();
+        let kind = self.kind as usize;
+        for (place, channel) in (RESULTS[kind]..).step_by(4).zip(self.group()) {
+            set_word(&mut self.registers, place, level(channel).into());
         }
-        self.registers[0] |= ended;
+        self.registers[0] |= ENDED[kind];
     }
 
     /// Whether it requests its interrupt.
     pub fn interrupts(&self) -> bool {
-        let (status, control) = (self.registers[0], self.registers[1]);
-        match self.kind {
-            Kind::Stm32f405 => status & ENDED != 0 && control & ENABLED != 0,
-            Kind::Stm32g474 => status & control & ENDED_G474 != 0,
-        }
+        let ended = self.registers[0] & ENDED[self.kind as usize];
+        // Enables in CR1 and IER: for each flag its own.
+        let enabled = match self.kind {
+            Kind::Stm32f405 => self.registers[1] >> 5,
+            Kind::Stm32g474 => self.registers[1],
+        };
+        ended & enabled != 0
     }
 }

@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use super::clocks::TICKS;
 use super::kind::Kind;
+use kband::arithmetic::Noise;
 
 mod pages;
 
@@ -23,7 +24,6 @@ const RESET_INSTRUCTIONS: u32 = 1 << 11;
 const RESET_DATA: u32 = 1 << 12;
 const PROGRAM: u32 = 1;
 const ERASE_SECTOR: u32 = 1 << 1;
-const ERASE_ALL: u32 = 1 << 2;
 const START_ERASING: u32 = 1 << 16;
 const LOCKED: u32 = 1 << 31;
 /// Error bits of the status register: parallelism, sequence.
@@ -43,13 +43,9 @@ const OPTION_BYTES: u32 = 0x0fff_ffec;
 const LINES: [usize; 2] = [64, 8];
 /// Duration of programming a word, ticks: 16 us (DS8626, flash memory programming).
 const WORD_TIME: u64 = 16 * TICKS / 1_000_000;
-/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64, 128 KiB
-/// and all; rows: by bytes, half words and words. The longest durations are twice as long.
-const ERASE_TIMES: [[u64; 4]; 3] = [
-    [400, 1200, 2000, 16_000],
-    [300, 700, 1300, 11_000],
-    [250, 550, 1000, 8_000],
-];
+/// Typical durations of an erasure, ms (DS8626, flash memory programming). Columns: 16, 64 and 128
+/// KiB; rows: by bytes, half words and words. The longest durations are twice as long.
+const ERASE_TIMES: [[u64; 3]; 3] = [[400, 1200, 2000], [300, 700, 1300], [250, 550, 1000]];
 
 /// Size of the longest word that a chip programs at once, bytes; a sector is larger.
 const LONGEST_WORD: usize = 8;
@@ -127,7 +123,7 @@ pub struct Flash {
     /// Duration of an erasure in ticks that overrides the data sheet.
     pub erases_in: Option<u64>,
     /// Sectors with an incomplete last erasure. They may read as erased, but not reliably.
-    pub weak: BTreeSet<usize>,
+    pub weak: Vec<Range<usize>>,
     pub programmed_weak: bool,
     /// Whether a word of the STM32G474 was programmed with the data cache on. A read of the other
     /// bank may then corrupt the cache; `embassy-stm32` 0.6.0 switches it off (flash/g.rs).
@@ -217,13 +213,6 @@ impl Flash {
         now < self.busy && (self.kind == Kind::Stm32f405 || self.shares_bank(offset))
     }
 
-    fn sector_at(&self, offset: usize) -> Option<usize> {
-        if self.kind == Kind::Stm32g474 {
-            return Some(offset / pages::SIZE);
-        }
-        (0..12).find(|number| sector(*number).is_some_and(|range| range.contains(&offset)))
-    }
-
     /// Sets the option bytes as if programmed and loaded.
     pub fn set_options(&mut self, options: u32) {
         let bytes = match self.kind {
@@ -280,24 +269,24 @@ impl Flash {
 
     /// Reads a register by its offset at tick `now`.
     pub fn register(&self, offset: u32, now: u64) -> u32 {
-        if self.kind == Kind::Stm32g474 {
-            return self.page_register(offset, now);
-        }
-        match offset {
-            0x00 => self.access,
-            0x0c => self.status | (u32::from(now < self.busy) * BUSY),
-            0x10 => {
-                self.control
-                    | (u32::from(now < self.busy) * START_ERASING * (self.control >> 1 & 1))
+        match (self.kind, offset) {
+            (_, 0x00) => self.access,
+            (_, offset) if offset == self.status_offset() => {
+                self.status | (u32::from(now < self.busy) * BUSY)
             }
-            0x14 => self.option_control,
+            (Kind::Stm32f405, 0x10) => self.control,
+            (Kind::Stm32f405, 0x14) => self.option_control,
+            (Kind::Stm32g474, 0x14) => self.control | pages::OPTION_LOCK,
+            (Kind::Stm32g474, 0x18) => self.code,
+            (Kind::Stm32g474, 0x20) => self.options,
             _ => 0,
         }
     }
 
+    /// Writes a register. The option bytes of the STM32G474 cannot be written here.
     pub fn set_register(&mut self, offset: u32, value: u32, now: u64) {
-        match offset {
-            0x00 => {
+        match (self.kind, offset) {
+            (_, 0x00) => {
                 self.access = value & 0x707;
                 if value & RESET_INSTRUCTIONS != 0 {
                     self.instructions.clear();
@@ -307,22 +296,18 @@ impl Flash {
                     self.stale = None;
                 }
             }
-            offset if self.kind == Kind::Stm32g474 => self.set_page_register(offset, value, now),
-            0x04 => self.unlock(value),
-            0x08 => {
+            (Kind::Stm32f405, 0x04) | (Kind::Stm32g474, 0x08) => {
+                let opens = turn(&mut self.keys, KEYS, value);
+                self.control &= !(u32::from(opens) * LOCKED);
+            }
+            (Kind::Stm32f405, 0x0c) => self.status &= !(value & ERRORS),
+            (Kind::Stm32g474, 0x10) => self.status &= !(value & pages::ERRORS),
+            (Kind::Stm32f405, 0x10) | (Kind::Stm32g474, 0x14) => self.set_control(value, now),
+            (Kind::Stm32f405, 0x08) => {
                 let opens = turn(&mut self.option_keys, OPTION_KEYS, value);
                 self.option_control &= !(u32::from(opens) * OPTIONS_LOCKED);
             }
-            0x0c => self.status &= !(value & ERRORS),
-            0x10 if self.control & LOCKED == 0 => {
-                self.control = value & !START_ERASING;
-                if value & LOCKED != 0 {
-                    self.keys = 0;
-                } else if value & START_ERASING != 0 {
-                    self.erase(now);
-                }
-            }
-            0x14 if self.option_control & OPTIONS_LOCKED == 0 => {
+            (Kind::Stm32f405, 0x14) if self.option_control & OPTIONS_LOCKED == 0 => {
                 self.option_control = value & !OPTIONS_START;
                 if value & OPTIONS_LOCKED != 0 {
                     self.option_keys = 0;
@@ -333,14 +318,25 @@ impl Flash {
                     self.busy = now + self.erasure(0);
                 }
             }
+            (Kind::Stm32g474, 0x18) => self.code &= !(value & pages::DOUBLE_ERROR),
             _ => {}
         }
     }
 
-    /// Compares a key; the second of two right ones unlocks the controller.
-    fn unlock(&mut self, key: u32) {
-        let opens = turn(&mut self.keys, KEYS, key);
-        self.control &= !(u32::from(opens) * LOCKED);
+    fn set_control(&mut self, value: u32, now: u64) {
+        if self.control & LOCKED != 0 {
+            return;
+        }
+        self.control = value & !START_ERASING;
+        self.half = None;
+        if value & LOCKED != 0 {
+            self.keys = 0;
+        } else if value & START_ERASING != 0 {
+            match self.kind {
+                Kind::Stm32f405 => self.erase(now),
+                Kind::Stm32g474 => self.erase_page(now),
+            }
+        }
     }
 
     fn time(&self, typical: u64) -> u64 {
@@ -356,29 +352,21 @@ impl Flash {
 
     fn erase(&mut self, now: u64) {
         let number = self.control as usize >> 3 & 0xf;
-        if self.control & ERASE_ALL != 0 {
-            self.bytes.fill(0xff);
-            self.weak.clear();
-            self.begin_erasure(0..SIZE, self.erasure(3), now);
-        } else if self.control & ERASE_SECTOR != 0
+        if self.control & ERASE_SECTOR != 0
             && let Some(range) = sector(number)
         {
             let size = usize::from(number >= 4) + usize::from(number >= 5);
-            self.erase_sector(number, range, self.erasure(size), now);
+            self.erase_sector(range, self.erasure(size), now);
         } else {
             self.status |= WRONG_SEQUENCE;
         }
     }
 
-    fn erase_sector(&mut self, number: usize, range: Range<usize>, duration: u64, now: u64) {
+    fn erase_sector(&mut self, range: Range<usize>, duration: u64, now: u64) {
         self.under_way = Some((range.start, self.bytes[range.clone()].to_vec()));
         self.bytes[range.clone()].fill(0xff);
         self.erasures += 1;
-        self.weak.remove(&number);
-        self.begin_erasure(range, duration, now);
-    }
-
-    fn begin_erasure(&mut self, range: Range<usize>, duration: u64, now: u64) {
+        self.weak.retain(|weak| *weak != range);
         self.stale = (self.access & DATA_CACHE != 0).then_some(range);
         self.operations += 1;
         (self.duration, self.busy) = (duration, now + duration);
@@ -389,9 +377,8 @@ impl Flash {
         if now < self.busy
             && let Some((at, before)) = &self.under_way
             && before.len() > LONGEST_WORD
-            && let Some(number) = self.sector_at(*at)
         {
-            self.weak.insert(number);
+            self.weak.push(*at..*at + before.len());
         }
     }
 
@@ -410,10 +397,9 @@ impl Flash {
         if self.kind == Kind::Stm32g474 {
             self.tear(at, before.len());
         }
-        let mut state = now | 1;
+        let mut noise = Noise::new(now);
         for (place, before) in self.bytes[at..].iter_mut().zip(before) {
-            state = (state.wrapping_mul(6_364_136_223_846_793_005)).wrapping_add(1);
-            let mask = (state >> 33) as u8;
+            let mask = noise.bits() as u8;
             *place = *place & mask | before & !mask;
         }
     }
@@ -429,8 +415,7 @@ impl Flash {
         if 1 << (self.control >> 8 & 3) != size {
             return self.status |= WRONG_SIZE;
         }
-        let sector = self.sector_at(offset);
-        self.programmed_weak |= sector.is_some_and(|number| self.weak.contains(&number));
+        self.programmed_weak |= self.weak.iter().any(|range| range.contains(&offset));
         let at = START + offset as u32;
         let worn = self.worn.filter(|(address, _)| *address == at);
         let value = value | worn.map_or(0, |(_, bits)| bits);

@@ -1,6 +1,5 @@
 //! Model of a port of sixteen pins (RM0090, chapter 8; RM0440, chapter 9).
 
-use super::kind::Kind;
 use super::{set_word, word};
 
 /// External level at a pin.
@@ -23,31 +22,16 @@ pub enum Mode {
     Analogue,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Port {
     pub wires: [Wire; 16],
     registers: [u32; 10],
-    /// Mode and pull after a reset; ports A and B have the pins of the debugger.
-    first: [u32; 2],
 }
 
 impl Port {
-    /// Builds port `number` of a chip; A is 0.
-    pub fn new(kind: Kind, number: usize) -> Self {
-        let first = kind.facts().ports[number.min(2)];
-        let mut port = Self {
-            wires: [Wire::Open; 16],
-            registers: [0; 10],
-            first,
-        };
-        port.reset();
-        port
-    }
-
+    /// Resets the registers. All pins are inputs then, which float as analogue pins do.
     pub fn reset(&mut self) {
         self.registers = [0; 10];
-        self.registers[0] = self.first[0];
-        self.registers[3] = self.first[1];
     }
 
     pub fn read(&self, offset: u32) -> u32 {

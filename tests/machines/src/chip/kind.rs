@@ -20,12 +20,6 @@ pub struct Facts {
     pub feature: Option<&'static str>,
     /// Identity (DBGMCU_IDCODE), and flash size in KiB.
     pub identity: (u32, u32),
-    /// Address of the word with the flash size.
-    pub flash_size: u32,
-    /// Size of the core-coupled memory at its own address, bytes.
-    pub coupled: usize,
-    /// Debug freeze register of APB2, and its bit for TIM1.
-    pub timer_stop: (u32, u32),
     /// Highest frequency of the core in Hz, and the one without range 1 boost.
     pub fastest: [u32; 2],
     /// Lowest supply for the highest frequency and for the flash, V.
@@ -40,8 +34,6 @@ pub struct Facts {
     pub timer_function: u8,
     /// Converter channels: accelerometer (PA1), current sensor (PC0).
     pub channels: [u32; 2],
-    /// Mode and pull registers after a reset: ports A and B with the debugger's pins, the others.
-    pub ports: [[u32; 2]; 3],
     /// Bits of the prescaler in the window watchdog's configuration.
     pub window_prescaler: u32,
     /// Spread of the independent watchdog's oscillator, Hz.
@@ -61,9 +53,6 @@ pub struct Facts {
 const STM32F405: Facts = Facts {
     feature: None,
     identity: (0x1007_6413, 1024),
-    flash_size: 0x1fff_7a20,
-    coupled: 64 * 1024,
-    timer_stop: (0xe004_200c, 1),
     // DS8626, table 14.
     fastest: [168_000_000; 2],
     // With 5 wait states, and with programming of the flash by words (DS8626, table 15).
@@ -74,7 +63,6 @@ const STM32F405: Facts = Facts {
     brown_out: &[2.83, 2.44, 2.19, 0.0],
     timer_function: 1,
     channels: [1, 10],
-    ports: [[0xa800_0000, 0x6400_0000], [0x280, 0x100], [0, 0]],
     window_prescaler: 3 << 7,
     // DS8626, table 40.
     watchdog_clock: [17e3, 47e3],
@@ -88,10 +76,6 @@ const STM32F405: Facts = Facts {
 const STM32G474: Facts = Facts {
     feature: Some("stm32g474re"),
     identity: (0x2003_6469, 512),
-    flash_size: 0x1fff_75e0,
-    // The program uses it at its second address, at the end of the RAM.
-    coupled: 0,
-    timer_stop: (0xe004_2010, 1 << 11),
     // RM0440, 6.1.5.
     fastest: [170_000_000, 150_000_000],
     lowest: 1.71,
@@ -102,11 +86,6 @@ const STM32G474: Facts = Facts {
     brown_out: &[0.0, 2.0, 2.2, 2.49, 2.76],
     timer_function: 6,
     channels: [2, 6],
-    ports: [
-        [0xabff_ffff, 0x6400_0000],
-        [0xffff_febf, 0x100],
-        [0xffff_ffff, 0],
-    ],
     window_prescaler: 7 << 11,
     // DS12288, LSI oscillator characteristics.
     watchdog_clock: [29.5e3, 34e3],
@@ -124,8 +103,10 @@ pub enum Block {
     Window,
     /// IWDG.
     Watchdog,
-    /// USART1 to USART3, UART4, from 0 on.
-    Serial(usize),
+    /// USART2.
+    Link,
+    /// UART4.
+    Fieldbus,
     /// PWR.
     Power,
     /// DAC1.
@@ -154,8 +135,8 @@ const SIZE: u32 = 0x400;
 const BLOCKS: [(Block, u32, [u32; 2]); 14] = [
     (Block::Window, 1, [0x4000_2c00, 0x4000_2c00]),
     (Block::Watchdog, 1, [0x4000_3000, 0x4000_3000]),
-    (Block::Serial(0), 1, [0x4001_1000, 0x4001_3800]),
-    (Block::Serial(1), 3, [0x4000_4400, 0x4000_4400]),
+    (Block::Link, 1, [0x4000_4400, 0x4000_4400]),
+    (Block::Fieldbus, 1, [0x4000_4c00, 0x4000_4c00]),
     (Block::Power, 1, [0x4000_7000, 0x4000_7000]),
     (Block::Voltage, 1, [0x4000_7400, 0x5000_0800]),
     (Block::Bridge, 1, [0x4001_0000, 0x4001_2c00]),
@@ -182,8 +163,7 @@ impl Kind {
             let offset = address.wrapping_sub(first[self as usize]);
             let number = (offset / SIZE) as usize;
             let block = match block {
-                Block::Serial(first) => Block::Serial(first + number),
-                Block::Port(first) => Block::Port(first + number),
+                Block::Port(_) => Block::Port(number),
                 block => block,
             };
             (offset < count * SIZE).then_some((block, offset % SIZE))

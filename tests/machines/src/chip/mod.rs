@@ -21,7 +21,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{Bus, COUNTER, Core, Fault, STACK, WaitState};
+use self::core::{COUNTER, Core, Fault, STACK};
 pub use board::{Board, MEMORY};
 use clocks::{Cause, TICKS};
 use kind::Kind;
@@ -29,12 +29,10 @@ use system::HARD_FAULT;
 
 /// Registers of the core for a debugger (ARM DDI 0403E, C1.6).
 const RESET: u32 = 0xe000_ed0c;
-const PROCESSOR: u32 = 0xe000_ed00;
 const WHY_HALTED: u32 = 0xe000_ed30;
 const HALTING: u32 = 0xe000_edf0;
 const SELECT: u32 = 0xe000_edf4;
 const TRANSFER: u32 = 0xe000_edf8;
-const CATCH: u32 = 0xe000_edfc;
 const BREAKPOINTS: u32 = 0xe000_2000;
 /// Bits of the halting register.
 const DEBUG: u32 = 1;
@@ -49,6 +47,8 @@ const MAX_LOADER_INSTRUCTIONS: u64 = 60_000_000;
 /// Duration of a probe's access, ticks: 20 us.
 const ACCESS_TICKS: u64 = TICKS / 50_000;
 
+/// Cycles of the core between two samples.
+pub const DEADLINE: u64 = 8400;
 /// Exception number of the converter.
 pub const SAMPLE: u16 = 16 + 18;
 /// Exception number of the link's port, USART2.
@@ -56,18 +56,6 @@ pub const LINK: u16 = 16 + 38;
 /// Exception number of SysTick, the millisecond clock.
 pub const MILLISECOND: u16 = 15;
 const EXCEPTIONS: usize = 16 + 82;
-
-/// Bits of CFSR and HFSR (B3.2.15, B3.2.16).
-const FETCH_FAULT: u32 = 1 << 8;
-const ACCESS_FAULT: u32 = 1 << 9 | 1 << 15;
-const STACK_FAULT: u32 = 1 << 12;
-const UNDEFINED: u32 = 1 << 16;
-const BAD_STATE: u32 = 1 << 17;
-const BAD_RETURN: u32 = 1 << 18;
-const NO_COPROCESSOR: u32 = 1 << 19;
-const UNALIGNED: u32 = 1 << 24;
-const FORCED: u32 = 1 << 30;
-const DEBUG_EVENT: u32 = 1 << 31;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Runs {
@@ -90,8 +78,6 @@ pub struct Handler {
 
 #[derive(Clone, Debug)]
 pub struct Chip {
-    /// Number of flash operations after which the supply fails.
-    pub fails_after: Option<u64>,
     /// Whether the bridge was driven while a debugger changed the flash or ran a loader.
     pub driven_while_halted: bool,
     pub was_halted: bool,
@@ -109,19 +95,8 @@ pub struct Chip {
     /// Whether the supply fell below the RAM's retention voltage.
     power_lost: bool,
     handlers: [Handler; EXCEPTIONS],
-    /// State of the core at its last read of the busy flash's status.
-    snapshot: Option<Box<Snapshot>>,
     /// How the program hangs; interrupts with a higher priority still run.
     pub hangs: Option<Hang>,
-}
-
-/// State of the core at a read of the busy flash's status.
-#[derive(Clone, Debug)]
-struct Snapshot {
-    core: Core,
-    at: u64,
-    /// Ticks and instructions since the previous read, if the core's state was equal there.
-    elapsed: Option<(u64, u64)>,
 }
 
 /// Ways in which a program hangs.
@@ -146,7 +121,6 @@ impl Chip {
         let mut board = Board::new(kind);
         board.bridge.switch_on();
         Self {
-            fails_after: None,
             driven_while_halted: false,
             was_halted: false,
             board,
@@ -160,7 +134,6 @@ impl Chip {
             was_reset: false,
             power_lost: false,
             handlers: [Handler::default(); EXCEPTIONS],
-            snapshot: None,
             hangs: None,
         }
     }
@@ -209,7 +182,6 @@ impl Chip {
 
     /// Switches the supply on. The RAM contains noise, and any firmware in the flash starts.
     pub fn power_on(&mut self) {
-        self.fails_after = None;
         self.board.supplied = true;
         self.board.scramble(self.board.now | 1);
         self.halting = 0;
@@ -230,7 +202,7 @@ impl Chip {
         self.board.supplied = false;
         self.board.flash.supply_goes(self.board.now);
         self.board.bridge.reset();
-        self.board.voltage.reset();
+        self.board.voltage = Default::default();
         self.board.refresh();
     }
 
@@ -274,8 +246,7 @@ impl Chip {
     }
 
     fn is_supplied(&self) -> bool {
-        self.fails_after
-            .is_none_or(|operations| self.board.flash.operations < operations)
+        self.board.supplied && self.board.reset != Some(Cause::Power)
     }
 
     fn run_between_accesses(&mut self) -> Option<()> {
@@ -299,12 +270,9 @@ impl Chip {
 
     fn own(&mut self, address: u32) -> Option<u32> {
         Some(match address {
-            // Upper half of the word with the flash size.
-            0x1fff_7a22 => self.board.identity.1,
             BREAKPOINTS => 0x260,
             WHY_HALTED => self.why,
             TRANSFER => self.transfer,
-            CATCH => self.board.system.catch,
             HALTING => {
                 let mut value = self.halting | READY;
                 if self.halting & DEBUG != 0 {
@@ -329,10 +297,8 @@ impl Chip {
             HALTING if value >> 16 == 0xa05f => self.halt(value & 0xffff),
             SELECT => self.select(value),
             TRANSFER => self.transfer = value,
-            CATCH => self.board.system.catch = value,
             RESET if value >> 16 == 0x05fa && value & 4 != 0 => self.reset(Cause::Software),
             WHY_HALTED => self.why &= !value,
-            HALTING | PROCESSOR | BREAKPOINTS | RESET => {}
             _ => return false,
         }
         true
@@ -389,7 +355,7 @@ impl Chip {
         let older = self.older && !loader;
         self.runs = if older { Runs::Unknown } else { Runs::Core };
         self.board.halted = false;
-        self.core.waits = WaitState::Not;
+        self.core.waits = false;
         self.board.refresh();
     }
 
@@ -435,7 +401,7 @@ impl Chip {
         self.entry = entry & !1;
         let starts = flash::RANGE.contains(&entry) && entry & 1 == 1;
         self.runs = if starts { Runs::Core } else { Runs::Stopped };
-        if self.halting & DEBUG != 0 && self.board.system.catch & 1 != 0 {
+        if self.halting & DEBUG != 0 && self.board.system.debug & 1 != 0 {
             self.stop(8);
         }
     }
@@ -448,7 +414,7 @@ impl Chip {
                 self.board.pass(until);
             } else if self.runs == Runs::Halted {
                 self.board.pass_halted(until);
-            } else if self.core.waits != WaitState::Not {
+            } else if self.core.waits {
                 self.sleeps(until);
             } else {
                 self.stretch(until);
@@ -467,37 +433,6 @@ impl Chip {
         }
         self.board.run_due();
         self.handle_exceptions();
-        if self.board.flash_status_reads > 0 {
-            self.skip_flash_wait(until);
-        }
-    }
-
-    /// Skips repetitions of a loop that waits for the flash, as long as nothing changes in it.
-    #[cold]
-    fn skip_flash_wait(&mut self, until: u64) {
-        let now = self.board.now;
-        let repeated = self.board.flash_status_reads > 1;
-        let before = self.snapshot.take().filter(|_| repeated);
-        let mut elapsed = None;
-        if let Some(mut before) = before {
-            let rounds = self.core.instructions - before.core.instructions;
-            before.core.instructions = self.core.instructions;
-            let same = before.core == self.core;
-            elapsed = same.then_some((now - before.at, rounds));
-            // The first rounds may still load lines of the program.
-            if let Some((ticks, instructions)) = elapsed.filter(|_| elapsed == before.elapsed) {
-                let still = self.board.is_still_until().min(until);
-                let rounds = still.saturating_sub(now + 1) / ticks.max(1);
-                self.core.instructions += rounds * instructions;
-                self.board.now += rounds * ticks;
-                self.board.cycles += rounds * ticks / self.board.cycle.max(1);
-            }
-        }
-        self.snapshot = Some(Box::new(Snapshot {
-            core: self.core.clone(),
-            at: self.board.now,
-            elapsed,
-        }));
     }
 
     #[inline(always)]
@@ -524,23 +459,15 @@ impl Chip {
     }
 
     fn sleeps(&mut self, until: u64) {
-        let event = self.core.waits == WaitState::Event && self.core.event;
-        let wakes = self.board.system.wakes() && self.due_exception().is_some()
-            || self.core.waits == WaitState::Interrupt && self.board.system.wakes();
-        if event || wakes {
-            self.core.event &= !event;
-            self.core.waits = WaitState::Not;
+        if self.core.event || self.board.system.due(self.core.mask).is_some() {
+            self.core.event = false;
+            self.core.waits = false;
         } else {
             let next = self.board.next.min(until);
             self.board.now = self.board.now.max(next);
             self.board.run_due();
         }
         self.handle_exceptions();
-    }
-
-    fn due_exception(&self) -> Option<u16> {
-        let (core, system) = (&self.core, &self.board.system);
-        system.due(core.mask, core.fault_mask, core.base_priority)
     }
 
     fn handle_exceptions(&mut self) {
@@ -563,7 +490,7 @@ impl Chip {
                 handler.longest = handler.longest.max(duration);
             }
         }
-        if let Some(number) = self.due_exception() {
+        if let Some(number) = self.board.system.due(self.core.mask) {
             self.enter(number);
         }
     }
@@ -578,10 +505,10 @@ impl Chip {
         let (cycles, taken) = self.core.enter(&mut self.board, number, handler);
         self.board.spend(cycles);
         if !taken {
-            self.board.system.fault_status |= STACK_FAULT;
+            // Stacking fault.
+            self.board.system.fault_status |= 1 << 12;
             if number != HARD_FAULT {
                 // The fault's handler is entered instead, on the same stack.
-                self.board.system.hard_status |= FORCED;
                 self.board.system.leave(number);
                 self.enter(HARD_FAULT);
             }
@@ -592,29 +519,23 @@ impl Chip {
     fn fault(&mut self, fault: Fault) {
         let debugged = self.halting & DEBUG != 0;
         let system = &mut self.board.system;
-        match fault {
+        // Bits of CFSR (B3.2.15).
+        system.fault_status |= match fault {
             Fault::Breakpoint if debugged => return self.stop(2),
-            Fault::Breakpoint => system.hard_status |= DEBUG_EVENT,
-            Fault::Undefined => system.fault_status |= UNDEFINED,
-            Fault::State => system.fault_status |= BAD_STATE,
-            Fault::Return => system.fault_status |= BAD_RETURN,
-            Fault::NoCoprocessor => system.fault_status |= NO_COPROCESSOR,
-            Fault::Unaligned => system.fault_status |= UNALIGNED,
-            Fault::Fetch => system.fault_status |= FETCH_FAULT,
-            Fault::Access(address) => {
-                system.fault_status |= ACCESS_FAULT;
-                system.fault_address = address;
-            }
-        }
-        let core = &self.core;
-        let running = system.running(core.mask, core.fault_mask, core.base_priority);
-        if running <= -1 {
+            Fault::Breakpoint => 0,
+            Fault::Fetch => 1 << 8,
+            Fault::Access(_) => 1 << 9,
+            Fault::Undefined => 1 << 16,
+            Fault::State => 1 << 17,
+            Fault::Return => 1 << 18,
+            Fault::NoCoprocessor => 1 << 19,
+        };
+        if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;
             self.core.attention = true;
             self.board.locks_up();
             return;
         }
-        system.hard_status |= FORCED;
         self.enter(HARD_FAULT);
     }
 
@@ -646,54 +567,4 @@ fn set_word(words: &mut [u32], offset: u32, value: u32) {
 fn width(address: u32, length: usize) -> usize {
     let fits = |size: &usize| (address as usize | length).is_multiple_of(*size);
     [4, 2].into_iter().find(fits).unwrap_or(1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Short runs execute each round of the wait; one long run skips most of them.
-    #[test]
-    fn a_skipped_flash_wait_equals_an_executed_one() {
-        const CODE: u32 = 0x2000_1000;
-        // ldr r2, [r0]; ldr r4, [r1]; tst r2, r3; bne to the first; b to itself.
-        let program = [0x6802_u16, 0x680c, 0x421a, 0xd1fb, 0xe7fe];
-        let mut chip = Chip::default();
-        let vectors = [0x2002_0000_u32, 0x0800_0009, 0xe7fe_e7fe];
-        for (place, word) in chip.flash_mut().chunks_exact_mut(4).zip(vectors) {
-            place.copy_from_slice(&word.to_le_bytes());
-        }
-        chip.power_on();
-        chip.run(TICKS / 1000);
-        chip.board.flash.erases_in = Some(TICKS / 100);
-        for (half, code) in program.into_iter().zip((CODE..).step_by(2)) {
-            chip.board.store(code, 2, half.into()).unwrap();
-        }
-        // Window watchdog: clock, slowest count, start. Flash: keys, sector 11.
-        for (address, value) in [
-            (0x4002_3840, 1 << 11),
-            (0x4000_2c04, 0x1ff),
-            (0x4000_2c00, 0xff),
-            (0x4002_3c04, 0x4567_0123),
-            (0x4002_3c04, 0xcdef_89ab),
-            (0x4002_3c10, 2 | 11 << 3 | 2 << 8),
-            (0x4002_3c10, 2 | 11 << 3 | 2 << 8 | 1 << 16),
-        ] {
-            chip.board.store(address, 4, value).unwrap();
-        }
-        chip.core.r[..4].copy_from_slice(&[0x4002_3c0c, 0x4000_2c00, 0, 1 << 16]);
-        chip.core.r[15] = CODE;
-        let mut executed = chip.clone();
-        let end = chip.board.now + TICKS / 80;
-        chip.run(end);
-        while executed.board.now < end {
-            let soon = executed.board.now + 3 * executed.board.cycle;
-            executed.run(soon.min(end));
-        }
-        assert_eq!(chip.core.r[15], CODE + 8, "the wait is over");
-        assert_eq!(chip.core, executed.core);
-        assert_eq!(chip.board.now, executed.board.now);
-        assert_eq!(chip.board.cycles, executed.board.cycles);
-        assert_eq!(chip.board.reset, None);
-    }
 }

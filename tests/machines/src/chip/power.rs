@@ -31,26 +31,26 @@ pub struct Power {
     kind: Kind,
     /// CR of the STM32F405; CR2 of the STM32G474.
     control: u32,
-    status: u32,
     /// Output of the monitor: the supply is below its level.
     pub below: bool,
-    /// CR1, CR3 and CR5 of the STM32G474.
-    others: [u32; 3],
+    /// CR1 and CR5 of the STM32G474.
+    access: u32,
+    range: u32,
 }
 
 impl Power {
     pub fn new(kind: Kind) -> Self {
-        let (control, others) = match kind {
-            Kind::Stm32f405 => (SCALED, [0; 3]),
-            Kind::Stm32g474 => (0, [0x200, 0x8000, NORMAL_RANGE_1]),
+        let (control, range) = match kind {
+            Kind::Stm32f405 => (SCALED, 0),
+            Kind::Stm32g474 => (0, NORMAL_RANGE_1),
         };
         Self {
             volts: 3.3,
             kind,
             control,
-            status: 0,
             below: false,
-            others,
+            access: 0,
+            range,
         }
     }
 
@@ -62,19 +62,13 @@ impl Power {
     }
 
     pub fn read(&self, offset: u32) -> u32 {
-        if self.kind == Kind::Stm32g474 {
-            return match offset {
-                0x00 => self.others[0],
-                0x04 => self.control,
-                0x08 => self.others[1],
-                0x14 => u32::from(self.below) * BELOW_G474,
-                0x80 => self.others[2],
-                _ => 0,
-            };
-        }
-        match offset {
-            0x00 => self.control,
-            0x04 => self.status | SCALED | (u32::from(self.below) * BELOW),
+        let below = u32::from(self.below);
+        match (self.kind, offset) {
+            (Kind::Stm32f405, 0x00) | (Kind::Stm32g474, 0x04) => self.control,
+            (Kind::Stm32f405, 0x04) => SCALED | (below * BELOW),
+            (Kind::Stm32g474, 0x00) => self.access,
+            (Kind::Stm32g474, 0x14) => below * BELOW_G474,
+            (Kind::Stm32g474, 0x80) => self.range,
             _ => 0,
         }
     }
@@ -82,11 +76,9 @@ impl Power {
     pub fn write(&mut self, offset: u32, value: u32) {
         match (self.kind, offset) {
             (Kind::Stm32f405, 0x00) => self.control = value & 0xc3f3,
-            (Kind::Stm32f405, 0x04) => self.status = value & 0x300,
-            (Kind::Stm32g474, 0x00) => self.others[0] = value,
+            (Kind::Stm32g474, 0x00) => self.access = value,
             (Kind::Stm32g474, 0x04) => self.control = value & 0xff,
-            (Kind::Stm32g474, 0x08) => self.others[1] = value,
-            (Kind::Stm32g474, 0x80) => self.others[2] = value & NORMAL_RANGE_1,
+            (Kind::Stm32g474, 0x80) => self.range = value & NORMAL_RANGE_1,
             _ => {}
         }
         self.update();
@@ -94,7 +86,7 @@ impl Power {
 
     /// Highest frequency of the core, Hz. The STM32G474 needs range 1 boost for it.
     pub fn fastest(&self) -> u32 {
-        self.kind.facts().fastest[usize::from(self.others[2] & NORMAL_RANGE_1 != 0)]
+        self.kind.facts().fastest[usize::from(self.range & NORMAL_RANGE_1 != 0)]
     }
 
     pub fn update(&mut self) {

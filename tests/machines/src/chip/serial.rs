@@ -26,7 +26,6 @@ const TWO_STOPS: u32 = 1 << 13;
 #[derive(Clone, Debug, Default)]
 pub struct Serial {
     status: u32,
-    data: u32,
     rate: u32,
     control: [u32; 4],
     /// Bytes on the way to the chip, each with the tick at which it is complete.
@@ -35,7 +34,7 @@ pub struct Serial {
     pub sent: Vec<(u64, u8)>,
     shifting: Option<(u64, u8)>,
     waiting: VecDeque<u8>,
-    /// Received bytes after `data`.
+    /// Received bytes that were not read yet.
     received: VecDeque<u8>,
     kind: Kind,
     idle_at: u64,
@@ -117,22 +116,26 @@ impl Serial {
         self.control[0] & PARITY != 0
     }
 
+    /// Status with the flag of a received byte.
+    fn flags(&self) -> u32 {
+        self.status | (u32::from(!self.received.is_empty()) * RECEIVED)
+    }
+
     pub fn read(&mut self, offset: u32) -> u32 {
         if self.kind == Kind::Stm32g474 {
             return self.read_fifo(offset);
         }
         match offset {
             0x00 => {
-                self.read_flags = self.status;
-                self.status
+                self.read_flags = self.flags();
+                self.read_flags
             }
             0x04 => {
-                let unseen = self.status & RECEIVED != 0 && self.read_flags & RECEIVED == 0;
+                let flags = std::mem::take(&mut self.read_flags);
+                let unseen = !self.received.is_empty() && flags & RECEIVED == 0;
                 self.lost += u64::from(unseen);
-                self.status &= !RECEIVED;
-                self.status &= !(self.read_flags & (OVERRUN | IDLE));
-                self.read_flags = 0;
-                self.data
+                self.status &= !(flags & (OVERRUN | IDLE));
+                self.received.pop_front().unwrap_or(0).into()
             }
             0x08 => self.rate,
             0x0c..=0x18 => self.control[(offset as usize - 0x0c) / 4],
@@ -145,7 +148,7 @@ impl Serial {
             return self.write_fifo(offset, value, now);
         }
         match offset {
-            0x00 => self.status &= value | !(RECEIVED | SENT),
+            0x00 => self.status &= value | !SENT,
             0x04 => self.send(value as u8, now),
             0x08 => self.rate = value & 0xffff,
             0x0c..=0x18 => self.control[(offset as usize - 0x0c) / 4] = value,
@@ -201,14 +204,11 @@ impl Serial {
             if !self.is_on(RECEIVER) || !self.is_receiving() {
                 continue;
             }
-            if self.status & RECEIVED != 0 && self.received.len() + 1 < self.depth() {
+            if self.received.len() < self.depth() {
                 self.received.push_back(byte);
-            } else if self.status & RECEIVED != 0 {
+            } else {
                 self.status |= OVERRUN;
                 self.lost += 1;
-            } else {
-                self.data = byte.into();
-                self.status |= RECEIVED;
             }
             self.idle_at = time + self.byte();
         }
@@ -227,7 +227,7 @@ impl Serial {
     }
 
     pub fn interrupts(&self) -> bool {
-        let (status, control) = (self.status, self.control[0]);
+        let (status, control) = (self.flags(), self.control[0]);
         let enabled_flags = control & (IDLE | RECEIVED | SENT | EMPTY);
         let flags = status | (u32::from(status & OVERRUN != 0) * RECEIVED);
         self.is_on(0) && flags & enabled_flags != 0

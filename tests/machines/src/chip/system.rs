@@ -8,15 +8,6 @@ const INTERRUPTS: u16 = 16;
 /// Priority below any other: no exception is active.
 const IDLE: i32 = 256;
 
-/// Effect of a write on the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WriteEffect {
-    Nothing,
-    Reset,
-    /// Switches the floating-point unit on or off.
-    Float(bool),
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct System {
     pending: u128,
@@ -26,22 +17,13 @@ pub struct System {
     /// Priority of each exception, sixteen in a row.
     priorities: [[u8; 16]; 7],
     vectors: u32,
-    grouping: u32,
-    control: u32,
-    configuration: u32,
-    handlers: u32,
     /// Configurable fault status (CFSR).
     pub fault_status: u32,
-    /// Hard fault status (HFSR).
-    pub hard_status: u32,
-    /// Address of a bus fault (BFAR).
-    pub fault_address: u32,
     access: u32,
     /// Memory protection: control, region number, and base address and attributes of each region.
     pub(super) protection: u32,
     region: usize,
     regions: [(u32, u32); 8],
-    float_context: u32,
     tick_control: u32,
     tick_reload: u32,
     /// Tick at which SysTick next wraps.
@@ -49,17 +31,14 @@ pub struct System {
     tick_left: u64,
     cycles_from: u64,
     counts: bool,
-    trace: u32,
-    /// Debug exception and monitor control (vector catch).
-    pub catch: u32,
+    /// Debug exception and monitor control: vector catch of a reset, trace enable.
+    pub debug: u32,
 }
 
 impl System {
     pub fn new() -> Self {
         Self {
             enabled: (1 << INTERRUPTS) - 1,
-            configuration: 0x200,
-            float_context: 0xc000_0000,
             tick_due: u64::MAX,
             ..Self::default()
         }
@@ -67,7 +46,7 @@ impl System {
 
     pub fn reset(&mut self) {
         *self = Self {
-            catch: self.catch,
+            debug: self.debug,
             ..Self::new()
         };
     }
@@ -106,34 +85,20 @@ impl System {
         first
     }
 
-    /// Priority of the active exception (B1.5.4), with the masks of the core.
-    pub fn running(&self, mask: bool, fault_mask: bool, base: u8) -> i32 {
-        let mut lowest = self.first(self.active).0;
-        if base != 0 {
-            lowest = lowest.min(base.into());
-        }
-        if mask {
-            lowest = lowest.min(0);
-        }
-        if fault_mask {
-            lowest = lowest.min(-1);
-        }
-        lowest
-    }
-
-    /// Whether any enabled exception is pending; it ends a wait for an interrupt, masked or not.
-    pub fn wakes(&self) -> bool {
-        self.pending & self.enabled != 0
+    /// Priority of the active exception (B1.5.4), with the mask of the core (PRIMASK).
+    pub fn running(&self, mask: bool) -> i32 {
+        let active = self.first(self.active).0;
+        if mask { active.min(0) } else { active }
     }
 
     /// The exception to enter next.
-    pub fn due(&self, mask: bool, fault_mask: bool, base: u8) -> Option<u16> {
+    pub fn due(&self, mask: bool) -> Option<u16> {
         let pending = self.pending & self.enabled;
         if pending == 0 {
             return None;
         }
         let (priority, number) = self.first(pending);
-        (priority < self.running(mask, fault_mask, base)).then_some(number)
+        (priority < self.running(mask)).then_some(number)
     }
 
     pub fn enter(&mut self, number: u16) {
@@ -220,35 +185,18 @@ impl System {
             0xe000_e300..0xe000_e310 => bits(self.active, address - 0xe000_e300),
             0xe000_e400..0xe000_e460 => self.priority_word(address - 0xe000_e400 + 16),
             0xe000_ed00 => 0x410f_c241,
-            0xe000_ed04 => self.state(),
+            0xe000_ed04 => {
+                let (_, handled) = self.first(self.active);
+                u32::from(handled) | ((self.pending >> SYSTICK & 1) as u32) << 26
+            }
             0xe000_ed08 => self.vectors,
-            0xe000_ed0c => 0xfa05_0000 | self.grouping,
-            0xe000_ed10 => self.control,
-            0xe000_ed14 => self.configuration,
             0xe000_ed18..0xe000_ed24 => self.priority_word(address - 0xe000_ed18 + 4),
-            0xe000_ed24 => self.handlers,
             0xe000_ed28 => self.fault_status,
-            0xe000_ed2c => self.hard_status,
-            0xe000_ed38 | 0xe000_ed34 => self.fault_address,
             0xe000_ed88 => self.access,
-            0xe000_ed90 => (self.regions.len() as u32) << 8,
             0xe000_ed94 => self.protection,
-            0xe000_ed98 => self.region as u32,
-            0xe000_ed9c => self.regions[self.region].0 | self.region as u32,
-            0xe000_eda0 => self.regions[self.region].1,
-            0xe000_edfc => self.trace,
-            0xe000_ef34 => self.float_context,
+            0xe000_edfc => self.debug,
             _ => 0,
         }
-    }
-
-    fn state(&self) -> u32 {
-        let (_, handled) = self.first(self.active);
-        let pending = |number: u16, at: u32| ((self.pending >> number & 1) as u32) << at;
-        u32::from(handled)
-            | pending(SYSTICK, 26)
-            | pending(NMI, 31)
-            | u32::from(self.pending >> INTERRUPTS != 0) << 22
     }
 
     fn priority_word(&self, first: u32) -> u32 {
@@ -258,7 +206,7 @@ impl System {
         u32::from_le_bytes(bytes)
     }
 
-    /// Writes a register of `size` bytes.
+    /// Writes a register of `size` bytes; returns whether it requests a reset.
     pub fn write(
         &mut self,
         address: u32,
@@ -267,7 +215,7 @@ impl System {
         now: u64,
         cycle: u64,
         cycles: u64,
-    ) -> WriteEffect {
+    ) -> bool {
         let bits = |from: u32| u128::from(value) << (16 + 8 * from);
         let mut set_priorities = |first: u32| {
             let all = self.priorities.as_flattened_mut().iter_mut();
@@ -278,7 +226,7 @@ impl System {
         };
         match address {
             0xe000_1000 => {
-                let counts = value & 1 == 1 && self.trace >> 24 & 1 == 1;
+                let counts = value & 1 == 1 && self.debug >> 24 & 1 == 1;
                 if counts != self.counts {
                     self.cycles_from = cycles.wrapping_sub(self.cycles_from);
                     self.counts = counts;
@@ -311,39 +259,23 @@ impl System {
             0xe000_e280..0xe000_e290 => self.pending &= !bits(address - 0xe000_e280),
             0xe000_e400..0xe000_e460 => set_priorities(address - 0xe000_e400 + 16),
             0xe000_ed18..0xe000_ed24 => set_priorities(address - 0xe000_ed18 + 4),
-            0xe000_ed04 => {
-                if value >> 31 == 1 {
-                    self.pend(NMI);
-                }
-                let clears = (value >> 25 & 1) << SYSTICK;
-                let sets = (value >> 26 & 1) << SYSTICK;
-                self.pending = self.pending & !u128::from(clears) | u128::from(sets);
-            }
             0xe000_ed08 => self.vectors = value & !0x7f,
-            0xe000_ed0c if value >> 16 == 0x5fa => {
-                self.grouping = value & 0x700;
-                if value & 4 != 0 {
-                    return WriteEffect::Reset;
-                }
-            }
-            0xe000_ed10 => self.control = value & 0x16,
-            0xe000_ed14 => self.configuration = value & 0x31b,
-            0xe000_ed24 => self.handlers = value,
+            0xe000_ed0c => return value >> 16 == 0x5fa && value & 4 != 0,
             0xe000_ed28 => self.fault_status &= !value,
-            0xe000_ed2c => self.hard_status &= !value,
-            0xe000_ed88 => {
-                self.access = value;
-                return WriteEffect::Float(value >> 20 & 0xf == 0xf);
-            }
+            0xe000_ed88 => self.access = value,
             0xe000_ed94 => self.protection = value & 7,
             0xe000_ed98 => self.region = (value & 7) as usize,
             0xe000_ed9c => self.regions[self.region].0 = value & !0x1f,
             0xe000_eda0 => self.regions[self.region].1 = value,
-            0xe000_edfc => self.trace = value,
-            0xe000_ef34 => self.float_context = value,
+            0xe000_edfc => self.debug = value,
             _ => {}
         }
-        WriteEffect::Nothing
+        false
+    }
+
+    /// Whether the floating-point unit is on (CPACR).
+    pub fn float(&self) -> bool {
+        self.access >> 20 & 0xf == 0xf
     }
 
     fn restart_tick(&mut self, now: u64, cycle: u64) {

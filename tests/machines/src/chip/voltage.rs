@@ -7,10 +7,6 @@ pub struct Voltage {
 }
 
 impl Voltage {
-    pub fn reset(&mut self) {
-        *self = Self::default();
-    }
-
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.control,

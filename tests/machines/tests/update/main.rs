@@ -83,11 +83,8 @@ fn rig_with_key(kind: Kind) -> Rig {
 }
 
 fn await_image(rig: &mut Rig) {
-    let (sent_count, end) = (rig.sent().len(), rig.time() + 60.0);
-    while rig.sent().len() == sent_count {
-        rig.run_for(0.01);
-        assert!(rig.time() < end, "nothing starts");
-    }
+    let sent_count = rig.sent().len();
+    rig.run_until(0.01, 60.0, |rig| rig.sent().len() > sent_count);
     rig.run_for(0.25);
 }
 
@@ -104,15 +101,8 @@ fn runs_other(rig: &mut Rig) -> bool {
 }
 
 fn power_cycle(rig: &mut Rig) {
-    restart(rig, 0.0);
+    rig.power_cycle(0.01, 0.0);
     await_image(rig);
-}
-
-/// Switches the supply off and on, and runs for a time in s.
-fn restart(rig: &mut Rig, seconds: f64) {
-    rig.act(&Act::Volts(0.0)).run_for(0.01);
-    rig.chip.board.cut_at = None;
-    rig.act(&Act::Volts(3.3)).run_for(seconds);
 }
 
 /// Presses the enable input; returns whether the bridge closes.

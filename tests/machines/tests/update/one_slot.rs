@@ -3,8 +3,8 @@
 //! `KBAND_EVERY_CUT=1` cuts the power at every flash operation, instead of a random sample.
 
 use super::{
-    await_image, begin, drives, keypair, other_program, power_cycle, program, restart,
-    rig_with_key, runs_other, send, signature, sum,
+    await_image, begin, drives, keypair, other_program, power_cycle, program, rig_with_key,
+    runs_other, send, signature, sum,
 };
 use kband_control::wire::{MAX_UPDATE_BYTES, Request, UpdateRefusal, UpdateRequest};
 use kband_machines::chip::clocks::Cause;
@@ -138,7 +138,7 @@ fn an_empty_slot_waits_and_a_board_without_a_key_refuses_all() {
     let program = KIND.facts().program;
     rig.chip.flash_mut()[program..][..image.len()].fill(0xff);
     let (from, operations) = (rig.time(), rig.chip.operations());
-    restart(&mut rig, 0.5);
+    rig.power_cycle(0.01, 0.5);
     assert!(waits(&mut rig));
     let request = rig.update(&Header::from_image(&image).request());
     assert_eq!(request, Err(UpdateRefusal::NoKey));
@@ -177,11 +177,8 @@ fn any_power_cut_leaves_the_old_image_or_an_empty_slot() {
         rig.chip.board.cut_at = Some(rig.chip.operations() + cut);
         let frame = rig.update_frame(request);
         rig.act(&Act::Link(frame));
-        while rig.chip.board.supplied {
-            rig.run_for(1e-3);
-            assert!(rig.time() < began + 10.0, "{request:?} {cut}: it was cut");
-        }
-        restart(&mut rig, 0.5);
+        rig.run_until(1e-3, 10.0, |rig| !rig.chip.board.supplied);
+        rig.power_cycle(0.01, 0.5);
         assert_eq!(waits(&mut rig), !keeps_image, "{request:?} {cut}");
         if keeps_image {
             assert!(!runs_other(&mut rig));

@@ -1,11 +1,12 @@
 //! Exception entry and return (ARM DDI 0403E, B1.5.6 and B1.5.8).
 
-use super::{Bus, COUNTER, Core, Fault, LINK, STACK, WaitState};
+use super::{Board, COUNTER, Core, Fault, LINK, STACK};
 
-/// Bits of CONTROL: second stack pointer in use, numbers in the floating-point registers.
-const SECOND_STACK: u32 = 1 << 1;
+/// Bit of CONTROL: numbers in the floating-point registers.
 const FLOAT: u32 = 1 << 2;
 const FRAME: u32 = 0x20;
+/// Registers of a stack frame before the status.
+const FRAMED: [usize; 7] = [0, 1, 2, 3, 12, LINK, COUNTER];
 /// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
 /// Duration of an exception entry or return, cycles (ARM DDI 0439B, 3.9).
@@ -16,56 +17,41 @@ const FLOAT_LATENCY: u32 = 17;
 impl Core {
     /// Enters exception `number` with its handler at `vector`. Returns the cycles, and whether the
     /// frame fits the stack.
-    pub fn enter(&mut self, bus: &mut impl Bus, number: u16, vector: u32) -> (u32, bool) {
+    pub fn enter(&mut self, bus: &mut Board, number: u16, vector: u32) -> (u32, bool) {
         let float = self.control & FLOAT != 0;
         let size = if float { FLOAT_FRAME } else { FRAME };
         let stack = self.r[STACK];
         let place = stack.wrapping_sub(size) & !7;
         let padded = u32::from(stack & 4 != 0);
         let status = self.program_status() | padded << 9;
-        let registers = [0, 1, 2, 3, 12, LINK, COUNTER].map(|number| self.r[number]);
-        let mut taken = true;
-        let mut put = |at: u32, value: u32| {
-            taken &= bus.store(place.wrapping_add(at), 4, value).is_some();
-        };
-        for (at, value) in (0_u32..).step_by(4).zip(registers) {
-            put(at, value);
-        }
-        put(28, status);
+        let mut frame = FRAMED.map(|number| self.r[number]).to_vec();
+        frame.push(status);
         if float {
-            for (at, value) in (32_u32..).step_by(4).zip(&self.s[..16]) {
-                put(at, *value);
-            }
-            put(96, self.status);
+            frame.extend(&self.s[..16]);
+            frame.push(self.status);
         }
-        let link = match (self.exception != 0, self.control & SECOND_STACK != 0) {
-            (true, _) => 0xffff_fff1,
-            (false, false) => 0xffff_fff9,
-            (false, true) => 0xffff_fffd,
-        };
-        self.r[LINK] = link & !(u32::from(float) << 4);
+        let mut taken = true;
+        for (n, value) in (0..).zip(frame) {
+            taken &= bus.store(place.wrapping_add(4 * n), 4, value).is_some();
+        }
+        let thread = u32::from(self.exception == 0) << 3;
+        self.r[LINK] = (0xffff_fff1 | thread) & !(u32::from(float) << 4);
         self.r[STACK] = place;
-        self.second_stack(false);
         self.control &= !FLOAT;
         self.exception = number;
         self.block = 0;
         self.exclusive = false;
         self.event = true;
-        self.waits = WaitState::Not;
+        self.waits = false;
         self.r[COUNTER] = vector & !1;
         let more = if float { FLOAT_LATENCY } else { 0 };
         (LATENCY + more, taken)
     }
 
     /// Leaves the exception by `link`; returns the cycles.
-    pub fn leave(&mut self, bus: &mut impl Bus, link: u32) -> Result<u32, Fault> {
-        let second = match link & 0xf {
-            0x1 | 0x9 => false,
-            0xd => true,
-            _ => return Err(Fault::Return),
-        };
-        if second {
-            self.second_stack(true);
+    pub fn leave(&mut self, bus: &mut Board, link: u32) -> Result<u32, Fault> {
+        if !matches!(link & 0xf, 0x1 | 0x9) {
+            return Err(Fault::Return);
         }
         let float = link & 0x10 == 0;
         let size = if float { FLOAT_FRAME } else { FRAME };
@@ -74,7 +60,7 @@ impl Core {
             let address = place.wrapping_add(at);
             bus.load(address, 4).ok_or(Fault::Access(address))
         };
-        for (at, number) in (0_u32..).step_by(4).zip([0, 1, 2, 3, 12, LINK, COUNTER]) {
+        for (at, number) in (0_u32..).step_by(4).zip(FRAMED) {
             self.r[number] = get(at)?;
         }
         let status = get(28)?;
@@ -94,7 +80,6 @@ impl Core {
         self.exception = (status & 0x1ff) as u16;
         self.exclusive = false;
         self.event = true;
-        self.fault_mask = false;
         let thread = link & 8 != 0;
         if thread != (self.exception == 0) {
             return Err(Fault::Return);
@@ -103,55 +88,24 @@ impl Core {
         Ok(LATENCY + more)
     }
 
-    fn second_stack(&mut self, second: bool) {
-        if (self.control & SECOND_STACK != 0) != second {
-            self.control ^= SECOND_STACK;
-            std::mem::swap(&mut self.r[STACK], &mut self.other_stack);
-        }
-    }
-
     /// Reads a special register (B5.2.2).
     pub(super) fn special(&self, number: u8) -> u32 {
-        let second = self.control & SECOND_STACK != 0;
         match number {
-            0..=3 => {
-                let exception = if number & 1 == 1 { self.exception } else { 0 };
-                self.program_status() & 0xf80f_0000 | u32::from(exception)
-            }
-            5 | 7 => self.exception.into(),
-            8 if second => self.other_stack,
-            9 if !second => self.other_stack,
-            8 | 9 => self.r[STACK],
+            0 => self.program_status() & 0xf000_0000,
+            5 => self.exception.into(),
+            8 => self.r[STACK],
             16 => self.mask.into(),
-            17 | 18 => self.base_priority.into(),
-            19 => self.fault_mask.into(),
             20 => self.control,
             _ => 0,
         }
     }
 
     pub(super) fn set_special(&mut self, number: u8, value: u32) {
-        let second = self.control & SECOND_STACK != 0;
         match number {
-            0..=3 => self.set_flags(value),
-            8 if second => self.other_stack = value & !3,
-            9 if !second => self.other_stack = value & !3,
-            8 | 9 => self.r[STACK] = value & !3,
+            0 => self.set_flags(value),
+            8 => self.r[STACK] = value & !3,
             16 => self.mask = value & 1 == 1,
-            17 => self.base_priority = value as u8 & 0xf0,
-            18 => {
-                let value = value as u8 & 0xf0;
-                if value != 0 && (self.base_priority == 0 || value < self.base_priority) {
-                    self.base_priority = value;
-                }
-            }
-            19 => self.fault_mask = value & 1 == 1,
-            20 => {
-                if self.exception == 0 {
-                    self.second_stack(value & SECOND_STACK != 0);
-                }
-                self.control = self.control & SECOND_STACK | value & 5;
-            }
+            20 => self.control = value & (1 | FLOAT),
             _ => {}
         }
         self.attention = true;

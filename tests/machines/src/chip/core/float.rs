@@ -1,14 +1,12 @@
 //! Single precision of the FPv4-SP: rounding to nearest, with subnormal numbers (ARM DDI 0403E,
 //! A2.5, A6.4 to A6.7). A NaN without a NaN operand has no sign.
 
-use super::memory::{put, word};
-use super::{Bus, COUNTER, Core, Cycles, Fault, bit, bits};
+use super::memory::{WORD, read, write};
+use super::{Board, COUNTER, Core, Cycles, Fault, bit, bits};
 
 const NAN: u32 = 0x7fc0_0000;
 /// Bit that makes a NaN a quiet one.
 const QUIET: u32 = 0x0040_0000;
-/// FPSCR bit: operations on NaN return the default NaN.
-const DEFAULT_NAN: u32 = 1 << 25;
 
 fn is_nan(bits: u32) -> bool {
     bits & 0x7fff_ffff > 0x7f80_0000
@@ -29,16 +27,13 @@ impl Core {
         if !result.is_nan() {
             return result.to_bits();
         }
-        if self.status & DEFAULT_NAN != 0 {
-            return NAN;
-        }
         let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
         let first = operands.iter().find(signalling);
         let any = || operands.iter().find(|bits| is_nan(**bits));
         first.or_else(any).map_or(NAN, |bits| bits | QUIET)
     }
 
-    pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let double = match bits(second, 8, 4) {
             0b1010 => false,
             0b1011 => true,
@@ -65,7 +60,7 @@ impl Core {
     }
 
     /// Loads and stores of one, two or several numbers.
-    fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut impl Bus) -> Cycles {
+    fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut Board) -> Cycles {
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
         let (base, number) = (bits(first, 0, 4), bits(second, 0, 8));
@@ -86,9 +81,9 @@ impl Core {
         };
         for (number, at) in numbers.iter_mut().zip((from..).step_by(4)) {
             if load {
-                *number = word(bus, at)?;
+                *number = read(bus, WORD, at)?;
             } else {
-                put(bus, at, *number)?;
+                write(bus, 4, at, *number)?;
             }
         }
         self.back(base, after);
@@ -110,16 +105,8 @@ impl Core {
         let s = match (double, kind) {
             (false, 0) => register(n, bit(second, 7), false),
             (true, 0 | 1) => register(n, bit(second, 7), true) + kind,
-            (false, 7) if n == 1 => {
-                match (to_core, t) {
-                    (true, COUNTER) => {
-                        let saturated = self.saturated;
-                        self.set_flags(self.status);
-                        self.saturated = saturated;
-                    }
-                    (true, t) => _ = self.set(t, self.status),
-                    (false, t) => self.status = self.r[t],
-                }
+            (false, 7) if n == 1 && to_core && t == COUNTER => {
+                self.set_flags(self.status);
                 return Ok(1);
             }
             _ => return Err(Fault::Undefined),

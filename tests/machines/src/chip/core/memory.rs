@@ -1,6 +1,6 @@
-//! Loads and stores (ARM DDI 0403E, A5.3.5 to A5.3.10).
+//! Loads and stores (ARM DDI 0403E, A5.3.5 to A5.3.10). Any address may be unaligned here.
 
-use super::{Bus, COUNTER, Core, Cycles, Fault, REFILL, bit, bits};
+use super::{Board, COUNTER, Core, Cycles, Fault, REFILL, bit, bits};
 
 /// Size of an access in bytes, and whether a load extends the sign.
 #[derive(Clone, Copy)]
@@ -38,7 +38,7 @@ impl Core {
     #[inline]
     pub(super) fn load(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut Board,
         width: Width,
         target: usize,
         at: u32,
@@ -60,7 +60,7 @@ impl Core {
     #[inline]
     pub(super) fn store(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut Board,
         Width(size, _): Width,
         source: usize,
         at: u32,
@@ -70,7 +70,7 @@ impl Core {
     }
 
     /// One access (A5.3.7 to A5.3.10).
-    pub(super) fn single(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn single(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let (base, target) = (bits(first, 0, 4), bits(second, 12, 4));
         let (load, up) = (bit(first, 4), bit(first, 7));
         let (size, sign) = (1 << bits(first, 5, 2), bit(first, 8));
@@ -109,7 +109,7 @@ impl Core {
     }
 
     /// Double-word and exclusive accesses, table branches (A5.3.6).
-    pub(super) fn pair(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn pair(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let base = bits(first, 0, 4);
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
@@ -119,12 +119,12 @@ impl Core {
             let by = if up { offset } else { -offset };
             let (at, after) = self.indexed(base, by, before, back);
             if load {
-                let words = [word(bus, at)?, word(bus, at.wrapping_add(4))?];
+                let words = [read(bus, WORD, at)?, read(bus, WORD, at.wrapping_add(4))?];
                 self.back(base, after);
                 [self.r[target], self.r[further]] = words;
             } else {
-                put(bus, at, self.r[target])?;
-                put(bus, at.wrapping_add(4), self.r[further])?;
+                write(bus, 4, at, self.r[target])?;
+                write(bus, 4, at.wrapping_add(4), self.r[further])?;
                 self.back(base, after);
             }
             return Ok(3);
@@ -168,7 +168,7 @@ impl Core {
 
     pub(super) fn load_many(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut Board,
         base: usize,
         list: u16,
         down: bool,
@@ -177,7 +177,7 @@ impl Core {
         let (from, after) = self.range(base, list.count_ones(), down);
         let mut loaded = self.r;
         for (number, at) in list_registers(list, from) {
-            loaded[number] = word(bus, at)?;
+            loaded[number] = read(bus, WORD, at)?;
         }
         if back && !bit(list, base as u32) {
             loaded[base] = after;
@@ -194,7 +194,7 @@ impl Core {
 
     pub(super) fn store_many(
         &mut self,
-        bus: &mut impl Bus,
+        bus: &mut Board,
         base: usize,
         list: u16,
         down: bool,
@@ -202,7 +202,7 @@ impl Core {
     ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
         for (number, at) in list_registers(list, from) {
-            put(bus, at, self.r[number])?;
+            write(bus, 4, at, self.r[number])?;
         }
         self.back(base, back.then_some(after));
         Ok(1 + list.count_ones())
@@ -217,7 +217,7 @@ fn list_registers(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
 }
 
 #[inline]
-fn read(bus: &mut impl Bus, Width(size, sign): Width, at: u32) -> Result<u32, Fault> {
+pub(super) fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result<u32, Fault> {
     let value = bus.load(at, size).ok_or(Fault::Access(at))?;
     Ok(match (size, sign) {
         (2, true) => i32::from(value as i16) as u32,
@@ -227,24 +227,7 @@ fn read(bus: &mut impl Bus, Width(size, sign): Width, at: u32) -> Result<u32, Fa
 }
 
 #[inline]
-fn write(bus: &mut impl Bus, size: u32, at: u32, value: u32) -> Result<(), Fault> {
+pub(super) fn write(bus: &mut Board, size: u32, at: u32, value: u32) -> Result<(), Fault> {
     let mask = u32::MAX >> (32 - 8 * size);
     bus.store(at, size, value & mask).ok_or(Fault::Access(at))
-}
-
-/// Reads a word from an address that must be aligned.
-#[inline]
-pub(super) fn word(bus: &mut impl Bus, at: u32) -> Result<u32, Fault> {
-    if !at.is_multiple_of(4) {
-        return Err(Fault::Unaligned);
-    }
-    bus.load(at, 4).ok_or(Fault::Access(at))
-}
-
-#[inline]
-pub(super) fn put(bus: &mut impl Bus, at: u32, value: u32) -> Result<(), Fault> {
-    if !at.is_multiple_of(4) {
-        return Err(Fault::Unaligned);
-    }
-    bus.store(at, 4, value).ok_or(Fault::Access(at))
 }

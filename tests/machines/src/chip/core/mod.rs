@@ -5,7 +5,8 @@
 //! see `tests/tests/kernels.rs`.
 //!
 //! Instructions that no image contains are undefined here: most of those on several lanes, fused
-//! products, fixed point, supervisor calls. The flags GE, which only these use, are not kept.
+//! products, saturation, fixed point, supervisor calls. Of the special registers it has those that
+//! the images use: flags without Q and GE, exception number, main stack, PRIMASK and CONTROL.
 
 mod exceptions;
 mod float;
@@ -13,17 +14,7 @@ mod memory;
 mod narrow;
 mod wide;
 
-/// Memory and peripherals of the core; `None` for an address without either.
-pub trait Bus {
-    /// Reads 1, 2 or 4 bytes.
-    fn load(&mut self, address: u32, size: u32) -> Option<u32>;
-    /// Writes 1, 2 or 4 bytes.
-    fn store(&mut self, address: u32, size: u32, value: u32) -> Option<()>;
-    /// Fetches two bytes of an instruction.
-    fn fetch(&mut self, address: u32) -> Option<u16>;
-    /// Called when an instruction is in another line of 16 bytes than the previous one.
-    fn line(&mut self, address: u32);
-}
+use super::Board;
 
 /// Reason for which an instruction was not executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +26,6 @@ pub enum Fault {
     Access(u32),
     /// Fetch from an address without memory.
     Fetch,
-    /// Unaligned access that must be aligned.
-    Unaligned,
     /// The floating-point unit is off.
     NoCoprocessor,
     Breakpoint,
@@ -46,15 +35,6 @@ pub enum Fault {
 
 /// Cycles of an instruction, or the reason why it was not executed.
 type Cycles = Result<u32, Fault>;
-
-/// Event for which a core waits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum WaitState {
-    #[default]
-    Not,
-    Event,
-    Interrupt,
-}
 
 /// Cycles to refill the pipeline after a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
 const REFILL: u32 = 2;
@@ -67,7 +47,7 @@ pub const LINK: usize = 14;
 /// Register number of the program counter, the address of the next instruction.
 pub const COUNTER: usize = 15;
 
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Core {
     /// r0 to r15; between two instructions r15 is the address of the next.
     pub r: [u32; 16],
@@ -77,25 +57,20 @@ pub struct Core {
     zero: bool,
     carry: bool,
     overflow: bool,
-    saturated: bool,
     block: u8,
     /// Whether the current instruction is in an IT block.
     inside: bool,
     status: u32,
     /// PRIMASK.
     pub mask: bool,
-    /// FAULTMASK: all but the NMI is masked.
-    pub fault_mask: bool,
-    /// BASEPRI: this priority and lower ones are masked; 0: none.
-    pub base_priority: u8,
     control: u32,
-    other_stack: u32,
     /// Number of the active exception; 0: none.
     pub exception: u16,
     /// Whether the floating-point unit is on (CPACR).
     pub float: bool,
     pub event: bool,
-    pub waits: WaitState,
+    /// Whether the core waits for an event.
+    pub waits: bool,
     /// Whether the chip must check the core: it waits, a mask was cleared, or an exception ends.
     pub attention: bool,
     pub returning: Option<u32>,
@@ -123,13 +98,13 @@ impl Core {
     pub fn set_next_instruction(&mut self, address: u32) {
         self.r[COUNTER] = address & !1;
         self.block = 0;
-        self.waits = WaitState::Not;
+        self.waits = false;
     }
 
     /// Executes one instruction and returns its cycles. A fault leaves the registers unchanged,
     /// except those already loaded.
     #[inline(always)]
-    pub fn step(&mut self, bus: &mut impl Bus) -> Result<u32, Fault> {
+    pub fn step(&mut self, bus: &mut Board) -> Result<u32, Fault> {
         let address = self.r[COUNTER];
         let line = Some(address >> 4);
         if line != self.line {
@@ -302,11 +277,7 @@ impl Core {
     fn hint(&mut self, number: usize) -> u32 {
         match number {
             2 if !std::mem::take(&mut self.event) => {
-                self.waits = WaitState::Event;
-                self.attention = true;
-            }
-            3 => {
-                self.waits = WaitState::Interrupt;
+                self.waits = true;
                 self.attention = true;
             }
             4 => self.event = true,
@@ -338,7 +309,6 @@ impl Core {
             | bit(self.zero, 30)
             | bit(self.carry, 29)
             | bit(self.overflow, 28)
-            | bit(self.saturated, 27)
             | u32::from(self.block & 3) << 25
             | 1 << 24
             | u32::from(self.block >> 2) << 10
@@ -350,7 +320,6 @@ impl Core {
         self.zero = word >> 30 & 1 == 1;
         self.carry = word >> 29 & 1 == 1;
         self.overflow = word >> 28 & 1 == 1;
-        self.saturated = word >> 27 & 1 == 1;
     }
 }
 

@@ -1,11 +1,11 @@
 //! Instructions of one halfword (ARM DDI 0403E, A5.2).
 
 use super::memory::{WORD, Width};
-use super::{Bus, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, STACK, bit, bits, signed};
+use super::{Board, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, STACK, bit, bits, signed};
 
 impl Core {
     #[inline(always)]
-    pub(super) fn narrow(&mut self, code: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn narrow(&mut self, code: u16, bus: &mut Board) -> Cycles {
         // In an IT block only comparisons set the flags.
         let set = !self.inside;
         let (d, n, m) = (bits(code, 0, 3), bits(code, 3, 3), bits(code, 6, 3));
@@ -114,7 +114,7 @@ impl Core {
     }
 
     /// Stack, extension, hints and other operations (A5.2.5).
-    fn others(&mut self, code: u16, bus: &mut impl Bus) -> Cycles {
+    fn others(&mut self, code: u16, bus: &mut Board) -> Cycles {
         let (d, m) = (bits(code, 0, 3), bits(code, 3, 3));
         let (list, value) = (code & 0xff, self.r[m]);
         let value = match bits(code, 8, 4) {
@@ -136,13 +136,8 @@ impl Core {
             },
             0x4 => return self.store_many(bus, STACK, list, true, true),
             0x5 => return self.store_many(bus, STACK, list | 1 << LINK, true, true),
-            0x6 if bits(code, 5, 3) == 0b011 => {
-                if bit(code, 1) {
-                    self.mask = bit(code, 4);
-                }
-                if bit(code, 0) {
-                    self.fault_mask = bit(code, 4);
-                }
+            0x6 if bits(code, 5, 3) == 0b011 && bit(code, 1) => {
+                self.mask = bit(code, 4);
                 self.attention = true;
                 return Ok(1);
             }

@@ -1,6 +1,6 @@
 //! Instructions of two halfwords (ARM DDI 0403E, A5.3).
 
-use super::{Bus, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, bit, bits, signed};
+use super::{Board, COUNTER, Core, Cycles, Fault, LINK, NONE, REFILL, bit, bits, signed};
 
 /// Fields of registers in an instruction of two halfwords: n, a (or the low half), d, m.
 fn registers(first: u16, second: u16) -> [usize; 4] {
@@ -9,7 +9,7 @@ fn registers(first: u16, second: u16) -> [usize; 4] {
 }
 
 impl Core {
-    pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut impl Bus) -> Cycles {
+    pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let kind = bits(first, 4, 7);
         match (bits(first, 11, 2), bit(second, 15)) {
             (0b01 | 0b11, _) if kind & 0b100_0000 != 0 => self.coprocessor(first, second, bus),
@@ -58,15 +58,11 @@ impl Core {
             let operand = self.operand(m, bits(second, 4, 2), by);
             return self.operate(first, d, operand);
         }
-        // Halves of two registers.
-        let (one, two) = (self.r[n], self.r[m]);
-        let value = if bit(second, 5) {
-            let by = if by == 0 { 32 } else { by };
-            one & 0xffff_0000 | (i64::from(two as i32) >> by) as u32 & 0xffff
-        } else {
-            one & 0xffff | two << by & 0xffff_0000
-        };
-        Ok(self.set(d, value))
+        if bit(second, 5) {
+            return Err(Fault::Undefined);
+        }
+        // The lower half of one register, and the upper half of another.
+        Ok(self.set(d, self.r[n] & 0xffff | self.r[m] << by & 0xffff_0000))
     }
 
     fn data_number(&mut self, first: u16, second: u16) -> Cycles {
@@ -96,18 +92,6 @@ impl Core {
             0b01010 => self.base(n).wrapping_sub(number),
             0b00100 => (n as u32) << 12 | number,
             0b01100 => (n as u32) << 28 | number << 16 | self.r[d] & 0xffff,
-            // Saturation of both halves.
-            0b10010 | 0b11010 if low == 0 => return Err(Fault::Undefined),
-            kind @ (0b10000 | 0b10010 | 0b11000 | 0b11010) => {
-                let value = if kind & 0b10 == 0 {
-                    self.r[n] << low
-                } else {
-                    (self.r[n] as i32 >> low) as u32
-                };
-                let signed = kind < 0b11000;
-                let count = last as u32 + u32::from(signed);
-                self.saturate(signed, count, i64::from(value as i32))
-            }
             kind @ (0b10100 | 0b11100) => {
                 let unused = 31_usize.checked_sub(low + last).ok_or(Fault::Undefined)?;
                 let top = self.r[n] << unused;
@@ -195,11 +179,6 @@ impl Core {
                 }
             }
             (8 | 9 | 12 | 13, 5) => saturate_lanes(kind & 1 == 0, kind & 4 != 0, one, two),
-            (8, 8 | 10) => {
-                let by = i64::from(one as i32);
-                let by = if how == 10 { -by } else { by };
-                self.saturate(true, 32, i64::from(two as i32) + by)
-            }
             (9, 8) => two.swap_bytes(),
             (9, 9) => two.swap_bytes().rotate_right(16),
             (9, 10) => two.reverse_bits(),
@@ -221,11 +200,9 @@ impl Core {
             0 => one.wrapping_mul(two).wrapping_add(added),
             1 => {
                 let half = |value: u32, top: bool| {
-                    i64::from((if top { value >> 16 } else { value }) as i16)
+                    i32::from((if top { value >> 16 } else { value }) as i16)
                 };
-                let total = half(one, upper) * half(two, other) + i64::from(added as i32);
-                self.saturated |= i64::from(total as i32) != total;
-                total as u32
+                added.wrapping_add_signed(half(one, upper) * half(two, other))
             }
             5 => {
                 let product = i64::from(one as i32) * i64::from(two as i32);
@@ -238,7 +215,7 @@ impl Core {
         Ok(self.set(d, value))
     }
 
-    /// Products of 64 bits, and quotients (A5.3.17).
+    /// Products of 64 bits, and unsigned quotients (A5.3.17).
     fn long(&mut self, first: u16, second: u16) -> Cycles {
         let [n, low, high, m] = registers(first, second);
         let (one, two) = (self.r[n], self.r[m]);
@@ -246,12 +223,8 @@ impl Core {
         let unsigned = u64::from(one) * u64::from(two);
         let signed = (i64::from(one as i32) * i64::from(two as i32)) as u64;
         let value = match (bits(first, 4, 3), bits(second, 4, 4)) {
-            (kind @ (1 | 3), 15) => {
-                let value = match (kind, two) {
-                    (_, 0) => 0,
-                    (1, _) => (one as i32).wrapping_div(two as i32) as u32,
-                    _ => one / two,
-                };
+            (3, 15) => {
+                let value = one.checked_div(two).unwrap_or(0);
                 self.set(high, value);
                 // 2 to 12 cycles, fewer for a shorter quotient.
                 return Ok(2 + (32 - value.leading_zeros()) * 10 / 32);
@@ -266,16 +239,6 @@ impl Core {
         self.set(low, value as u32);
         self.set(high, (value >> 32) as u32);
         Ok(1)
-    }
-
-    fn saturate(&mut self, signed: bool, count: u32, value: i64) -> u32 {
-        let (low, high) = if signed {
-            (-(1_i64 << (count - 1)), (1_i64 << (count - 1)) - 1)
-        } else {
-            (0, (1_i64 << count) - 1)
-        };
-        self.saturated |= !(low..=high).contains(&value);
-        value.clamp(low, high) as u32
     }
 }
 

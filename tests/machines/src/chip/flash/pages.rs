@@ -1,7 +1,7 @@
 //! Controller of the flash of the STM32G474: two banks of pages, words of 8 bytes with an
 //! error-correcting code (RM0440, chapter 3; DS12288, flash memory characteristics).
 
-use super::{BUSY, DATA_CACHE, Flash, LOCKED, PROGRAM, START_ERASING, TICKS};
+use super::{DATA_CACHE, Flash, LOCKED, PROGRAM, TICKS};
 
 /// Size of a page, bytes, with the flash in two banks.
 pub const SIZE: usize = 2 * 1024;
@@ -14,52 +14,22 @@ pub const OPTIONS: u32 = 0xffef_f8aa;
 pub const SOFTWARE_WATCHDOG: u32 = 1 << 16;
 /// Bits of CR (3.7.6).
 const ERASE_PAGE: u32 = 1 << 1;
-const OPTION_LOCK: u32 = 1 << 30;
+pub(super) const OPTION_LOCK: u32 = 1 << 30;
 /// Bits of SR (3.7.5): programmed twice, alignment, size, sequence; all errors.
 const PROGRAMMED_TWICE: u32 = 1 << 3;
 const ALIGNMENT: u32 = 1 << 5;
 const WRONG_SIZE: u32 = 1 << 6;
 const WRONG_SEQUENCE: u32 = 1 << 7;
-const ERRORS: u32 = 0xc3fa;
+pub(super) const ERRORS: u32 = 0xc3fa;
 /// Bit of ECCR (3.7.7): two wrong bits were read.
-const DOUBLE_ERROR: u32 = 1 << 31;
+pub(super) const DOUBLE_ERROR: u32 = 1 << 31;
 /// Typical and longest duration of an erasure, ticks: 22 ms and 24.5 ms.
 const ERASE_TIME: [u64; 2] = [22 * TICKS / 1000, 49 * TICKS / 2000];
 /// Typical and longest duration of programming a word, ticks: 82 us and 84 us.
 const WORD_TIME: [u64; 2] = [82 * TICKS / 1_000_000, 84 * TICKS / 1_000_000];
 
 impl Flash {
-    pub(super) fn page_register(&self, offset: u32, now: u64) -> u32 {
-        match offset {
-            0x00 => self.access,
-            0x10 => self.status | (u32::from(now < self.busy) * BUSY),
-            0x14 => self.control | OPTION_LOCK,
-            0x18 => self.code,
-            0x20 => self.options,
-            _ => 0,
-        }
-    }
-
-    /// Writes a register. The option bytes cannot be written here.
-    pub(super) fn set_page_register(&mut self, offset: u32, value: u32, now: u64) {
-        match offset {
-            0x08 => self.unlock(value),
-            0x10 => self.status &= !(value & ERRORS),
-            0x14 if self.control & LOCKED == 0 => {
-                self.control = value & !START_ERASING;
-                self.half = None;
-                if value & LOCKED != 0 {
-                    self.keys = 0;
-                } else if value & START_ERASING != 0 {
-                    self.erase_page(now);
-                }
-            }
-            0x18 => self.code &= !(value & DOUBLE_ERROR),
-            _ => {}
-        }
-    }
-
-    fn erase_page(&mut self, now: u64) {
+    pub(super) fn erase_page(&mut self, now: u64) {
         // An erasure does not start with an error set.
         if self.control & ERASE_PAGE == 0 || self.status & ERRORS != 0 || now < self.busy {
             return self.status |= WRONG_SEQUENCE;
@@ -68,7 +38,7 @@ impl Flash {
         let range = number * SIZE..(number + 1) * SIZE;
         self.torn.retain(|at| !range.contains(at));
         let usual = ERASE_TIME[usize::from(self.slow)];
-        self.erase_sector(number, range, self.erases_in.unwrap_or(usual), now);
+        self.erase_sector(range, self.erases_in.unwrap_or(usual), now);
     }
 
     /// Writes half a word; the second half programs the word. After an erasure a word can be
@@ -92,7 +62,7 @@ impl Flash {
         if word != 0 && !erased {
             return self.status |= PROGRAMMED_TWICE;
         }
-        self.programmed_weak |= self.weak.contains(&(at / SIZE));
+        self.programmed_weak |= self.weak.iter().any(|range| range.contains(&at));
         self.programmed_cached |= self.access & DATA_CACHE != 0;
         self.under_way = Some((at, before));
         self.bytes[at..at + WORD].copy_from_slice(&word.to_le_bytes());
@@ -125,7 +95,7 @@ impl Flash {
 
 #[cfg(test)]
 mod tests {
-    use super::super::KEYS;
+    use super::super::{BUSY, KEYS, START_ERASING};
     use super::*;
     use crate::chip::kind::Kind;
 

@@ -1,6 +1,6 @@
 //! Registers of a serial port of the STM32G474, with its FIFOs (RM0440, chapter 37).
 
-use super::{EMPTY, RECEIVED, RECEIVER, SENT, Serial, TRANSMITTER};
+use super::{EMPTY, RECEIVER, SENT, Serial, TRANSMITTER};
 
 /// Bits of CR1 (37.8.1).
 pub const ON: u32 = 1;
@@ -17,16 +17,9 @@ impl Serial {
             0x0c => self.rate,
             0x1c => {
                 let acknowledged = |part, bit: u32| u32::from(self.is_on(part)) << bit;
-                self.status | acknowledged(TRANSMITTER, 21) | acknowledged(RECEIVER, 22)
+                self.flags() | acknowledged(TRANSMITTER, 21) | acknowledged(RECEIVER, 22)
             }
-            0x24 => {
-                let value = self.data;
-                match self.received.pop_front() {
-                    Some(next) => self.data = next.into(),
-                    None => self.status &= !RECEIVED,
-                }
-                value
-            }
+            0x24 => self.received.pop_front().unwrap_or(0).into(),
             _ => 0,
         }
     }
