@@ -529,6 +529,7 @@ impl Chip {
             Fault::State => 1 << 17,
             Fault::Return => 1 << 18,
             Fault::NoCoprocessor => 1 << 19,
+            Fault::Unaligned => 1 << 24,
         };
         if system.running(self.core.mask) <= -1 {
             self.runs = Runs::Stopped;

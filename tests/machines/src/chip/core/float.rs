@@ -1,7 +1,7 @@
 //! Single precision of the FPv4-SP: rounding to nearest, with subnormal numbers (ARM DDI 0403E,
 //! A2.5, A6.4 to A6.7). A NaN without a NaN operand has no sign.
 
-use super::memory::{WORD, read, write};
+use super::memory::{put, word};
 use super::{Board, COUNTER, Core, Cycles, Fault, bit, bits};
 
 const NAN: u32 = 0x7fc0_0000;
@@ -81,9 +81,9 @@ impl Core {
         };
         for (number, at) in numbers.iter_mut().zip((from..).step_by(4)) {
             if load {
-                *number = read(bus, WORD, at)?;
+                *number = word(bus, at)?;
             } else {
-                write(bus, 4, at, *number)?;
+                put(bus, at, *number)?;
             }
         }
         self.back(base, after);

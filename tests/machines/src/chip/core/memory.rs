@@ -1,4 +1,4 @@
-//! Loads and stores (ARM DDI 0403E, A5.3.5 to A5.3.10). Any address may be unaligned here.
+//! Loads and stores (ARM DDI 0403E, A5.3.5 to A5.3.10).
 
 use super::{Board, COUNTER, Core, Cycles, Fault, REFILL, bit, bits};
 
@@ -119,12 +119,12 @@ impl Core {
             let by = if up { offset } else { -offset };
             let (at, after) = self.indexed(base, by, before, back);
             if load {
-                let words = [read(bus, WORD, at)?, read(bus, WORD, at.wrapping_add(4))?];
+                let words = [word(bus, at)?, word(bus, at.wrapping_add(4))?];
                 self.back(base, after);
                 [self.r[target], self.r[further]] = words;
             } else {
-                write(bus, 4, at, self.r[target])?;
-                write(bus, 4, at.wrapping_add(4), self.r[further])?;
+                put(bus, at, self.r[target])?;
+                put(bus, at.wrapping_add(4), self.r[further])?;
                 self.back(base, after);
             }
             return Ok(3);
@@ -177,7 +177,7 @@ impl Core {
         let (from, after) = self.range(base, list.count_ones(), down);
         let mut loaded = self.r;
         for (number, at) in list_registers(list, from) {
-            loaded[number] = read(bus, WORD, at)?;
+            loaded[number] = word(bus, at)?;
         }
         if back && !bit(list, base as u32) {
             loaded[base] = after;
@@ -202,7 +202,7 @@ impl Core {
     ) -> Cycles {
         let (from, after) = self.range(base, list.count_ones(), down);
         for (number, at) in list_registers(list, from) {
-            write(bus, 4, at, self.r[number])?;
+            put(bus, at, self.r[number])?;
         }
         self.back(base, back.then_some(after));
         Ok(1 + list.count_ones())
@@ -217,7 +217,7 @@ fn list_registers(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
 }
 
 #[inline]
-pub(super) fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result<u32, Fault> {
+fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result<u32, Fault> {
     let value = bus.load(at, size).ok_or(Fault::Access(at))?;
     Ok(match (size, sign) {
         (2, true) => i32::from(value as i16) as u32,
@@ -227,7 +227,24 @@ pub(super) fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result
 }
 
 #[inline]
-pub(super) fn write(bus: &mut Board, size: u32, at: u32, value: u32) -> Result<(), Fault> {
+fn write(bus: &mut Board, size: u32, at: u32, value: u32) -> Result<(), Fault> {
     let mask = u32::MAX >> (32 - 8 * size);
     bus.store(at, size, value & mask).ok_or(Fault::Access(at))
+}
+
+/// Reads a word from an address that must be aligned.
+#[inline]
+pub(super) fn word(bus: &mut Board, at: u32) -> Result<u32, Fault> {
+    if !at.is_multiple_of(4) {
+        return Err(Fault::Unaligned);
+    }
+    bus.load(at, 4).ok_or(Fault::Access(at))
+}
+
+#[inline]
+pub(super) fn put(bus: &mut Board, at: u32, value: u32) -> Result<(), Fault> {
+    if !at.is_multiple_of(4) {
+        return Err(Fault::Unaligned);
+    }
+    bus.store(at, 4, value).ok_or(Fault::Access(at))
 }

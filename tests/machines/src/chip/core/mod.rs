@@ -26,6 +26,8 @@ pub enum Fault {
     Access(u32),
     /// Fetch from an address without memory.
     Fetch,
+    /// Unaligned access that must be aligned.
+    Unaligned,
     /// The floating-point unit is off.
     NoCoprocessor,
     Breakpoint,
