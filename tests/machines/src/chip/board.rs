@@ -26,8 +26,13 @@ const IDENTITY: u32 = 0xe004_2000;
 const STOPS_LOWER: u32 = 0xe004_2008;
 const STOPS_UPPER: u32 = 0xe004_200c;
 /// Interrupt numbers (12.2, table 62).
+const WINDOW: u16 = 0;
 const MONITOR: u16 = 1;
+/// Interrupt number of EXTI line 0.
+const EDGE: u16 = 6;
 const CONVERTED: u16 = 18;
+const TIMER_BREAK: u16 = 24;
+const TIMER_UPDATE: u16 = 25;
 const LINK: u16 = 38;
 const FIELDBUS: u16 = 52;
 /// EXTI line of the supply monitor (12.2.5).
@@ -215,8 +220,13 @@ impl Board {
 
     fn interrupts(&mut self) {
         let system = &mut self.system;
+        system.line(WINDOW, self.window.interrupts());
         system.line(MONITOR, self.lines[5] & self.lines[0] & MONITOR_LINE != 0);
+        system.line(EDGE, self.lines[5] & self.lines[0] & 1 != 0);
         system.line(CONVERTED, self.converter.interrupts());
+        let [update, broke] = self.bridge.interrupts();
+        system.line(TIMER_UPDATE, update);
+        system.line(TIMER_BREAK, broke);
         system.line(LINK, self.link.interrupts());
         system.line(FIELDBUS, self.fieldbus.interrupts());
         if self.clocks.security() {
@@ -260,6 +270,7 @@ impl Board {
             .min(self.bridge.due())
             .min(self.converter.due)
             .min(self.window.due(lower))
+            .min(self.window.warns(lower))
             .min(self.link.due())
             .min(self.fieldbus.due());
     }
@@ -325,6 +336,9 @@ impl Board {
         let lower = self.lower();
         if self.watchdog.due() <= self.now {
             self.reset = Some(Cause::Watchdog);
+        }
+        if self.window.warns(lower) <= self.now {
+            self.window.early = true;
         }
         if self.window.due(lower) <= self.now {
             self.reset = Some(Cause::Window);

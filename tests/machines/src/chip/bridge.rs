@@ -1,5 +1,4 @@
-//! Model of TIM1 as the timer of a half bridge (RM0090, chapter 17; RM0440, chapter 28). It counts up
-//! and down.
+//! Model of TIM1 as the timer of a half bridge (RM0090, chapter 17; RM0440, chapter 28).
 
 use super::clocks::START_CYCLE;
 use super::kind::Kind;
@@ -7,6 +6,7 @@ use super::word;
 
 /// Bits of CR1, SR, EGR, BDTR.
 const ENABLE: u32 = 1;
+const UPDATE_OFF: u32 = 1 << 1;
 const PRELOAD: u32 = 1 << 7;
 const BREAK: u32 = 1 << 7;
 /// Flag of a break by the chip itself, on the STM32G474. While it is set, the outputs stay off.
@@ -62,6 +62,10 @@ impl Bridge {
         self.word(0) & ENABLE != 0 && self.cycle > 0
     }
 
+    fn is_centred(&self) -> bool {
+        self.word(0) >> 5 & 3 != 0
+    }
+
     pub fn set_cycle(&mut self, cycle: u64, now: u64) {
         if cycle != self.cycle {
             self.catch_up(now);
@@ -102,7 +106,7 @@ impl Bridge {
         let steps = if self.down {
             self.count
         } else {
-            self.reload.saturating_sub(self.count)
+            self.reload.saturating_sub(self.count) + u32::from(!self.is_centred())
         };
         self.since + u64::from(steps) * self.count_ticks()
     }
@@ -110,10 +114,17 @@ impl Bridge {
     /// Reverses the counter at its end; returns whether it triggers (update, CR2.MMS = 2).
     pub fn turn(&mut self) -> bool {
         self.since = self.due();
-        self.count = if self.down { 0 } else { self.reload };
-        self.down = !self.down;
+        if self.is_centred() {
+            self.count = if self.down { 0 } else { self.reload };
+            self.down = !self.down;
+        } else {
+            self.count = 0;
+        }
         if self.repetition > 0 {
             self.repetition -= 1;
+            return false;
+        }
+        if self.word(0) & UPDATE_OFF != 0 {
             return false;
         }
         self.update();
@@ -135,7 +146,7 @@ impl Bridge {
     pub fn read(&self, offset: u32, now: u64) -> u32 {
         match offset {
             0x24 => self.place(now),
-            0x00 => self.word(0) & !0x10 | u32::from(self.down) << 4,
+            0x00 => self.word(0) & !0x10 | u32::from(self.down && self.is_centred()) << 4,
             offset => word(&self.registers, offset),
         }
     }
@@ -246,14 +257,25 @@ impl Bridge {
         compare.saturating_sub(sampled.max(dead))
     }
 
+    /// Requested interrupts: update, break.
+    pub fn interrupts(&self) -> [bool; 2] {
+        let both = self.word(0x10) & self.word(0x0c);
+        [both & UPDATE != 0, both & BREAK != 0]
+    }
+
     /// Period in timer counts, its high part, and the dead time in counts.
     pub fn period(&self) -> (u32, u32, u32) {
+        let turns = if self.is_centred() { 2 } else { 1 };
         let dead = match self.word(0x44) & 0xff {
             code @ 0..0x80 => code,
             code @ 0x80..0xc0 => 2 * (64 + (code & 0x3f)),
             code @ 0xc0..0xe0 => 8 * (32 + (code & 0x1f)),
             code => 16 * (32 + (code & 0x1f)),
         };
-        (2 * self.reload * (self.prescaler + 1), self.compare, dead)
+        (
+            turns * self.reload * (self.prescaler + 1),
+            self.compare,
+            dead,
+        )
     }
 }

@@ -107,13 +107,14 @@ impl Independent {
     }
 }
 
-/// The window watchdog, on the clock of APB1, without its early warning.
+/// The window watchdog, on the clock of APB1.
 #[derive(Clone, Debug, Default)]
 pub struct Window {
     /// Bits of the prescaler in the configuration.
     prescaler: u32,
     control: u32,
     configuration: u32,
+    pub early: bool,
     since: u64,
     /// Whether a write has caused its reset: too early, or below 0x40.
     reset_reason: bool,
@@ -163,6 +164,7 @@ impl Window {
         match offset {
             0x00 => self.control & 0x80 | self.count(now, cycle),
             0x04 => self.configuration,
+            0x08 => self.early.into(),
             _ => 0,
         }
     }
@@ -180,8 +182,9 @@ impl Window {
             0x04 => {
                 self.control = self.control & 0x80 | self.count(now, cycle);
                 self.since = now;
-                self.configuration = value & (0x7f | self.prescaler);
+                self.configuration = value & (0x27f | self.prescaler);
             }
+            0x08 => self.early &= value & 1 == 1,
             _ => {}
         }
     }
@@ -194,9 +197,25 @@ impl Window {
         if !self.running() || cycle == 0 {
             return u64::MAX;
         }
-        let counts = (self.control & 0x7f).saturating_sub(0x3f);
+        self.after((self.control & 0x7f).saturating_sub(0x3f), cycle)
+    }
+
+    /// Tick of its early warning, if enabled.
+    pub fn warns(&self, cycle: u64) -> u64 {
+        let is_enabled = self.configuration >> 9 & 1 == 1 && !self.early;
+        if !self.running() || !is_enabled || cycle == 0 {
+            return u64::MAX;
+        }
+        self.after((self.control & 0x7f).saturating_sub(0x40), cycle)
+    }
+
+    fn after(&self, counts: u32, cycle: u64) -> u64 {
         let step = self.step(cycle).max(1);
         (self.since / step + u64::from(counts)) * step
+    }
+
+    pub fn interrupts(&self) -> bool {
+        self.early && self.configuration >> 9 & 1 == 1
     }
 
     pub fn pause(&mut self, ticks: u64) {
