@@ -1,6 +1,6 @@
 //! Exception entry and return (ARM DDI 0403E, B1.5.6 and B1.5.8).
 
-use super::{Board, COUNTER, Core, Fault, LINK, STACK};
+use super::{Board, COUNTER, Core, Cycles, Fault, LINK, STACK};
 
 /// Bit of CONTROL: numbers in the floating-point registers.
 const FLOAT: u32 = 1 << 2;
@@ -89,26 +89,27 @@ impl Core {
     }
 
     /// Reads a special register (B5.2.2).
-    pub(super) fn special(&self, number: u8) -> u32 {
-        match number {
+    pub(super) fn special(&self, number: u8) -> Result<u32, Fault> {
+        Ok(match number {
             0 => self.program_status() & 0xf000_0000,
             5 => self.exception.into(),
             8 => self.r[STACK],
             16 => self.mask.into(),
             20 => self.control,
-            _ => 0,
-        }
+            _ => return Err(Fault::Undefined),
+        })
     }
 
-    pub(super) fn set_special(&mut self, number: u8, value: u32) {
+    pub(super) fn set_special(&mut self, number: u8, value: u32) -> Cycles {
         match number {
             0 => self.set_flags(value),
             8 => self.r[STACK] = value & !3,
             16 => self.mask = value & 1 == 1,
             20 => self.control = value & (1 | FLOAT),
-            _ => {}
+            _ => return Err(Fault::Undefined),
         }
         self.attention = true;
+        Ok(2)
     }
 
     /// Marks the floating-point registers as used: a frame includes them from now on.

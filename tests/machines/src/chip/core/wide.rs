@@ -132,10 +132,7 @@ impl Core {
             return Ok(self.branch(self.holds(condition), signed(upper | low, 21)));
         }
         match bits(first, 4, 7) {
-            0b011_1000 | 0b011_1001 => {
-                self.set_special(second as u8, self.r[bits(first, 0, 4)]);
-                Ok(2)
-            }
+            0b011_1000 | 0b011_1001 => self.set_special(second as u8, self.r[bits(first, 0, 4)]),
             0b011_1010 if bits(second, 8, 3) == 0 => Ok(self.hint(bits(second, 0, 8))),
             0b011_1011 => match bits(second, 4, 4) {
                 2 => {
@@ -146,7 +143,7 @@ impl Core {
                 _ => Err(Fault::Undefined),
             },
             0b011_1110 | 0b011_1111 => {
-                let value = self.special(second as u8);
+                let value = self.special(second as u8)?;
                 self.set(bits(second, 8, 4), value);
                 Ok(2)
             }
