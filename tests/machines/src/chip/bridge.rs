@@ -8,6 +8,7 @@ use super::word;
 const ENABLE: u32 = 1;
 const UPDATE_OFF: u32 = 1 << 1;
 const PRELOAD: u32 = 1 << 7;
+const UPDATE: u32 = 1;
 const BREAK: u32 = 1 << 7;
 /// Flag of a break by the chip itself, on the STM32G474. While it is set, the outputs stay off.
 const SYSTEM_BREAK: u32 = 1 << 13;
@@ -128,6 +129,7 @@ impl Bridge {
             return false;
         }
         self.update();
+        self.registers[0x10 / 4] |= UPDATE;
         if self.word(0x44) & AUTOMATIC != 0 && self.word(0x10) & BREAK == 0 {
             self.registers[0x44 / 4] |= MAIN_OUTPUT;
         }
@@ -164,6 +166,7 @@ impl Bridge {
                 if value & 1 != 0 {
                     self.update();
                     (self.count, self.down, self.since) = (0, false, now);
+                    self.registers[0x10 / 4] |= UPDATE;
                 }
                 return value & 1 != 0 && matches!(self.word(4) >> 4 & 7, 0 | 2);
             }
