@@ -5,7 +5,7 @@
 //! see `tests/tests/kernels.rs`.
 //!
 //! Instructions that no image contains are undefined here: most of those on several lanes, fused
-//! products, saturation, fixed point, supervisor calls. Of the special registers it has those that
+//! products, fixed point, supervisor calls. Of the special registers it has those that
 //! the images use: flags without Q and GE, exception number, main stack, PRIMASK and CONTROL.
 
 mod exceptions;

@@ -92,6 +92,21 @@ impl Core {
             0b01010 => self.base(n).wrapping_sub(number),
             0b00100 => (n as u32) << 12 | number,
             0b01100 => (n as u32) << 28 | number << 16 | self.r[d] & 0xffff,
+            // Saturation, of one number.
+            0b10010 | 0b11010 if low == 0 => return Err(Fault::Undefined),
+            kind @ (0b10000 | 0b10010 | 0b11000 | 0b11010) => {
+                let value = if kind & 0b10 == 0 {
+                    self.r[n] << low
+                } else {
+                    (self.r[n] as i32 >> low) as u32
+                };
+                let (low, high) = if kind < 0b11000 {
+                    (-(1_i64 << last), (1_i64 << last) - 1)
+                } else {
+                    (0, (1_i64 << last) - 1)
+                };
+                i64::from(value as i32).clamp(low, high) as u32
+            }
             kind @ (0b10100 | 0b11100) => {
                 let unused = 31_usize.checked_sub(low + last).ok_or(Fault::Undefined)?;
                 let top = self.r[n] << unused;
@@ -212,7 +227,7 @@ impl Core {
         Ok(self.set(d, value))
     }
 
-    /// Products of 64 bits, and unsigned quotients (A5.3.17).
+    /// Products of 64 bits, and quotients (A5.3.17).
     fn long(&mut self, first: u16, second: u16) -> Cycles {
         let [n, low, high, m] = registers(first, second);
         let (one, two) = (self.r[n], self.r[m]);
@@ -220,8 +235,12 @@ impl Core {
         let unsigned = u64::from(one) * u64::from(two);
         let signed = (i64::from(one as i32) * i64::from(two as i32)) as u64;
         let value = match (bits(first, 4, 3), bits(second, 4, 4)) {
-            (3, 15) => {
-                let value = one.checked_div(two).unwrap_or(0);
+            (kind @ (1 | 3), 15) => {
+                let value = match (kind, two) {
+                    (_, 0) => 0,
+                    (1, _) => (one as i32).wrapping_div(two as i32) as u32,
+                    _ => one / two,
+                };
                 self.set(high, value);
                 // 2 to 12 cycles, fewer for a shorter quotient.
                 return Ok(2 + (32 - value.leading_zeros()) * 10 / 32);
