@@ -258,6 +258,11 @@ fn a_running_drive_is_not_worked_on_but_obeys() {
         let running = Response::Refused(Refusal::Running);
         assert_eq!(board.ask_now(&request), running, "{request:?}");
     }
+    // Without the enable input it stops all the same.
+    board.run(false, 1);
+    assert_eq!(board.state(), State::Stopping);
+    let refused = Response::Refused(Refusal::Running);
+    assert_eq!(board.ask_now(&SIMULATE), refused);
     let event = board.ask(&Request::Event(0));
     assert!(matches!(event, Response::Event(Some(record)) if record.number == 0));
     let none = board.ask(&Request::Event(1_000_000));

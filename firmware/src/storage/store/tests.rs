@@ -490,6 +490,7 @@ fn settings_recipes_and_key_are_saved_without_each_other() {
     let mut store = records(Nor::<G4_PAGE>::new());
     let never = LoadedSettings::none(Condition::Never);
     assert_eq!(block_on(store.load()), never);
+    assert_eq!(never.target, Target::Amplitude(0.0));
     assert_eq!(block_on(store.recipes()), Recipes::default());
     let none = Err(StoreFailed::NoSettings);
     assert_eq!(block_on(store.save_recipes(&some_recipes(1))), none);
