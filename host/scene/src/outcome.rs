@@ -374,9 +374,9 @@ impl Outcome {
 
     /// Whether every part is locked at the end, from its impacts alone.
     pub fn is_locked(&self) -> bool {
-        let mut regimes = self.regimes().iter();
+        let regimes = self.regimes();
         let is_locked = |(_, regime): &(u8, Regime)| matches!(regime, Regime::Locked { .. });
-        !self.regimes().is_empty() && regimes.all(is_locked)
+        !regimes.is_empty() && regimes.iter().all(is_locked)
     }
 
     /// Number of parts on the track that are at rest at the end.

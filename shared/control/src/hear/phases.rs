@@ -118,7 +118,7 @@ impl PhaseStatistics {
         libm::atan2f(self.sine, self.cosine)
     }
 
-    /// Mean cosine of the phases: that of the mean phase times the concentration.
+    /// Mean cosine of the phases, -1..1; 0 without any impact.
     pub fn mean_cosine(&self) -> f32 {
         share_of(self.cosine, self.weight)
     }

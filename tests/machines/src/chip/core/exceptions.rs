@@ -6,7 +6,7 @@ use super::{Board, COUNTER, Core, Cycles, Fault, LINK, STACK};
 const FLOAT: u32 = 1 << 2;
 const FRAME: u32 = 0x20;
 /// Registers of a stack frame before the status.
-const FRAMED: [usize; 7] = [0, 1, 2, 3, 12, LINK, COUNTER];
+const FRAME_REGISTERS: [usize; 7] = [0, 1, 2, 3, 12, LINK, COUNTER];
 /// Size of a stack frame with floating-point registers, bytes.
 const FLOAT_FRAME: u32 = 0x68;
 /// Duration of an exception entry or return, cycles (ARM DDI 0439B, 3.9).
@@ -24,7 +24,7 @@ impl Core {
         let place = stack.wrapping_sub(size) & !7;
         let padded = u32::from(stack & 4 != 0);
         let status = self.program_status() | padded << 9;
-        let mut frame = FRAMED.map(|number| self.r[number]).to_vec();
+        let mut frame = FRAME_REGISTERS.map(|number| self.r[number]).to_vec();
         frame.push(status);
         if float {
             frame.extend(&self.s[..16]);
@@ -60,7 +60,7 @@ impl Core {
             let address = place.wrapping_add(at);
             bus.load(address, 4).ok_or(Fault::Access(address))
         };
-        for (at, number) in (0_u32..).step_by(4).zip(FRAMED) {
+        for (at, number) in (0_u32..).step_by(4).zip(FRAME_REGISTERS) {
             self.r[number] = get(at)?;
         }
         let status = get(28)?;
