@@ -120,7 +120,8 @@ fn command() -> clap::Command {
 
 /// Runs `kband` on the arguments of the process; the binary's `main`.
 pub fn main() -> ExitCode {
-    let matches = command().try_get_matches();
+    let mut whole = command();
+    let matches = whole.try_get_matches_from_mut(std::env::args_os());
     let line = matches.and_then(|matches| Ok((CommandLine::from_arg_matches(&matches)?, matches)));
     let (line, matches) = match line {
         Ok(parsed) => parsed,
@@ -135,7 +136,6 @@ pub fn main() -> ExitCode {
             return ExitCode::from(message.exit_code() as u8);
         }
     };
-    let whole = command();
     let (verb, given) = match matches.subcommand() {
         Some((name, given)) => (whole.find_subcommand(name), given),
         None => (None, &matches),
