@@ -698,16 +698,6 @@ impl Board {
     fn lowest(&self) -> u32 {
         MEMORY - self.memory_below_ram.len() as u32
     }
-
-    /// Fetches an instruction outside the RAM; the wait is counted with its line.
-    #[inline(never)]
-    fn fetch_elsewhere(&mut self, address: u32) -> Option<u32> {
-        if address < 0x0010_0000 || flash::RANGE.contains(&address) {
-            self.wait_for_flash(address);
-            return number(&self.flash.bytes, (address & 0x000f_ffff) as usize, 2);
-        }
-        self.load(address, 2)
-    }
 }
 
 #[inline]
@@ -749,14 +739,24 @@ impl Board {
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }
 
-    /// Fetches two bytes of an instruction.
+    /// The next two halfwords of a program in the flash, which no operation keeps busy.
     #[inline]
-    pub fn fetch(&mut self, address: u32) -> Option<u16> {
+    pub fn fetch_both(&self, address: u32) -> Option<u32> {
         let at = address.wrapping_sub(flash::START) as usize;
-        let idle = self.now >= self.flash.busy;
-        (idle.then(|| number(&self.flash.bytes, at, 2)).flatten())
-            .or_else(|| self.fetch_elsewhere(address))
-            .map(|half| half as u16)
+        let bytes = self.flash.bytes.get(at..)?.first_chunk()?;
+        (self.now >= self.flash.busy).then(|| u32::from_le_bytes(*bytes))
+    }
+
+    /// Fetches two bytes of an instruction.
+    #[inline(never)]
+    pub fn fetch(&mut self, address: u32) -> Option<u16> {
+        let half = if address < 0x0010_0000 || flash::RANGE.contains(&address) {
+            self.wait_for_flash(address);
+            number(&self.flash.bytes, (address & 0x000f_ffff) as usize, 2)
+        } else {
+            self.load(address, 2)
+        };
+        half.map(|half| half as u16)
     }
 
     /// Called when an instruction is in another line of 16 bytes than the previous one.

@@ -127,18 +127,19 @@ impl Core {
         let [_, one, two] = numbers.map(f32::from_bits);
         let plain = |result: f32| self.number(result, &numbers[1..]);
         let turned = |number: u32| number ^ 0x8000_0000;
+        let product = || plain(one * two);
         let sum = |product: u32, target: u32| {
             let result = f32::from_bits(target) + f32::from_bits(product);
             self.number(result, &[target, product])
         };
-        let (product, target) = (plain(one * two), numbers[0]);
+        let target = numbers[0];
         let (value, cycles) = match (bit(first, 7), bits(first, 4, 2), bit(second, 6)) {
-            (false, 0, false) => (sum(product, target), 3),
-            (false, 0, true) => (sum(turned(product), target), 3),
-            (false, 1, false) => (sum(product, turned(target)), 3),
-            (false, 1, true) => (sum(turned(product), turned(target)), 3),
-            (false, 2, false) => (product, 1),
-            (false, 2, true) => (turned(product), 1),
+            (false, 0, false) => (sum(product(), target), 3),
+            (false, 0, true) => (sum(turned(product()), target), 3),
+            (false, 1, false) => (sum(product(), turned(target)), 3),
+            (false, 1, true) => (sum(turned(product()), turned(target)), 3),
+            (false, 2, false) => (product(), 1),
+            (false, 2, true) => (turned(product()), 1),
             (false, 3, false) => (plain(one + two), 1),
             (false, 3, true) => (plain(one - two), 1),
             (true, 0, false) => (plain(one / two), 14),

@@ -40,6 +40,8 @@ type Cycles = Result<u32, Fault>;
 
 /// Cycles to refill the pipeline after a branch: 1 to 3 by alignment (ARM DDI 0439B, 3.3.1).
 const REFILL: u32 = 2;
+/// First halfword from which an instruction has two (A5.1).
+const WIDE: u16 = 0xe800;
 /// Register number for "no target".
 const NONE: usize = 16;
 /// Register number of the stack pointer.
@@ -113,14 +115,18 @@ impl Core {
             self.line = line;
             bus.line(address);
         }
-        let first = bus.fetch(address).ok_or(Fault::Fetch)?;
-        // Whether it has two halfwords (A5.1).
-        let wide = first >= 0xe800;
-        let second = if wide {
-            bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
-        } else {
-            0
+        let (first, second) = match bus.fetch_both(address) {
+            Some(word) => (word as u16, (word >> 16) as u16),
+            None => {
+                let first = bus.fetch(address).ok_or(Fault::Fetch)?;
+                let second = (first >= WIDE).then(|| bus.fetch(address.wrapping_add(2)));
+                (
+                    first,
+                    second.map_or(Ok(0), |half| half.ok_or(Fault::Fetch))?,
+                )
+            }
         };
+        let wide = first >= WIDE;
         self.next = address.wrapping_add(if wide { 4 } else { 2 });
         let block = self.block;
         self.inside = block != 0;
