@@ -63,7 +63,7 @@ impl<S: Sense, D: Drive> Sampler<S, D> {
         if change_bits & SIGNAL != 0
             && let Some(signal) = self.exchange.signal.lock(Cell::take)
         {
-            self.signal = signal;
+            self.signal = signal.into_inner();
         }
         if change_bits & COMMAND != 0 {
             let command = self.exchange.command.lock(Cell::get);

@@ -14,12 +14,15 @@ use kband::arithmetic::Phase;
 use kband_control::{Command, Cycle, Signal, UPPER};
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
+///
+/// No value within a cell encodes an empty mailbox, so an empty exchange is all zeros, and takes no
+/// flash.
 pub struct Exchange {
-    cycle: Mailbox<CriticalSectionRawMutex, (Cycle, Option<EnableCycle>)>,
+    cycle: Mailbox<CriticalSectionRawMutex, Cell<(Cycle, Option<EnableCycle>)>>,
     /// The newest command; new if [`Self::take_change_bits`] has the bit [`COMMAND`].
     pub(crate) command: Mutex<CriticalSectionRawMutex, Cell<Command>>,
     /// The new signal path, if [`Self::take_change_bits`] has the bit [`SIGNAL`].
-    pub(crate) signal: Mutex<CriticalSectionRawMutex, Cell<Option<Signal>>>,
+    pub(crate) signal: Mutex<CriticalSectionRawMutex, Cell<Option<Cell<Signal>>>>,
     change_bits: AtomicU8,
     command_due: AtomicBool,
     cycle_unfinished: AtomicBool,
@@ -41,7 +44,7 @@ impl Exchange {
                 lead: Phase::ZERO,
                 overtones: [[0.0; 2]; UPPER],
                 step: 0,
-                immediate: true,
+                immediate: false,
                 average_from: None,
                 whole: false,
             })),
@@ -81,7 +84,7 @@ impl Exchange {
         if self.command_due.swap(true, Ordering::AcqRel) {
             self.missed.fetch_add(1, Ordering::Relaxed);
         }
-        self.cycle.signal((cycle.clone(), enable));
+        self.cycle.signal(Cell::new((cycle.clone(), enable)));
     }
 
     /// Marks the control of the last cycle as finished. Planning after it does not count as late.
@@ -96,7 +99,7 @@ impl Exchange {
         if !self.cycle.signaled() {
             self.cycle_unfinished.store(false, Ordering::Release);
         }
-        self.cycle.wait().await
+        self.cycle.wait().await.into_inner()
     }
 
     /// Whether a cycle waits for its control.
@@ -113,7 +116,7 @@ impl Exchange {
 
     /// Replaces the signal path for new settings at the next sample. The drive is off then.
     pub fn replace_signal(&self, signal: Signal) {
-        self.signal.lock(|cell| cell.set(Some(signal)));
+        self.signal.lock(|cell| cell.set(Some(Cell::new(signal))));
         self.change_bits.fetch_or(SIGNAL, Ordering::Release);
     }
 

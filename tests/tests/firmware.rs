@@ -158,8 +158,8 @@ fn images_fit_their_budget() {
     // Limits in KiB of flash and RAM. The Nucleo's include the 24 KiB of its loader. The emulated
     // image also contains the plant of three tones.
     for (name, image, max_sizes) in [
-        ("feeder for the Nucleo-G474RE", nucleo, [304 + 24, 88]),
-        ("feeder", build("feeder"), [304, 88]),
+        ("feeder for the Nucleo-G474RE", nucleo, [288 + 24, 88]),
+        ("feeder", build("feeder"), [288, 88]),
         ("virtual_feeder", build("virtual_feeder"), [640, 117]),
     ] {
         let sizes = footprint(&image);

@@ -6,7 +6,7 @@
 use crate::storage::last_words::LastWords;
 use crate::storage::waiting::Waiting;
 use core::arch::naked_asm;
-use core::cell::UnsafeCell;
+use core::cell::{Cell, UnsafeCell};
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::{SCB, SYST};
@@ -247,8 +247,9 @@ pub fn stack_low() -> bool {
     low != 0
 }
 
-/// State of one interrupt handler, stored before the interrupt is unmasked.
-pub struct Owned<T>(UnsafeCell<Option<T>>);
+/// State of one interrupt handler, stored before the interrupt is unmasked. Without a value in the
+/// cell for `None`, an empty one is all zeros, and takes no flash.
+pub struct Owned<T>(UnsafeCell<Option<Cell<T>>>);
 
 // SAFETY: `put` and `get` require that only the handler uses it once it is unmasked.
 unsafe impl<T: Send> Sync for Owned<T> {}
@@ -265,7 +266,7 @@ impl<T> Owned<T> {
     /// The interrupt of the handler must be masked.
     pub unsafe fn put(&self, value: T) {
         // SAFETY: the handler cannot run, as the caller guarantees.
-        unsafe { *self.0.get() = Some(value) };
+        unsafe { *self.0.get() = Some(Cell::new(value)) };
     }
 
     /// The handler's state.
@@ -276,6 +277,6 @@ impl<T> Owned<T> {
     #[inline]
     pub unsafe fn get(&self) -> Option<&mut T> {
         // SAFETY: no other reference exists, as the caller guarantees.
-        unsafe { (*self.0.get()).as_mut() }
+        unsafe { (*self.0.get()).as_mut().map(Cell::get_mut) }
     }
 }

@@ -56,7 +56,8 @@ pub(crate) static QUARTER_SINES: [u64; COUNT / 4 + 1] = {
 /// Sine and cosine at a node, from [`QUARTER_SINES`].
 pub(crate) fn sine_cosine(node: u32) -> [Fixed<60, i64>; 2] {
     let place = node as usize % (COUNT / 4);
-    let [sine, cosine] = [place, COUNT / 4 - place].map(|n| Fixed((QUARTER_SINES[n] >> 3) as i64));
+    let quarter = [QUARTER_SINES[place], QUARTER_SINES[COUNT / 4 - place]];
+    let [sine, cosine] = quarter.map(|steps| Fixed((steps >> 3) as i64));
     match node as usize / (COUNT / 4) % 4 {
         0 => [sine, cosine],
         1 => [cosine, -sine],
@@ -65,32 +66,17 @@ pub(crate) fn sine_cosine(node: u32) -> [Fixed<60, i64>; 2] {
     }
 }
 
-/// A node for sums of tones on a CPU without f64.
-#[derive(Clone, Copy)]
-pub(crate) struct Fine {
-    /// Sine and cosine, nearest.
-    pub fixed: [Fixed<30>; 2],
-    /// Cosine, nearest.
-    pub cosine: Fixed<48, i64>,
-}
-
-/// All values of a node in adjacent memory.
-pub(crate) static FINE_NODES: [Fine; COUNT] = TABLES.fine;
-
 struct Tables {
     double: [[f64; 2]; COUNT],
     phases: [[f64; 2]; COUNT],
     single: [[f32; 2]; COUNT],
-    fine: [Fine; COUNT],
 }
 
 const TABLES: Tables = {
-    let (fixed, cosine) = ([Fixed(0); 2], Fixed(0));
     let mut tables = Tables {
         double: [[0.0; 2]; COUNT],
         phases: [[0.0; 2]; COUNT],
         single: [[0.0; 2]; COUNT],
-        fine: [Fine { fixed, cosine }; COUNT],
     };
     let mut j = 0;
     while j < COUNT {
@@ -98,12 +84,6 @@ const TABLES: Tables = {
         tables.double[j] = [sine, cosine];
         tables.phases[j] = [j as f64 * SPACING_HIGH, j as f64 * SPACING_LOW];
         tables.single[j] = [sine as f32, cosine as f32];
-        let fixed = [
-            Fixed::<30>::from_constant(sine),
-            Fixed::<30>::from_constant(cosine),
-        ];
-        let cosine = Fixed::<48, i64>::from_constant(cosine);
-        tables.fine[j] = Fine { fixed, cosine };
         j += 1;
     }
     tables

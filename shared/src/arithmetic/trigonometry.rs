@@ -8,7 +8,7 @@ use core::f64::consts::{FRAC_2_PI, TAU};
 
 use super::Phase;
 use super::fixed::Fixed;
-use super::node::{self, Fine};
+use super::node;
 
 const RADIANS_PER_STEP: f32 = Phase::RADIANS_PER_STEP as f32;
 
@@ -108,11 +108,13 @@ pub(crate) fn arcsine_single(x: f32) -> f32 {
 }
 
 /// Cosine of a phase, by products of 32 bits into 64; error at most 3.2e-11, RMS 6.4e-12.
-#[inline(always)]
 pub(crate) fn cosine_fine(phase: Phase) -> Fixed<48, i64> {
     let (index, distance) = nearest(phase);
-    let Fine { fixed, cosine } = &node::FINE_NODES[index];
-    let [s, c] = *fixed;
+    let at_node = node::sine_cosine(index as u32);
+    // The nearest multiples of 2^-30 and of 2^-48.
+    let [s, c] = at_node.map(|Fixed(x)| Fixed::<30>(((x + (1 << 29)) >> 30) as i32));
+    let [_, Fixed(x)] = at_node;
+    let cosine = Fixed::<48, i64>((x + (1 << 11)) >> 12);
     let turns = Fixed::<32>(distance).to::<40>();
     let d: Fixed<36> = rounded_product(turns, RADIANS_PER_TURN);
     let z: Fixed<40> = rounded_product(d, d);
@@ -123,7 +125,7 @@ pub(crate) fn cosine_fine(phase: Phase) -> Fixed<48, i64> {
         (z.scaled::<41>() - fourth.times(Fixed::<25>::from_constant(1.0 / 24.0))).to::<36>();
     let arc = d - third.times(Fixed::<32>::from_constant(1.0 / 6.0));
     let fall: Fixed<66, i64> = s.whole(arc) + c.whole(versine);
-    *cosine - fall.to::<48>()
+    cosine - fall.to::<48>()
 }
 
 /// Product from its upper half, rounded to nearest.

@@ -63,19 +63,21 @@ pub struct SynchronousAverage {
 }
 
 impl SynchronousAverage {
-    /// An empty average.
-    pub const EMPTY: Self = Self {
-        from: Phase::ZERO,
-        step: 0,
-        layout: BinLayout::NONE,
-        open: false,
-        summing: false,
-        bin: 0,
-        wait: 0,
-        sums: [0.0; MAX_BINS],
-        count: 0,
-        next: 0,
-    };
+    /// An empty average. As a constant it would take 1 KiB of flash.
+    pub fn empty() -> Self {
+        Self {
+            from: Phase::ZERO,
+            step: 0,
+            layout: BinLayout::NONE,
+            open: false,
+            summing: false,
+            bin: 0,
+            wait: 0,
+            sums: [0.0; MAX_BINS],
+            count: 0,
+            next: 0,
+        }
+    }
 
     /// Whether no average runs, waits for its transfer, or is requested.
     pub fn is_idle(&self) -> bool {

@@ -281,7 +281,7 @@ impl Signal {
             cycles: [empty.clone(), empty],
             complete: 1,
             detector: OnsetDetector::new(scale),
-            average: SynchronousAverage::EMPTY,
+            average: SynchronousAverage::empty(),
             energy: EnergyHistogram::default(),
             current: CurrentMeter {
                 scale: volts / settings.current_sensitivity,

@@ -109,26 +109,29 @@ pub struct Fit {
 }
 
 impl Fit {
-    pub const EMPTY: Self = Self {
-        residual: [0.0; MAX_BINS],
-        layout: BinLayout::NONE,
-        per_radian: 1.0,
-        normal_gravity: 0.0,
-        k: 1.0,
-        contact: ContactTime::INSTANT,
-        lowest: MIN_RESTITUTION,
-        grid_step: 0.0,
-        stage: Stage::Done,
-        ringing: None,
-        onset: 0.0,
-        first_landing_samples: 0.0,
-        best: None,
-        verdict: Verdict::Quiet,
-        residual_sum: [0.0; GRID_POINTS],
-        sums: [0.0; GRID_POINTS],
-        first_landing_sum: 0.0,
-        amplitude_bias: None,
-    };
+    /// A fit without data. As a constant it would take 2 KiB of flash.
+    pub fn empty() -> Self {
+        Self {
+            residual: [0.0; MAX_BINS],
+            layout: BinLayout::NONE,
+            per_radian: 1.0,
+            normal_gravity: 0.0,
+            k: 1.0,
+            contact: ContactTime::INSTANT,
+            lowest: MIN_RESTITUTION,
+            grid_step: 0.0,
+            stage: Stage::Done,
+            ringing: None,
+            onset: 0.0,
+            first_landing_samples: 0.0,
+            best: None,
+            verdict: Verdict::Quiet,
+            residual_sum: [0.0; GRID_POINTS],
+            sums: [0.0; GRID_POINTS],
+            first_landing_sum: 0.0,
+            amplitude_bias: None,
+        }
+    }
 
     /// Sets the grid: restitutions that rest each cycle at the first k but not at the second.
     pub fn set_grid(&mut self, (rest, hopping): (f64, f64)) {

@@ -210,7 +210,7 @@ impl Identifier {
             squares: 0.0,
             turns_a_sample: 0.0,
             cycles_with_impact: 0,
-            fit: Fit::EMPTY,
+            fit: Fit::empty(),
             first: None,
             estimates: Vec::new(),
             averages: 0,

@@ -93,6 +93,13 @@ impl TrackMap {
         (self.k - acceleration, jerk)
     }
 
+    /// One flight and its impact. On the board a copy for each caller takes 4 KiB of flash.
+    #[cfg_attr(target_arch = "arm", inline(never))]
+    #[cfg_attr(not(target_arch = "arm"), inline(always))]
+    fn land(&self, launch: SingleState, restitution: f32) -> Landing<SingleState> {
+        self.single.land_at(launch, restitution)
+    }
+
     /// Delay in steps of 2^-32 turns until lift-off of a part at rest; `None` without lift-off.
     #[inline]
     fn wait_to_lift_off(&self, phase: Phase) -> Option<u32> {
@@ -144,7 +151,7 @@ impl SimulatedImpact {
         if self.restitution > MIN_RESTITUTION_FOR_DIVISION {
             return self.velocity / self.restitution;
         }
-        map.single.land_at(self.launch, 1.0).next.velocity
+        map.land(self.launch, 1.0).next.velocity
     }
 
     /// Downward acceleration of the track (symbol A) at the launch of the flight.
@@ -219,7 +226,7 @@ impl SimulatedPart {
         let (phase, velocity) = (self.phase, self.velocity);
         let launch = SingleState { phase, velocity };
         let restitution = self.draw.draw();
-        let Landing { steps, next, .. } = map.single.land_at(launch, restitution);
+        let Landing { steps, next, .. } = map.land(launch, restitution);
         if steps <= 0 {
             // The hop is shorter than one step of time: the part rests, and time advances.
             self.begin_rest();

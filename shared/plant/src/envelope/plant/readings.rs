@@ -47,7 +47,7 @@ impl Readings {
         Self {
             ringing: Ringing::from_sensor(sensor),
             detector: OnsetDetector::new(sense.floor as f32),
-            average: SynchronousAverage::EMPTY,
+            average: SynchronousAverage::empty(),
             averages: false,
             at: 0,
         }
