@@ -257,14 +257,17 @@ fn numbered(seed: u64, number: usize) -> Scene {
     (0..=number).map(|_| feeder(&mut draw)).last().unwrap()
 }
 
-/// A heavy part that does not fit the lot leaves gear while the reference rises. With a ramp of 17
-/// cycles the amplitude oscillates; with four time constants of the envelope it reaches the limit.
+/// Heavy parts of which one does not fit the lot leave gear while the reference rises. In a start of
+/// 16 cycles the largest amplitude is 0.68 of its limit, in four time constants of the envelope 0.54.
 #[test]
 fn a_rise_waits_for_heavy_parts_on_two_tones() {
-    let mut scene = numbered(427_200, 110);
+    let mut scene = numbered(427_200, 391);
     scene.scatter.extend([0.2]);
     let result = run_fidelities(&scene, 800).unwrap()[0];
-    assert!((0.95..1.05).contains(&result.max_excess), "{result:?}");
+    assert!(
+        result.fault == 0 && (0.5..0.6).contains(&result.max_excess),
+        "{result:?}"
+    );
 }
 
 /// Eight heavy parts on two tones beat with the load over 60 to 80 cycles, until fault 16.

@@ -14,10 +14,13 @@ mod root;
 pub(crate) mod trigonometry;
 pub(crate) mod twofold;
 pub(crate) mod vector;
+mod ziggurat;
 
 pub(crate) use bisection::bisect;
 pub use fixed::Velocity;
 pub(crate) use gauss::gauss;
+#[cfg(test)]
+pub(crate) use gauss::tests::assert_gaussian;
 pub use noise::Noise;
 pub(crate) use noise::splitmix;
 pub use phase::Phase;
@@ -26,3 +29,4 @@ pub use root::square_root_single;
 pub(crate) use trigonometry::arcsine_single;
 pub use trigonometry::{sine_cosine, sine_cosine_single};
 pub use twofold::Twofold;
+pub(crate) use ziggurat::gauss_single;

@@ -73,33 +73,12 @@ impl Scatter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arithmetic::assert_gaussian;
 
     #[test]
     fn scatter_is_gaussian() {
-        const COUNT: u32 = 1_000_000;
         let mut scatter = Scatter::build(0.5, 0.1, 1).unwrap();
-        let mut moments = [0.0; 4];
-        let mut beyond = [0_u32; 5];
-        for _ in 0..COUNT {
-            let x = gauss(|| scatter.next_uniform());
-            for (moment, power) in moments.iter_mut().zip(1..) {
-                *moment += libm::pow(x, f64::from(power)) / f64::from(COUNT);
-            }
-            for (count, limit) in beyond.iter_mut().zip([0.5, 1.0, 2.0, 3.0, 4.0]) {
-                *count += u32::from(x > limit);
-            }
-        }
-        // Five standard errors of each: 1e-3, 1.4e-3, 3.9e-3, 9.8e-3.
-        let expected = [(0.0, 5e-3), (1.0, 7e-3), (0.0, 2e-2), (3.0, 5e-2)];
-        for (moment, (expected, error)) in moments.iter().zip(expected) {
-            assert!((moment - expected).abs() < error, "{moments:?}");
-        }
-        let shares = [0.308_538, 0.158_655, 0.022_750, 0.001_349_9, 3.167e-5];
-        for (&count, share) in beyond.iter().zip(shares) {
-            let expected = share * f64::from(COUNT);
-            let error = 5.0 * libm::sqrt(expected);
-            assert!((f64::from(count) - expected).abs() < error, "{beyond:?}");
-        }
+        assert_gaussian(|| gauss(|| scatter.next_uniform()));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::draw::{below, choose, request};
 use super::*;
 
 /// Checksum of a conversation with each seed. Copy the printed ones after an intended change.
-const CHECKSUMS: [u32; 4] = [0xb1c2_cda9, 0x3459_9efe, 0x411c_185a, 0x3fea_6cff];
+const CHECKSUMS: [u32; 4] = [0x2e48_2a72, 0xcbf4_dfba, 0x84c3_3154, 0x8e77_f77d];
 const REQUESTS: u32 = 6_000;
 
 /// Settings with which the drive still runs, and some that are refused.

@@ -55,7 +55,7 @@ fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
         (10.0, 0.02, [0.016, 0.004]),
         (25.0, 0.05, [0.02, 0.006]),
         (50.0, 0.1, [0.03, 0.008]),
-        (50.0, 0.2, [0.08, 0.018]),
+        (50.0, 0.2, [0.08, 0.019]),
     ] {
         let scene = feeder(quality, load);
         let mut envelope = EnvelopeLoop::build(&scene).unwrap();

@@ -3,7 +3,7 @@
 //! The generator is SplitMix (Steele, Lea and Flood, OOPSLA 2014) in 32 bits: a Weyl sequence
 //! through a mixing function.
 
-use crate::arithmetic::gauss;
+use crate::arithmetic::gauss_single;
 
 /// Seeded stream of restitutions: Gaussian, clipped to [0, 1), as
 /// [`Scatter`](crate::impact::Scatter) in f64.
@@ -31,14 +31,14 @@ impl Draw {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * gauss(|| self.next_uniform())).clamp(0.0, 1.0 - f32::EPSILON)
+        (self.mean + self.deviation * gauss_single(|| self.next_bits()))
+            .clamp(0.0, 1.0 - f32::EPSILON)
     }
 
-    /// Uniform in 0..1 without 0, in steps of 2^-24.
     #[inline]
-    fn next_uniform(&mut self) -> f32 {
+    fn next_bits(&mut self) -> u32 {
         self.state = self.state.wrapping_add(0x9E37_79B9);
-        ((mix_bits(self.state) >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
+        mix_bits(self.state)
     }
 }
 

@@ -164,7 +164,7 @@ const DISTANCE_PENALTY: f32 = 0.03;
 const MIN_TONE_AMPLITUDE: f32 = 0.01;
 
 /// Largest number of impacts of a search with one, two and three tones. It bounds the search to 84
-/// million instructions on a Cortex-M4F, at 416 to 452 an impact of one tone and 708 of two.
+/// million instructions on a Cortex-M4F, at 391 to 437 an impact of one tone and 678 of three.
 const MAX_IMPACTS: [u32; 3] = [170_000, 101_000, 115_000];
 
 /// Cost, in impacts, of the peak search of upper tones and of the set-up of a run.
