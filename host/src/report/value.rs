@@ -112,23 +112,27 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
-    let digits = digits.max(1);
-    let scientific = format!("{value:.*e}", digits - 1);
+    let scientific = format!("{value:.*e}", digits.saturating_sub(1));
     let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
-    let trim = |text: &str| {
-        if text.contains('.') {
-            text.trim_end_matches('0').trim_end_matches('.').to_string()
-        } else {
-            text.to_string()
-        }
+    let mantissa = match mantissa.contains('.') {
+        true => mantissa.trim_end_matches('0').trim_end_matches('.'),
+        false => mantissa,
     };
     if !(-5..(digits as i32).max(6)).contains(&exponent) {
-        format!("{}e{exponent}", trim(mantissa))
-    } else {
-        let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
-        let rounded = scientific.parse().unwrap_or(value);
-        trim(&format!("{rounded:.decimals$}"))
+        return format!("{mantissa}e{exponent}");
+    }
+    // The point moves by `exponent` places.
+    let sign = if value < 0.0 { "-" } else { "" };
+    let digits = mantissa.trim_start_matches('-').replacen('.', "", 1);
+    let Ok(before) = usize::try_from(exponent + 1) else {
+        return format!("{sign}0.{:0<1$}{digits}", "", (-exponent - 1) as usize);
+    };
+    match digits.split_at_checked(before) {
+        Some((whole, "")) => format!("{sign}{whole}"),
+        Some(("", _)) => format!("{sign}0.{digits}"),
+        Some((whole, part)) => format!("{sign}{whole}.{part}"),
+        None => format!("{sign}{digits:0<before$}"),
     }
 }
 
