@@ -15,8 +15,8 @@ use kband_control::{Command, Cycle, Signal, UPPER};
 
 /// Mailboxes: cycles to the control, commands and signal paths to the interrupt.
 ///
-/// No value within a cell encodes an empty mailbox, so an empty exchange is all zeros, and takes no
-/// flash.
+/// The compiler cannot encode `None` in a value within a [`Cell`]. So an empty exchange is all
+/// zeros, which take no flash.
 pub struct Exchange {
     cycle: Mailbox<CriticalSectionRawMutex, Cell<(Cycle, Option<EnableCycle>)>>,
     /// The newest command; new if [`Self::take_change_bits`] has the bit [`COMMAND`].

@@ -247,8 +247,8 @@ pub fn stack_low() -> bool {
     low != 0
 }
 
-/// State of one interrupt handler, stored before the interrupt is unmasked. Without a value in the
-/// cell for `None`, an empty one is all zeros, and takes no flash.
+/// State of one interrupt handler, stored before the interrupt is unmasked. The compiler cannot
+/// encode `None` in a value within a [`Cell`]. So an empty one is all zeros, which take no flash.
 pub struct Owned<T>(UnsafeCell<Option<Cell<T>>>);
 
 // SAFETY: `put` and `get` require that only the handler uses it once it is unmasked.

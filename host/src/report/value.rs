@@ -124,16 +124,13 @@ pub fn number(value: impl Into<f64>, digits: usize) -> String {
     }
     // The point moves by `exponent` places.
     let sign = if value < 0.0 { "-" } else { "" };
-    let digits = mantissa.trim_start_matches('-').replacen('.', "", 1);
-    let Ok(before) = usize::try_from(exponent + 1) else {
-        return format!("{sign}0.{:0<1$}{digits}", "", (-exponent - 1) as usize);
-    };
-    match digits.split_at_checked(before) {
-        Some((whole, "")) => format!("{sign}{whole}"),
-        Some(("", _)) => format!("{sign}0.{digits}"),
-        Some((whole, part)) => format!("{sign}{whole}.{part}"),
-        None => format!("{sign}{digits:0<before$}"),
+    let mut written = mantissa.trim_start_matches('-').replacen('.', "", 1);
+    match usize::try_from(exponent) {
+        Ok(places) if written.len() > places + 1 => written.insert(places + 1, '.'),
+        Ok(places) => written = format!("{written:0<0$}", places + 1),
+        Err(_) => written.insert_str(0, &"0.0000"[..(1 - exponent) as usize]),
     }
+    sign.to_string() + &written
 }
 
 pub fn numbers<T: Into<f64>, const N: usize>(values: [T; N], digits: usize) -> [String; N] {
@@ -192,6 +189,7 @@ mod tests {
         assert_eq!(number(9.9999999, 3), "10");
         assert_eq!(number(129.6, 2), "130");
         assert_eq!(number(2e-7, 6), "2e-7");
+        assert_eq!(number(-0.0123, 3), "-0.0123");
     }
 
     #[test]

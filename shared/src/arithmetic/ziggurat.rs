@@ -33,8 +33,8 @@ fn density(x: f32) -> f32 {
     libm::expf(-0.5 * x * x)
 }
 
-/// Gaussian number with mean 0 and standard deviation 1, from 32 random bits a call. A table decides
-/// 97 % of them.
+/// Gaussian number with mean 0 and standard deviation 1, within -6..6, from 32 random bits a call. A
+/// table decides 97 % of them.
 #[inline]
 pub(crate) fn gauss_single(mut random_bits: impl FnMut() -> u32) -> f32 {
     loop {

@@ -747,8 +747,8 @@ impl Board {
         (self.now >= self.flash.busy).then(|| u32::from_le_bytes(*bytes))
     }
 
-    /// Fetches two bytes of an instruction.
-    #[inline(never)]
+    /// Fetches two bytes of an instruction from anywhere, once the flash is idle.
+    #[cold]
     pub fn fetch(&mut self, address: u32) -> Option<u16> {
         let half = if address < 0x0010_0000 || flash::RANGE.contains(&address) {
             self.wait_for_flash(address);

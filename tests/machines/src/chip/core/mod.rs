@@ -119,11 +119,12 @@ impl Core {
             Some(word) => (word as u16, (word >> 16) as u16),
             None => {
                 let first = bus.fetch(address).ok_or(Fault::Fetch)?;
-                let second = (first >= WIDE).then(|| bus.fetch(address.wrapping_add(2)));
-                (
-                    first,
-                    second.map_or(Ok(0), |half| half.ok_or(Fault::Fetch))?,
-                )
+                let second = if first >= WIDE {
+                    bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
+                } else {
+                    0
+                };
+                (first, second)
             }
         };
         let wide = first >= WIDE;
