@@ -49,13 +49,14 @@ fn deviation(mut cycle: impl FnMut() -> (Moment, f64)) -> [f64; 2] {
 }
 
 /// Without control of the phase it deviates by 9 % (waveform) and 36 % (envelope) at a load of 0.2.
+/// The bounds are 1.2 times the largest deviations of eight seeds.
 #[test]
 fn the_track_keeps_its_amplitude_while_a_hopper_is_emptied() {
     for (quality, load, max) in [
-        (10.0, 0.02, [0.016, 0.004]),
-        (25.0, 0.05, [0.02, 0.006]),
-        (50.0, 0.1, [0.03, 0.008]),
-        (50.0, 0.2, [0.08, 0.019]),
+        (10.0, 0.02, [0.018, 0.0047]),
+        (25.0, 0.05, [0.021, 0.0054]),
+        (50.0, 0.1, [0.038, 0.0095]),
+        (50.0, 0.2, [0.085, 0.024]),
     ] {
         let scene = feeder(quality, load);
         let mut envelope = EnvelopeLoop::build(&scene).unwrap();

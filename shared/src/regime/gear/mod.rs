@@ -385,20 +385,20 @@ mod tests {
             (0.3, 0.10, 0.44),
         ] {
             let map = WaveMap::on(Wave::sine(), k, restitution).unwrap();
-            let double = watched::<40>(&map, contact, deviation, 100).share();
+            let double = watched::<160>(&map, contact, deviation, 100).share();
             let track = part::TrackMap::build(k as f32, [[0.0; 2]; 2]).unwrap();
             let track = track.with_contact(contact.radians() as f32);
             let span = part::Span::from_periods(1000, 250);
             let mut single = 0.0;
-            for seed in 0..40 {
+            for seed in 0..160 {
                 let draw = draw::Draw::new(restitution as f32, deviation as f32, seed);
                 let gear = GearDetector::build_in_steps(1).unwrap();
                 let mut part = part::SimulatedPart::new(draw, gear, span);
                 while !part.simulate_flight(&track, |_| {}) {}
-                single += f64::from(part.share()) / 40.0;
+                single += f64::from(part.share()) / 160.0;
             }
-            // Runs scatter by 0.01 to 0.015 if gear is lost every 30 periods.
-            assert!((single - double).abs() < 0.035, "{k}: {single} {double}");
+            // Means of 160 runs scatter by 0.006; those of 1000 runs agree within 0.004.
+            assert!((single - double).abs() < 0.02, "{k}: {single} {double}");
         }
     }
 
