@@ -4,7 +4,6 @@
 
 mod bisection;
 pub(crate) mod fixed;
-mod gauss;
 pub(crate) mod node;
 mod noise;
 mod phase;
@@ -18,9 +17,6 @@ mod ziggurat;
 
 pub(crate) use bisection::bisect;
 pub use fixed::Velocity;
-pub(crate) use gauss::gauss;
-#[cfg(test)]
-pub(crate) use gauss::tests::assert_gaussian;
 pub use noise::Noise;
 pub(crate) use noise::splitmix;
 pub use phase::Phase;
@@ -29,4 +25,6 @@ pub use root::square_root_single;
 pub(crate) use trigonometry::arcsine_single;
 pub use trigonometry::{sine_cosine, sine_cosine_single};
 pub use twofold::Twofold;
-pub(crate) use ziggurat::gauss_single;
+pub(crate) use ziggurat::gauss;
+#[cfg(test)]
+pub(crate) use ziggurat::tests::assert_gaussian;

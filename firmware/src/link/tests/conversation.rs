@@ -9,7 +9,7 @@ use super::draw::{below, choose, request};
 use super::*;
 
 /// Checksum of a conversation with each seed. Copy the printed ones after an intended change.
-const CHECKSUMS: [u32; 4] = [0x2e48_2a72, 0xcbf4_dfba, 0x84c3_3154, 0x8e77_f77d];
+const CHECKSUMS: [u32; 4] = [0xcbe8_c6ed, 0x0098_14f9, 0x60ce_0570, 0xe163_9e56];
 const REQUESTS: u32 = 6_000;
 
 /// Settings with which the drive still runs, and some that are refused.

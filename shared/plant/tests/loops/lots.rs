@@ -287,7 +287,7 @@ fn last_ready(closed: &mut Loop, parts: usize) -> f64 {
             }
         }
         if moment.time > CHANGED_AT + 8.0 {
-            assert!(was_ready);
+            assert!(was_ready && fell < CHANGED_AT + 2.0);
             return last - fell;
         }
     }

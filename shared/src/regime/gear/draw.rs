@@ -3,7 +3,7 @@
 //! The generator is SplitMix (Steele, Lea and Flood, OOPSLA 2014) in 32 bits: a Weyl sequence
 //! through a mixing function.
 
-use crate::arithmetic::gauss_single;
+use crate::arithmetic::gauss;
 
 /// Seeded stream of restitutions: Gaussian, clipped to [0, 1), as
 /// [`Scatter`](crate::impact::Scatter) in f64.
@@ -31,8 +31,7 @@ impl Draw {
         if self.deviation == 0.0 {
             return self.mean;
         }
-        (self.mean + self.deviation * gauss_single(|| self.next_bits()))
-            .clamp(0.0, 1.0 - f32::EPSILON)
+        (self.mean + self.deviation * gauss(|| self.next_bits())).clamp(0.0, 1.0 - f32::EPSILON)
     }
 
     #[inline]
