@@ -154,6 +154,11 @@ impl Output {
         self.draw(picture)
     }
 
+    /// Whether `--out` names a picture.
+    pub fn is_picture(&self) -> bool {
+        matches!(self.kind, Some((_, Kind::Picture(_))))
+    }
+
     /// Writes the picture, if one is wanted; prints the file's name on standard error.
     pub fn draw(&self, picture: impl FnOnce() -> Picture) -> Result<Exit> {
         if let Some((target, Kind::Picture(look))) = &self.kind {

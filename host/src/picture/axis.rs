@@ -96,6 +96,15 @@ impl Axis {
         }
     }
 
+    /// Cell of a value among this many equal ones, the first at the high end; `None` beyond the axis.
+    pub fn cell(&self, value: f64, cells: usize) -> Option<usize> {
+        let part = self.part(value);
+        let cell = ((1.0 - part) * cells as f64) as usize;
+        (0.0..=1.0)
+            .contains(&part)
+            .then_some(cell.min(cells.saturating_sub(1)))
+    }
+
     /// Ticks with labels: about `target_count`, at least three, because fewer leave the scale
     /// ambiguous.
     pub(super) fn ticks(&self, target_count: usize) -> Vec<(f64, String)> {

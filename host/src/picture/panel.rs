@@ -93,8 +93,9 @@ impl Panel {
         self.item(Key::Ink, name, Item::Density(points))
     }
 
-    /// A density of heights in evenly spaced columns, the first and last at the ends of the axis.
-    pub fn columns(self, name: &str, columns: Vec<Vec<f32>>) -> Self {
+    /// A density from the numbers of points in evenly spaced columns, the first and last at the ends
+    /// of the axis. The cells of a column are those of [`Axis::cell`].
+    pub fn columns(self, name: &str, columns: Vec<Vec<u32>>) -> Self {
         self.item(Key::Ink, name, Item::Columns(columns))
     }
 

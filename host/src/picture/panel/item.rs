@@ -16,8 +16,8 @@ pub(super) enum Item {
     Markers(usize, Vec<(f64, f64)>),
     Between(usize, Vec<(f64, f64, f64)>),
     Density(Vec<(f64, f64)>),
-    /// Heights of evenly spaced columns.
-    Columns(Vec<Vec<f32>>),
+    /// Numbers of points in the cells of evenly spaced columns, from the top.
+    Columns(Vec<Vec<u32>>),
     Heat(Grid<f64>, Axis),
     Classes(Grid<Fill>),
     /// A strip of the horizontal axis, or of the vertical one.
@@ -71,7 +71,7 @@ impl Pixels<'_> {
                 shapes.push(Shape::Image(plot, self.density(theme, points)));
             }
             Item::Columns(columns) => {
-                shapes.push(Shape::Image(plot, self.columns(theme, columns)));
+                shapes.push(Shape::Image(plot, Self::columns(theme, columns)));
             }
             Item::Heat(grid, scale) => self.heat(theme, grid, scale, shapes),
             Item::Classes(grid) => {

@@ -37,7 +37,7 @@ impl Panel {
                     && points.any(|(_, low, high)| low.is_finite() && high.is_finite())
             }
             (Key::Ink, Item::Density(points)) => finite(points),
-            (Key::Ink, Item::Columns(columns)) => columns.iter().any(|column| !column.is_empty()),
+            (Key::Ink, Item::Columns(columns)) => columns.iter().flatten().any(|count| *count > 0),
             (Key::Strip, Item::Strip { low, high, of_y }) => {
                 within(if *of_y { &self.y } else { &self.x }, *low, *high)
             }
@@ -55,10 +55,6 @@ impl Panel {
         let count_lost = |item: &Item| match item {
             Item::Markers(_, points) | Item::Density(points) => {
                 points.iter().filter(is_lost).count()
-            }
-            Item::Columns(columns) => {
-                let lost = columns.iter().flatten();
-                lost.filter(|y| outside(&self.y, f64::from(**y))).count()
             }
             _ => 0,
         };

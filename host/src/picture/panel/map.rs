@@ -42,15 +42,6 @@ impl Counts {
         }
     }
 
-    /// Adds a point at a relative height, 0 at the bottom; values outside 0..1 are left out.
-    fn add(&mut self, column: usize, up: f64) {
-        if (0.0..=1.0).contains(&up) {
-            let column = column.min(self.columns - 1);
-            let row = (((1.0 - up) * self.rows as f64) as usize).min(self.rows - 1);
-            self.counts[row * self.columns + column] += 1;
-        }
-    }
-
     fn raster(self, theme: Theme) -> Raster {
         let max_count = f64::from(self.counts.iter().copied().max().unwrap_or(0).max(2));
         let levels = 32;
@@ -90,17 +81,21 @@ impl Pixels<'_> {
             let across = self.panel.x.part(*x);
             if (-1e-9..=1.0 + 1e-9).contains(&across) {
                 let column = (across * counts.columns as f64).floor().max(0.0);
-                counts.add(column as usize, self.panel.y.part(*y));
+                if let Some(row) = self.panel.y.cell(*y, rows) {
+                    let column = (column as usize).min(columns - 1);
+                    counts.counts[row * columns + column] += 1;
+                }
             }
         }
         counts.raster(theme)
     }
 
-    pub(super) fn columns(&self, theme: Theme, columns: &[Vec<f32>]) -> Raster {
-        let mut counts = Counts::new(columns.len(), (1.5 * self.plot.height) as usize);
-        for (column, heights) in columns.iter().enumerate() {
-            for y in heights {
-                counts.add(column, self.panel.y.part(f64::from(*y)));
+    pub(super) fn columns(theme: Theme, columns: &[Vec<u32>]) -> Raster {
+        let rows = columns.first().map_or(0, Vec::len);
+        let mut counts = Counts::new(columns.len(), rows);
+        for (column, cells) in columns.iter().enumerate() {
+            for (row, count) in cells.iter().enumerate() {
+                counts.counts[row * columns.len() + column] = *count;
             }
         }
         counts.raster(theme)

@@ -6,7 +6,7 @@ mod regimes;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::sync::Arc;
 
-use branch::{Branch, Stretch, bands, follow};
+use branch::{Branch, Stretch, bands, follow, simulate, stream};
 use clap::ValueEnum;
 use kband::feeder::Track;
 use kband::impact::{ContactTime, PartState};
@@ -15,7 +15,7 @@ use kband::regime::Lock;
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, OutputArguments, Range, ScatterArguments,
 };
-use crate::desk::Desk;
+use crate::desk::{Desk, Progress};
 use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
@@ -83,6 +83,18 @@ pub enum Show {
     Regimes,
 }
 
+impl Show {
+    /// Ordinate of a state: velocity in `b w`, or phase in rad, -pi..pi.
+    fn ordinate(self, state: PartState) -> f64 {
+        match self {
+            Self::Velocity => state.velocity,
+            // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
+            _ if state.phase > PI => state.phase - TAU,
+            _ => state.phase,
+        }
+    }
+}
+
 /// How parts start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ColumnStart {
@@ -112,8 +124,13 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let map = regimes::Map::compute(arguments, desk)?;
         return output.show(&map.report(), || map.picture());
     }
-    let diagram = Arc::new(Diagram::compute(arguments, desk)?);
-    output.show(&diagram.report(), || diagram.picture(arguments))
+    let draws = output.is_picture();
+    let diagram = Arc::new(Diagram::compute(arguments, draws, desk)?);
+    let counts = match draws {
+        true => diagram.count_impacts(desk)?,
+        false => Vec::new(),
+    };
+    output.show(&diagram.report(), || diagram.picture(counts))
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -204,14 +221,14 @@ struct Diagram {
     fixed: String,
     contact: ContactTime,
     range: Range,
-    velocity: bool,
+    arguments: Arguments,
     values: Vec<f64>,
     branches: Vec<Branch>,
     bands: Vec<Stretch>,
 }
 
 impl Diagram {
-    fn compute(arguments: &Arguments, desk: &Desk) -> Result<Self> {
+    fn compute(arguments: &Arguments, draws: bool, desk: &Desk) -> Result<Self> {
         let contact = arguments.contact.time(arguments.amplitude.hertz())?;
         let (over, range) = chosen(arguments)?;
         let values: Vec<f64> = range.values().collect();
@@ -221,8 +238,8 @@ impl Diagram {
         Ok(Self {
             over,
             range,
-            velocity: arguments.show == Show::Velocity,
-            branches: follow(arguments, &tracks, contact, &starts, desk)?,
+            arguments: arguments.clone(),
+            branches: follow(arguments, &tracks, contact, &starts, draws, desk)?,
             bands: bands(over, contact, &values),
             contact,
             fixed: over.fixed() + &arguments.contact.describe(),
@@ -246,7 +263,7 @@ impl Diagram {
         all.retain(|(_, _, columns, _)| 100 * columns >= self.values.len());
         let left_out = count - all.len();
         let drawn = self.branches.iter().flat_map(|branch| &branch.columns);
-        let drawn: usize = drawn.map(|column| column.states.len()).sum();
+        let drawn: usize = drawn.map(|column| column.count).sum();
         let (range, count) = (span(self.range.low, self.range.high, 6), self.range.count);
         let heading = format!(
             "Regimes over {name} = {range} ({count} columns), {}",
@@ -276,52 +293,98 @@ impl Diagram {
             }))
     }
 
+    /// Simulates a column of a branch again.
+    fn simulate(&self, branch: &Branch, n: usize, draw: impl FnMut(PartState)) -> Result<()> {
+        let (track, from) = (self.over.at(self.values[n]), branch.columns[n].from);
+        let stream = stream(branch.start, n);
+        simulate(&self.arguments, track, self.contact, stream, from, draw)?;
+        Ok(())
+    }
+
     fn impacts(&self, rows: &mut dyn Rows) -> Result<()> {
+        let columns = self.branches.len() * self.values.len();
+        let progress = Progress::beside_rows("impacts", columns as u64);
         for branch in &self.branches {
             let [start, _] = branch.start.names();
-            for (x, column) in self.values.iter().zip(&branch.columns) {
-                for state in &column.states {
-                    rows.row(&[
-                        start.into(),
-                        (*x).into(),
-                        state.phase.into(),
-                        state.velocity.into(),
-                        column.ending.name().into(),
-                    ])?;
-                }
+            for (n, (x, column)) in self.values.iter().zip(&branch.columns).enumerate() {
+                let (regime, mut written) = (column.ending.name(), Ok(()));
+                self.simulate(branch, n, |state| {
+                    if written.is_ok() {
+                        written = rows.row(&[
+                            start.into(),
+                            (*x).into(),
+                            state.phase.into(),
+                            state.velocity.into(),
+                            regime.clone().into(),
+                        ]);
+                    }
+                })?;
+                written?;
+                progress.advance(1);
             }
         }
         Ok(())
     }
 
-    /// Ordinate of a state: velocity in `b w`, or phase in rad, -pi..pi.
-    fn height(&self, state: PartState) -> f64 {
-        match self.velocity {
-            true => state.velocity,
-            // Locked parts strike shortly after phase 0, chaotic ones on both sides of it.
-            false if state.phase > PI => state.phase - TAU,
-            false => state.phase,
-        }
-    }
-
-    fn picture(&self, arguments: &Arguments) -> Picture {
+    fn y_axis(&self) -> Axis {
         let columns = self.branches.iter().flat_map(|branch| &branch.columns);
-        let states = columns.flat_map(|column| &column.states);
-        let heights = states.map(|state| self.height(*state)).chain([0.0, 0.1]);
-        let y_axis = if self.velocity {
+        let heights = columns.flat_map(|column| column.span).chain([0.0, 0.1]);
+        if self.arguments.show == Show::Velocity {
             Axis::over_values("velocity ψ after impact", "b·ω", heights)
         } else if self.contact.is_instant() {
             Axis::over_values("impact phase t", "rad", heights).in_pi()
         } else {
             Axis::over_values("phase t after the contact", "rad", heights).in_pi()
+        }
+    }
+
+    /// Height in pixels of the panel of a branch.
+    fn panel_height(&self) -> f64 {
+        if self.branches.len() == 1 {
+            420.0
+        } else {
+            240.0
+        }
+    }
+
+    /// Number of impacts in each cell of each column, of each branch.
+    fn count_impacts(&self, desk: &Desk) -> Result<Vec<Vec<Vec<u32>>>> {
+        let (axis, cells) = (self.y_axis(), (1.5 * self.panel_height()) as usize);
+        let count = |branch: &Branch| {
+            desk.try_map("picture", self.values.len(), |n| {
+                let mut counts = vec![0; cells];
+                let mut add = |y: f32| {
+                    if let Some(cell) = axis.cell(y.into(), cells) {
+                        counts[cell] += 1;
+                    }
+                };
+                let column = &branch.columns[n];
+                if column.ordinates.len() == column.count {
+                    column.ordinates.iter().copied().for_each(add);
+                } else {
+                    let show = self.arguments.show;
+                    self.simulate(branch, n, |state| add(show.ordinate(state) as f32))?;
+                }
+                Ok(counts)
+            })
         };
+        self.branches.iter().map(count).collect()
+    }
+
+    /// The picture, with the numbers of [`Diagram::count_impacts`].
+    fn picture(&self, counts: Vec<Vec<Vec<u32>>>) -> Picture {
+        let arguments = &self.arguments;
+        let y_axis = self.y_axis();
         let Range { low, high, .. } = self.range;
         let (over, x_axis) = match self.over {
             Over::K { .. } => ("k", Axis::of_k(low, high)),
             Over::Amplitude { .. } => ("amplitude", Axis::of_b(low, high)),
             Over::Restitution { .. } => ("restitution", Axis::new("restitution R", "", low, high)),
         };
-        let quantity = if self.velocity { "velocity" } else { "phase" };
+        let quantity = match arguments.show {
+            Show::Velocity => "velocity",
+            _ => "phase",
+        };
         let (fixed, scatter) = (&self.fixed, arguments.scatter.scatter);
         let scatter = when(scatter > 0.0, || format!(", scattering by {scatter}"));
         let (impacts, columns) = (arguments.impacts, self.range.count);
@@ -334,22 +397,16 @@ impl Diagram {
             columns.any(|column| column.ending.fill() == Some(*fill))
         };
         let names: Vec<_> = FILLS.into_iter().filter(occurs).collect();
-        for (place, branch) in self.branches.iter().enumerate() {
+        for ((place, branch), counts) in self.branches.iter().enumerate().zip(counts) {
             let named = |name: &'static str| if place == 0 { name } else { "" };
-            let heights = branch.columns.iter().map(|column| {
-                let states = column.states.iter();
-                states.map(|state| self.height(*state) as f32).collect()
-            });
-            let is_alone = self.branches.len() == 1;
-            let height = if is_alone { 420.0 } else { 240.0 };
             let mut panel = Panel::new(x_axis.clone(), y_axis.clone())
                 .heading(branch.start.names()[1])
-                .height(height);
+                .height(self.panel_height());
             let strip = named("band: the period-1 orbit attracts");
             for band in &self.bands {
                 panel = panel.strip(strip, band.low, band.high);
             }
-            panel = panel.columns(named("impacts, few to many"), heights.collect());
+            panel = panel.columns(named("impacts, few to many"), counts);
             let fills = self.values.iter().zip(&branch.columns);
             let fills = fills.filter_map(|(x, column)| Some((*x, column.ending.fill()?)));
             let names = if place == 0 { &*names } else { &[] };
@@ -384,12 +441,43 @@ impl Diagram {
                 let lock = Lock::with_contact(k, restitution, order, self.contact).ok();
                 let lock = lock.flatten();
                 let stable = lock.filter(|lock| lock.is_first_return() && filter(lock));
-                let y = stable.map_or(f64::NAN, |lock| self.height(lock.state()));
+                let y = stable.map_or(f64::NAN, |lock| self.arguments.show.ordinate(lock.state()));
                 (x, y)
             };
             self.values.iter().map(|x| point(*x)).collect::<Vec<_>>()
         };
         let below_flip = |lock: &Lock| !lock.attracts() && lock.state().phase < FRAC_PI_2;
         [on(&Lock::attracts), on(&below_flip)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_second_simulation_gives_the_impacts_of_the_first() {
+        let desk = Desk::new(Some(2));
+        for scatter in ["0", "0.05"] {
+            let range = ["", "--k", "0.3..0.5:40", "--impacts", "200"];
+            let command = range.into_iter().chain(["--scatter", scatter]);
+            let Command { arguments } = Command::parse_from(command);
+            let count = |draws| {
+                let diagram = Diagram::compute(&arguments, draws, &desk).unwrap();
+                diagram.count_impacts(&desk).unwrap()
+            };
+            let counts = count(true);
+            assert!(counts == count(false));
+            let all: u32 = counts.iter().flatten().flatten().sum();
+            assert!((3 * 30 * 200..=3 * 40 * 200).contains(&all), "{all}");
+        }
     }
 }

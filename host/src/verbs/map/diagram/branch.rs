@@ -15,6 +15,13 @@ use crate::ending::{self, Endings, Gears, InGear, MAX_ORBIT_IMPACTS};
 use crate::picture::Fill;
 use crate::refusal::Result;
 
+/// Number of ordinates that a picture keeps, 32 MiB. Those of a larger one are computed again, which
+/// takes 1.2 to 1.6 times as long.
+const MAX_KEPT_ORDINATES: usize = 8 << 20;
+
+/// Largest number of events in a period that is recognized, to bound memory.
+const MAX_PERIOD_EVENTS: usize = 4096;
+
 pub(super) struct Branch {
     pub(super) start: ColumnStart,
     pub(super) columns: Vec<Column>,
@@ -36,8 +43,13 @@ impl Branch {
 
 pub(super) struct Column {
     /// Start of the part; `None` from rest.
-    from: Option<PartState>,
-    pub(super) states: Vec<PartState>,
+    pub(super) from: Option<PartState>,
+    /// Number of impacts drawn.
+    pub(super) count: usize,
+    /// Their lowest and highest ordinate.
+    pub(super) span: [f64; 2],
+    /// Their ordinates, for a picture of at most [`MAX_KEPT_ORDINATES`]; else empty.
+    pub(super) ordinates: Vec<f32>,
     pub(super) ending: Ending,
 }
 
@@ -96,9 +108,12 @@ pub(super) fn follow(
     tracks: &[(f64, f64)],
     contact: ContactTime,
     starts: &[ColumnStart],
+    draws: bool,
     desk: &Desk,
 ) -> Result<Vec<Branch>> {
     let columns = 0..tracks.len();
+    let all = arguments.impacts * tracks.len() * starts.len();
+    let keeps = draws && all <= MAX_KEPT_ORDINATES;
     let mut tasks: Vec<(ColumnStart, Vec<usize>)> = Vec::new();
     for &start in starts {
         match start {
@@ -118,8 +133,24 @@ pub(super) fn follow(
         let mut state = None;
         let simulate = |&column: &usize| {
             desk.check_stop()?;
-            let stream = (column as u64) << 2 | *start as u64;
-            simulate_column(arguments, tracks[column], contact, stream, &mut state)
+            let (from, stream) = (state, stream(*start, column));
+            let (mut count, mut span) = (0, [f64::INFINITY, f64::NEG_INFINITY]);
+            let mut ordinates = Vec::with_capacity(if keeps { arguments.impacts } else { 0 });
+            let add = |impact: PartState| {
+                let y = arguments.show.ordinate(impact);
+                count += 1;
+                span = [span[0].min(y), span[1].max(y)];
+                ordinates.extend(keeps.then_some(y as f32));
+            };
+            let ending;
+            (state, ending) = simulate(arguments, tracks[column], contact, stream, from, add)?;
+            Ok(Column {
+                from,
+                count,
+                span,
+                ordinates,
+                ending,
+            })
         };
         let simulated = order.iter().map(simulate);
         let mut simulated = simulated.collect::<Result<Vec<Column>>>()?;
@@ -177,17 +208,23 @@ fn classify(
     Ok(())
 }
 
-/// Simulates the impacts of one column of k and restitution from `state`; `None` is rest. The final
-/// state replaces `state`; `None` after a rest without end.
-fn simulate_column(
+/// Number of the random stream of a column.
+pub(super) fn stream(start: ColumnStart, column: usize) -> u64 {
+    (column as u64) << 2 | start as u64
+}
+
+/// Simulates the impacts of one column of k and restitution; `from` is `None` for a start from
+/// rest. Passes the state after each impact that is drawn to `draw`. Returns the final state, `None`
+/// after a rest without end, and the ending.
+pub(super) fn simulate(
     arguments: &Arguments,
     (k, restitution): (f64, f64),
     contact: ContactTime,
     stream: u64,
-    state: &mut Option<PartState>,
-) -> Result<Column> {
+    from: Option<PartState>,
+    mut draw: impl FnMut(PartState),
+) -> Result<(Option<PartState>, Ending)> {
     let map = Map::build(k, restitution)?;
-    let from = *state;
     let mut orbit = match from {
         Some(from) => Orbit::new(&map, from),
         None => Orbit::from_rest(&map),
@@ -197,7 +234,7 @@ fn simulate_column(
         orbit = orbit.scattering(scatter)?;
     }
     let total = arguments.settle + arguments.impacts;
-    let (mut states, mut count, mut last) = (Vec::new(), 0, from);
+    let (mut count, mut last) = (0, from);
     // Without scatter the classifier decides the ending.
     let scatters = arguments.scatter.scatter > 0.0;
     let mut gears = scatters.then(Gears::start_now).transpose()?;
@@ -206,7 +243,9 @@ fn simulate_column(
         if let OrbitEvent::Impact(impact) = event {
             count += 1;
             last = Some(impact.next);
-            states.extend(is_settled.then_some(impact.next));
+            if is_settled {
+                draw(impact.next);
+            }
         }
         if let Some(gears) = gears.as_mut().filter(|_| is_settled) {
             match event {
@@ -229,7 +268,13 @@ fn simulate_column(
         if scatters {
             continue;
         }
-        since.push((before, event));
+        if saved.is_some() {
+            since.push((before, event));
+        }
+        if since.len() > MAX_PERIOD_EVENTS {
+            saved = None;
+            since.clear();
+        }
         if let OrbitEvent::Impact(impact) = event {
             if saved == Some(impact.next) {
                 for (before, event) in since.iter().cycle() {
@@ -246,12 +291,8 @@ fn simulate_column(
         }
     }
     let hops = count == total;
-    *state = last.filter(|_| hops);
-    Ok(Column {
-        from,
-        states,
-        ending: Ending::InGear(gears.and_then(|gears| gears.longest()).filter(|_| hops)),
-    })
+    let ending = Ending::InGear(gears.and_then(|gears| gears.longest()).filter(|_| hops));
+    Ok((last.filter(|_| hops), ending))
 }
 
 /// Stretches of columns in which the period-1 orbits of orders 1 to 5 attract.
