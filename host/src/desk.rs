@@ -30,6 +30,14 @@ pub(crate) fn limit_waits() -> impl FnMut() -> Result<()> + Send {
     }
 }
 
+/// [`Desk::check_stop`] for work that outlives the desk.
+pub(crate) fn check_stop() -> Result<()> {
+    match STOP_REQUESTED.load(Ordering::Relaxed) {
+        true => Err(Refusal::interrupted()),
+        false => Ok(()),
+    }
+}
+
 /// Environment of every verb: cores, progress bar, request to stop.
 #[derive(Debug)]
 pub struct Desk {

@@ -256,7 +256,7 @@ fn quiet_if_closed(written: std::io::Result<()>) -> Result<()> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe && !file::is_reader_closed() => {
             let next = "check where the output goes, or write a file with --out";
-            Err(Refusal::new(format!("standard output: {error}"), next))
+            Err(Refusal::file("standard output".as_ref(), &error, next))
         }
         _ => Ok(()),
     }

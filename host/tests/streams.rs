@@ -4,7 +4,7 @@ mod outcome;
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::Child;
+use std::process::{Child, Command};
 
 use kband::impact::{Kernel, Map, PartState};
 use outcome::start;
@@ -71,6 +71,32 @@ fn memory_does_not_grow_with_the_number_of_rows() {
         let fits = 0 < peak_memory && peak_memory < MAX_MEMORY;
         assert!(fits, "{args}: {peak_memory} KiB");
     }
+    // All impacts at once would take 23 MiB more than the program.
+    let diagram = "diagram --k 0.335..0.345:3 --starts rest --impacts 500000 --format csv";
+    let (count, peak_memory) = printed(folder.path(), diagram, 1_500_000);
+    assert!(count > 1_500_000, "{count}");
+    assert!(peak_memory < 24 << 10, "{peak_memory} KiB");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn an_interrupted_diagram_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let diagram = "diagram --k 0.3..0.5:1000 --starts rest --impacts 10000 --scatter 0.05";
+    let child = start(folder.path(), &format!("{diagram} --out rows.csv"));
+    let files = || std::fs::read_dir(folder.path()).unwrap().count();
+    while files() == 0 {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let process = child.id().to_string();
+    let killed = Command::new("kill").args(["-INT", &process]).status();
+    assert!(killed.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(130), "{message}");
+    let once = |word: &str| message.matches(word).count() == 1;
+    assert!(once("error: interrupted") && once("next:"), "{message}");
+    assert_eq!(files(), 0);
 }
 
 /// The JSON of streamed rows is that of a table (report/rows.rs).

@@ -48,9 +48,14 @@ impl Refusal {
         self
     }
 
-    /// A file that could not be read or written.
+    /// A file that could not be read or written; or the refusal that the error contains.
     pub fn file(path: &Path, error: &std::io::Error, next: impl Into<String>) -> Self {
-        Self::new(format!("{}: {error}", path.display()), next)
+        let inner = error
+            .get_ref()
+            .and_then(|inner| inner.downcast_ref::<Self>());
+        inner
+            .cloned()
+            .unwrap_or_else(|| Self::new(format!("{}: {error}", path.display()), next))
     }
 
     /// Interrupted by Ctrl-C before the result was complete.

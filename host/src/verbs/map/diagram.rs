@@ -15,7 +15,7 @@ use kband::regime::Lock;
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, OutputArguments, Range, ScatterArguments,
 };
-use crate::desk::{Desk, Progress};
+use crate::desk::{Desk, Progress, check_stop};
 use crate::ending::FILLS;
 use crate::picture::{Axis, Fill, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
@@ -307,6 +307,7 @@ impl Diagram {
         for branch in &self.branches {
             let [start, _] = branch.start.names();
             for (n, (x, column)) in self.values.iter().zip(&branch.columns).enumerate() {
+                check_stop()?;
                 let (regime, mut written) = (column.ending.name(), Ok(()));
                 self.simulate(branch, n, |state| {
                     if written.is_ok() {
