@@ -1,4 +1,5 @@
-//! Rows written one by one: the memory of `kband impacts` does not grow with their number.
+//! Rows written one by one: the memory of `kband impacts` and `kband diagram` does not grow with their
+//! number.
 
 mod outcome;
 
@@ -83,9 +84,10 @@ fn memory_does_not_grow_with_the_number_of_rows() {
 fn an_interrupted_diagram_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let diagram = "diagram --k 0.3..0.5:1000 --starts rest --impacts 10000 --scatter 0.05";
-    let child = start(folder.path(), &format!("{diagram} --out rows.csv"));
+    let mut child = start(folder.path(), &format!("{diagram} --out rows.csv"));
     let files = || std::fs::read_dir(folder.path()).unwrap().count();
     while files() == 0 {
+        assert!(child.try_wait().unwrap().is_none(), "it wrote nothing");
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
     let process = child.id().to_string();

@@ -103,8 +103,9 @@ fn estimated_margin_matches_the_plant() {
             assert!((estimate.scatter / scatter - 1.0).abs() < 0.15, "{case}");
             let longest = actual.cycles / actual.losses.max(1.0);
             // If gear lasts two dozen flights, one part has few flights in gear in a minute. Of 20
-            // seeds the largest difference is 0.136, then 0.32.
-            let tolerance = if longest > 30.0 { 0.15 } else { 0.35 };
+            // seeds the largest difference is then 0.32, else 0.161.
+            let is_scarce = parts == 1 && longest < 30.0;
+            let tolerance = if is_scarce { 0.35 } else { 0.17 };
             let difference = (f64::from(estimate.trace) - actual.trace).abs();
             assert!(difference < tolerance, "{case}");
             let determinant = estimate.restitution * estimate.restitution;
