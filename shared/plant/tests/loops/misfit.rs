@@ -47,8 +47,8 @@ fn configure_sensor(scene: &mut Scene, noise: &mut Noise) {
     scene.sensor.sensitivity = between(noise, 1.0 - error, 1.0 + error) as f32;
 }
 
-/// Random feeders of 20 to 180 Hz whose impacts the sensor detects. In gear of order 1 the two
-/// feeders with a missed detection have two parts. In gear of order 2 the lot itself is in gear
+/// Random feeders of 20 to 180 Hz whose impacts the sensor detects. In gear of order 1 the three
+/// feeders with a missed detection have two or three parts. In gear of order 2 the lot is in gear
 /// for 0.02 to 0.17 of the time. There only the impacts' phases distinguish tumbling bodies.
 #[test]
 fn tumbling_bodies_are_detected_at_any_frequency() {
@@ -71,7 +71,7 @@ fn tumbling_bodies_are_detected_at_any_frequency() {
             missed[order] += 1;
         }
     }
-    assert_eq!((found, missed), ([21, 9], [2, 17]));
+    assert_eq!((found, missed), ([21, 10], [3, 16]));
 }
 
 /// Regular parts strike at fewer phases than predicted, but at the predicted ones.
