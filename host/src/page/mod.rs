@@ -3,7 +3,7 @@
 
 use serde_json::Value as Json;
 
-use crate::picture::page_colours;
+use crate::picture::{escape, page_colours};
 use crate::provenance;
 
 const STYLE: &str = include_str!("page.css");
@@ -122,10 +122,7 @@ pub fn folded(summary: &str, text: &str) -> String {
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
+    escape(text).replace('"', "&quot;")
 }
 
 #[cfg(test)]

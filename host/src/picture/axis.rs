@@ -100,35 +100,22 @@ impl Axis {
     pub fn cell(&self, value: f64, cells: usize) -> Option<usize> {
         let part = self.part(value);
         let cell = ((1.0 - part) * cells as f64) as usize;
-        (0.0..=1.0)
-            .contains(&part)
-            .then_some(cell.min(cells.saturating_sub(1)))
+        let cell = cell.min(cells.saturating_sub(1));
+        (0.0..=1.0).contains(&part).then_some(cell)
     }
 
     /// Ticks with labels: about `target_count`, at least three, because fewer leave the scale
     /// ambiguous.
     pub(super) fn ticks(&self, target_count: usize) -> Vec<(f64, String)> {
-        let mut ticks = Vec::new();
-        for finer in 0..4 * MIN_LABELS {
-            ticks = self.ticks_near(target_count.max(2) + finer);
-            if ticks.len() >= MIN_LABELS {
-                break;
-            }
-        }
-        ticks
-    }
-
-    fn ticks_near(&self, target_count: usize) -> Vec<(f64, String)> {
-        let ticks = match self.division {
-            Division::Pi => return parts_of_pi(self.low, self.high, target_count),
-            Division::Decades => decades(self.low, self.high, target_count),
-            Division::Decimal => Vec::new(),
+        let of_count = |count: usize| match self.division {
+            Division::Pi => parts_of_pi(self.low, self.high, count),
+            Division::Decades => decades(self.low, self.high, count),
+            Division::Decimal => decimal(self.low, self.high, count),
         };
-        // A range below a few decades has the labels of a linear scale.
-        if ticks.len() >= MIN_LABELS {
-            return ticks;
-        }
-        decimal(self.low, self.high, target_count)
+        let fewest = target_count.max(2);
+        let mut finer = (fewest..fewest + 4 * MIN_LABELS).map(of_count);
+        let enough = finer.find(|ticks| ticks.len() >= MIN_LABELS);
+        enough.unwrap_or_else(|| of_count(fewest + 4 * MIN_LABELS - 1))
     }
 
     /// Minor ticks of a logarithmic axis, nine a decade.
@@ -167,23 +154,33 @@ fn decimal(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
 fn decades(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
     let (first, last) = (low.log10().ceil() as i32, high.log10().floor() as i32);
     let count = (last - first + 1).max(0) as usize;
+    let raised = |sign: char| match sign.to_digit(10) {
+        Some(digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth(digit as usize),
+        None => Some('⁻'),
+    };
     let power = |n: i32| {
         let label = match n {
             -3..=3 => number(10_f64.powi(n), 6),
-            _ => format!("10{}", superscript(n)),
+            _ => "10".to_string() + &n.to_string().chars().filter_map(raised).collect::<String>(),
         };
         (10_f64.powi(n), label)
     };
     // With enough room also two and five in each decade.
-    if count >= 2 && 3 * count > target_count {
+    let ticks: Vec<(f64, String)> = if count >= 2 && 3 * count > target_count {
         let every = count.div_ceil(target_count).max(1) as i32;
         let labelled = (first..=last).filter(|n| n.rem_euclid(every) == 0);
-        return labelled.map(power).collect();
+        labelled.map(power).collect()
+    } else {
+        let rounds = |n| [1.0, 2.0, 5.0].map(|round: f64| round * 10_f64.powi(n));
+        let values = (first - 1..=last + 1).flat_map(rounds);
+        let within = values.filter(|value| (low..=high).contains(value));
+        within.map(|value| (value, number(value, 6))).collect()
+    };
+    // A range below a few decades has the labels of a linear scale.
+    match ticks.len() {
+        MIN_LABELS.. => ticks,
+        _ => decimal(low, high, target_count),
     }
-    let rounds = |n| [1.0, 2.0, 5.0].map(|round: f64| round * 10_f64.powi(n));
-    let values = (first - 1..=last + 1).flat_map(rounds);
-    let within = values.filter(|value| (low..=high).contains(value));
-    within.map(|value| (value, number(value, 6))).collect()
 }
 
 fn parts_of_pi(low: f64, high: f64, target_count: usize) -> Vec<(f64, String)> {
@@ -220,15 +217,6 @@ fn multiples(low: f64, high: f64, step: f64) -> impl Iterator<Item = i64> {
     let first = (low / step - slack).ceil() as i64;
     let last = (high / step + slack).floor() as i64;
     first..=last.min(first.saturating_add(100))
-}
-
-fn superscript(n: i32) -> String {
-    const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    let raised = |sign: char| {
-        sign.to_digit(10)
-            .map_or('⁻', |digit| RAISED[digit as usize])
-    };
-    n.to_string().chars().map(raised).collect()
 }
 
 #[cfg(test)]

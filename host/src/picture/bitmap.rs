@@ -11,7 +11,7 @@ use super::theme::Colour;
 use super::{Look, font};
 
 /// Pixels of the PNG per pixel of the sheet: sharp on current screens and in print.
-const PIXELS_PER_SHEET_PIXEL: f64 = 2.0;
+const PIXELS_ON_SCREEN: f64 = 2.0;
 /// Resolution on paper in dots per inch, as journals require.
 const DOTS_PER_INCH: f64 = 300.0;
 
@@ -22,11 +22,8 @@ pub(super) fn png(
     look: Look,
     shapes: &[Shape],
 ) -> Option<Vec<u8>> {
-    let times = if look.on_paper() {
-        look.points() / 72.0 * DOTS_PER_INCH
-    } else {
-        PIXELS_PER_SHEET_PIXEL
-    };
+    let (paper, screen) = (look.points() / 72.0 * DOTS_PER_INCH, PIXELS_ON_SCREEN);
+    let times = if look.on_paper() { paper } else { screen };
     let scale = || Transform::from_scale(times as f32, times as f32);
     let size = |length: f64| (length * times).round() as u32;
     let mut sheet = Pixmap::new(size(width), size(height))?;
@@ -150,15 +147,10 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
     let transform = Transform::from_scale(across as f32, down as f32)
         .post_translate(place.left as f32, place.top as f32)
         .post_concat(Transform::from_scale(times as f32, times as f32));
-    let quality = if across * times > 1.0 {
-        FilterQuality::Nearest
-    } else {
-        FilterQuality::Bilinear
-    };
-    let paint = PixmapPaint {
-        quality,
-        ..PixmapPaint::default()
-    };
+    let mut paint = PixmapPaint::default();
+    if across * times <= 1.0 {
+        paint.quality = FilterQuality::Bilinear;
+    }
     sheet.draw_pixmap(0, 0, source.as_ref(), &paint, transform, None);
 }
 
@@ -182,10 +174,14 @@ fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
         }));
     }
     if !about.is_empty() {
-        let added = encoder.add_itxt_chunk("Provenance".into(), about.into());
-        added.ok()?;
+        encoder
+            .add_itxt_chunk("Provenance".into(), about.into())
+            .ok()?;
     }
-    let header = encoder.write_header();
-    header.ok()?.write_image_data(&pixels).ok()?;
+    encoder
+        .write_header()
+        .ok()?
+        .write_image_data(&pixels)
+        .ok()?;
     Some(bytes)
 }

@@ -10,8 +10,6 @@ use crate::refusal::{Refusal, Result};
 const POINTS: f64 = 0.75;
 /// Default size of the small letters in points.
 const LETTERS: f64 = 9.0;
-const MILLIMETRES_AN_INCH: f64 = 25.4;
-const POINTS_AN_INCH: f64 = 72.0;
 
 /// Colours of a picture, its width on paper and the size of its letters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, clap::Args)]
@@ -45,15 +43,11 @@ pub const PICTURES: [&str; 3] = ["svg", "png", "pdf"];
 impl Look {
     /// Writes the picture in the format of the file's ending, one of [`PICTURES`].
     pub fn write(self, target: &Destination, picture: &Picture) -> Result<()> {
-        let about = provenance::line();
-        let bytes = match target.ending().as_str() {
-            "pdf" => picture.to_pdf(self, &about),
-            "png" => picture.to_png(self, &about).ok_or_else(|| {
-                let cause = "there is no memory for the picture";
-                Refusal::new(cause, "write an .svg or .pdf instead")
-            })?,
-            _ => picture.to_svg(self, &about).into_bytes(),
-        };
+        let bytes = picture.to_bytes(&target.ending(), self, &provenance::line());
+        let bytes = bytes.ok_or_else(|| {
+            let cause = "there is no memory for the picture";
+            Refusal::new(cause, "write an .svg or .pdf instead")
+        })?;
         target.write_bytes(&bytes)
     }
 
@@ -68,12 +62,7 @@ impl Look {
 
     /// Millimetres on paper per pixel of the layout.
     pub(super) fn millimetres(self) -> f64 {
-        self.points() * MILLIMETRES_AN_INCH / POINTS_AN_INCH
-    }
-
-    /// Width of the layout in pixels, for a picture of default width `own`.
-    pub(super) fn laid_out(self, own: f64) -> f64 {
-        self.width.map_or(own, |width| width / self.millimetres())
+        self.points() * 25.4 / 72.0
     }
 }
 

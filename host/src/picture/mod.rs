@@ -15,9 +15,10 @@ pub use axis::Axis;
 pub use look::{Look, PICTURES};
 pub use panel::{Grid, Panel};
 use panel::{SMALL_TEXT_SIZE, label};
+pub(crate) use svg::escape;
 pub use theme::{Fill, Theme, page_colours};
 
-use shape::{Anchor, Rect, Shape, Text};
+use shape::{Anchor, Rect, Shape};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
@@ -54,46 +55,35 @@ impl Picture {
         self
     }
 
-    /// The picture as SVG. `about` is its description, empty for none.
-    pub fn to_svg(&self, look: Look, about: &str) -> String {
+    /// The picture as `svg`, `png` or `pdf`, of one page. A PNG has twice the picture's size for a
+    /// screen, 300 dots per inch for paper. `about` is a description, empty for none. `None` only
+    /// if memory is insufficient.
+    pub fn to_bytes(&self, ending: &str, look: Look, about: &str) -> Option<Vec<u8>> {
         let (size, shapes) = self.shapes(look);
-        svg::document(size, [&self.title, about], look, &shapes)
-    }
-
-    /// The picture as a PNG, at twice its size for a screen, at 300 dots per inch for paper. `None`
-    /// only if memory is insufficient.
-    pub fn to_png(&self, look: Look, about: &str) -> Option<Vec<u8>> {
-        let (size, shapes) = self.shapes(look);
-        bitmap::png(size, about, look, &shapes)
-    }
-
-    /// The picture as a PDF of one page. `about` as for SVG.
-    pub fn to_pdf(&self, look: Look, about: &str) -> Vec<u8> {
-        let (size, shapes) = self.shapes(look);
-        pdf::document(size, [&self.title, about], look, &shapes)
+        let texts = [&self.title, about];
+        match ending {
+            "pdf" => Some(pdf::document(size, texts, look, &shapes)),
+            "png" => bitmap::png(size, about, look, &shapes),
+            _ => Some(svg::document(size, texts, look, &shapes).into_bytes()),
+        }
     }
 
     fn shapes(&self, look: Look) -> ([f64; 2], Vec<Shape>) {
         let theme = look.theme;
-        let width = look.laid_out(self.width);
+        let on_paper = look.width.map(|width| width / look.millimetres());
+        let width = on_paper.unwrap_or(self.width);
         let mut shapes = Vec::new();
-        let draw_line = |y: f64, text: &str, size: f64, bold: bool, colour| {
-            Shape::Text(Text {
-                size,
-                bold,
-                ..label((18.0, y), text, Anchor::Start, colour)
-            })
-        };
         let mut y = 28.0;
         for line in wrapped(&self.title, TITLE, true, width - 36.0) {
-            shapes.push(draw_line(y, &line, TITLE, true, theme.text()));
+            let text = label((18.0, y), &line, Anchor::Start, theme.text());
+            shapes.push(Shape::Text(text.sized(TITLE, true)));
             y += 20.0;
         }
         y -= 4.0;
         if !self.caption.is_empty() {
             for line in wrapped(&self.caption, SMALL_TEXT_SIZE, false, width - 36.0) {
-                let colour = theme.muted();
-                shapes.push(draw_line(y + 4.0, &line, SMALL_TEXT_SIZE, false, colour));
+                let label = label((18.0, y + 4.0), &line, Anchor::Start, theme.muted());
+                shapes.push(Shape::Text(label));
                 y += 16.0;
             }
             y += 4.0;
@@ -129,6 +119,8 @@ fn wrapped(text: &str, size: f64, bold: bool, width: f64) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
     use super::*;
 
     fn sample() -> Panel {
@@ -164,9 +156,18 @@ mod tests {
             .panel(classes)
     }
 
+    fn svg(picture: &Picture, look: Look) -> String {
+        String::from_utf8(picture.to_bytes("svg", look, "").unwrap()).unwrap()
+    }
+
+    fn png(look: Look) -> png::Reader<Cursor<Vec<u8>>> {
+        let bytes = all_items().to_bytes("png", look, "").unwrap();
+        png::Decoder::new(Cursor::new(bytes)).read_info().unwrap()
+    }
+
     #[test]
     fn svg_is_small_and_its_words_are_escaped() {
-        let svg = all_items().to_svg(Look::default(), "");
+        let svg = svg(&all_items(), Look::default());
         assert!(svg.len() < 200_000, "{} bytes", svg.len());
         assert!(svg.contains("a &lt; b &amp; c") && svg.contains("k (–)"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
@@ -180,9 +181,7 @@ mod tests {
                 theme,
                 ..Look::default()
             };
-            let bytes = all_items().to_png(look, "").unwrap();
-            let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
-            let mut reader = reader.unwrap();
+            let mut reader = png(look);
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
             let info = reader.next_frame(&mut pixels).unwrap();
             assert_eq!(info.width, 1800);
@@ -200,21 +199,19 @@ mod tests {
             width: Some(84.0),
             font_size: Some(7.0),
         };
-        let svg = all_items().to_svg(column, "");
+        let svg = svg(&all_items(), column);
         assert!(svg.contains("width=\"84mm\""), "{}", &svg[..120]);
         // 300 dots an inch.
-        let bytes = all_items().to_png(column, "").unwrap();
-        let reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info();
-        let reader = reader.unwrap();
+        let reader = png(column);
         assert_eq!(reader.info().width, 992);
         assert_eq!(reader.info().pixel_dims.unwrap().xppu, 11_811);
-        let pdf = all_items().to_pdf(column, "");
+        let pdf = all_items().to_bytes("pdf", column, "").unwrap();
         assert!(pdf.starts_with(b"%PDF-") && pdf.ends_with(b"%%EOF"));
         let text = String::from_utf8_lossy(&pdf);
         // 84 mm are 238.110 points.
         assert!(text.contains("/MediaBox [0 0 238.11"), "{}", text.len());
         assert!(text.contains("/SMask"));
-        assert_eq!(pdf, all_items().to_pdf(column, ""));
+        assert_eq!(all_items().to_bytes("pdf", column, ""), Some(pdf));
         // Small letters of 7 points are 12 pixels of the layout, so the layout is wider.
         let (size, _) = all_items().shapes(column);
         assert!((size[0] - 84.0 / 25.4 * 72.0 / (7.0 / 12.0)).abs() < 1e-9);
@@ -224,14 +221,15 @@ mod tests {
     fn a_legend_names_drawn_items_and_counts_omitted_ones() {
         let picture = |points: Vec<(f64, f64)>, more: Vec<(f64, f64)>| {
             let panel = sample().markers("some", 0, points).line("others", 1, more);
-            Picture::new("Title").panel(panel.strip("band", 0.6, 0.7))
+            let picture = Picture::new("Title").panel(panel.strip("band", 0.6, 0.7));
+            svg(&picture, Look::default())
         };
         let points = vec![(0.4, 1.0), (0.4, 7.0), (0.7, 1.0)];
-        let svg = picture(points, Vec::new()).to_svg(Look::default(), "");
+        let svg = picture(points, Vec::new());
         assert!(svg.contains("some") && svg.contains("2 points beyond the scale"));
         assert!(!svg.contains("others") && !svg.contains("band"));
         let points = vec![(0.3, 1.0), (0.5, 1.0)];
-        let svg = picture(Vec::new(), points).to_svg(Look::default(), "");
+        let svg = picture(Vec::new(), points);
         assert!(svg.contains("others") && !svg.contains("some") && !svg.contains("beyond"));
     }
 }

@@ -14,7 +14,7 @@ use style::dashed;
 pub(super) use style::label;
 
 use super::axis::Axis;
-use super::shape::{Anchor, Rect, Shape, Text};
+use super::shape::{Anchor, Rect, Shape};
 use super::theme::{Fill, Theme};
 use super::wrapped;
 
@@ -150,14 +150,12 @@ impl Panel {
 
     /// A shaded strip of the horizontal axis, for a band of k.
     pub fn strip(self, name: &str, low: f64, high: f64) -> Self {
-        let of_y = false;
-        self.item(Key::Strip, name, Item::Strip { low, high, of_y })
+        self.item(Key::Strip, name, Item::Strip(low, high))
     }
 
     /// A shaded strip of the vertical axis, for a band of k on that axis.
     pub fn shelf(self, name: &str, low: f64, high: f64) -> Self {
-        let of_y = true;
-        self.item(Key::Strip, name, Item::Strip { low, high, of_y })
+        self.item(Key::Strip, name, Item::Shelf(low, high))
     }
 
     /// A dashed vertical line at `x`, with text above it.
@@ -192,11 +190,6 @@ impl Panel {
         }
     }
 
-    fn is_covered(&self) -> bool {
-        let mut items = self.items.iter();
-        items.any(|item| matches!(item, Item::Heat(..) | Item::Classes(_)))
-    }
-
     /// Draws the panel with its top at `top` into `shapes`; returns its lower end.
     pub(super) fn draw(
         &self,
@@ -208,47 +201,45 @@ impl Panel {
     ) -> f64 {
         let mut items = self.items.iter();
         let bar = items.any(|item| matches!(item, Item::Heat(..)));
-        let mut plot = Rect {
-            left: LEFT,
-            top,
-            width: width - LEFT - if bar { BAR } else { RIGHT },
-            height: squeezed * self.height,
+        let right = if bar { BAR } else { RIGHT };
+        let plot = Rect::new(LEFT, top, width - LEFT - right, squeezed * self.height);
+        let panel = self;
+        let mut pixels = Pixels {
+            panel,
+            plot,
+            theme,
+            shapes,
         };
         if !self.heading.is_empty() {
             for line in wrapped(&self.heading, HEADING, true, plot.width) {
-                let at = (plot.left, plot.top + 12.0);
-                shapes.push(Shape::Text(Text {
-                    bold: true,
-                    size: HEADING,
-                    ..label(at, &line, Anchor::Start, theme.text())
-                }));
-                plot.top += LINE;
+                let at = (plot.left, pixels.plot.top + 12.0);
+                let text = label(at, &line, Anchor::Start, theme.text());
+                pixels.push(Shape::Text(text.sized(HEADING, true)));
+                pixels.plot.top += LINE;
             }
-            plot.top += 4.0;
+            pixels.plot.top += 4.0;
         }
-        plot.top = self.draw_legend(theme, &plot, shapes);
-        let pixel = Pixels { panel: self, plot };
-        plot.top = pixel.draw_marks(theme, shapes);
+        pixels.plot.top = pixels.draw_legend();
+        pixels.plot.top = pixels.draw_marks();
         if !self.ribbon.is_empty() {
-            let pixel = Pixels { panel: self, plot };
-            pixel.draw_ribbon(theme, shapes);
-            plot.top += RIBBON + 4.0;
+            pixels.draw_ribbon();
+            pixels.plot.top += RIBBON + 4.0;
         }
-        let pixel = Pixels { panel: self, plot };
-        pixel.draw_grid(theme, shapes);
+        pixels.draw_grid();
         for item in &self.items {
-            pixel.draw_item(theme, item, shapes);
+            pixels.draw_item(item);
         }
+        let plot = pixels.plot;
         for (x, text, line) in &self.marks {
-            let across = pixel.x_pixel(*x);
-            if *line && pixel.within_x(*x) {
+            let across = pixels.x_pixel(*x);
+            if *line && pixels.within_x(*x) {
                 let foot = plot.top - if text.is_empty() { 0.0 } else { 3.0 };
                 let line = vec![(across, foot), (across, plot.bottom())];
-                shapes.push(Shape::lines(vec![line], dashed(theme), None));
+                pixels.lines(vec![line], dashed(theme));
             }
         }
-        pixel.draw_levels(theme, shapes);
-        pixel.draw_axes(theme, shapes);
+        pixels.draw_levels();
+        pixels.draw_axes();
         plot.bottom() + 46.0
     }
 }

@@ -96,8 +96,7 @@ impl<'a> Sheet<'a> {
             Shape::Path(path) => {
                 self.content.save_state();
                 if let Some(clip) = path.clip {
-                    let [left, top, width, height] =
-                        [clip.left, clip.top, clip.width, clip.height].map(|x| x as f32);
+                    let [left, top, width, height] = clip.sides().map(|length| length as f32);
                     self.content.rect(left, top, width, height);
                     self.content.clip_nonzero().end_path();
                 }
@@ -126,9 +125,8 @@ impl<'a> Sheet<'a> {
             Shape::Image(place, raster) => {
                 let name = format!("I{}", self.images.len());
                 self.images.push(raster);
-                let [left, bottom, width, height] =
-                    [place.left, place.bottom(), place.width, place.height].map(|x| x as f32);
-                let transform = [width, 0.0, 0.0, -height, left, bottom];
+                let [left, _, width, height] = place.sides().map(|length| length as f32);
+                let transform = [width, 0.0, 0.0, -height, left, place.bottom() as f32];
                 self.content.save_state();
                 self.content.transform(transform);
                 self.content.x_object(Name(name.as_bytes()));
@@ -140,11 +138,11 @@ impl<'a> Sheet<'a> {
     fn outline(&mut self, path: &Path) {
         for piece in &path.pieces {
             for (n, (x, y)) in piece.iter().enumerate() {
-                if n == 0 {
-                    self.content.move_to(*x as f32, *y as f32);
-                } else {
-                    self.content.line_to(*x as f32, *y as f32);
-                }
+                let (x, y) = (*x as f32, *y as f32);
+                match n {
+                    0 => self.content.move_to(x, y),
+                    _ => self.content.line_to(x, y),
+                };
             }
             if path.closed {
                 self.content.close_path();

@@ -30,6 +30,11 @@ impl Rect {
         self.top + self.height
     }
 
+    /// Left, top, width, height.
+    pub(super) fn sides(&self) -> [f64; 4] {
+        [self.left, self.top, self.width, self.height]
+    }
+
     pub(super) fn corners(&self) -> Vec<(f64, f64)> {
         let (left, top, right, bottom) = (self.left, self.top, self.right(), self.bottom());
         vec![(left, top), (right, top), (right, bottom), (left, bottom)]
@@ -44,11 +49,11 @@ pub(super) struct Stroke {
 }
 
 impl Stroke {
-    pub(super) const fn solid(colour: Colour, width: f64) -> Self {
+    pub(super) const fn new(colour: Colour, width: f64, dash: &'static [f64]) -> Self {
         Self {
             colour,
             width,
-            dash: &[],
+            dash,
         }
     }
 }
@@ -72,6 +77,10 @@ pub(super) struct Text {
 }
 
 impl Text {
+    pub(super) fn sized(self, size: f64, bold: bool) -> Self {
+        Self { size, bold, ..self }
+    }
+
     /// Distance from the start of the text to its anchor point.
     pub(super) fn shift(&self) -> f64 {
         let share = match self.anchor {
@@ -93,6 +102,16 @@ pub(super) struct Raster {
 }
 
 impl Raster {
+    pub(super) fn new(width: usize, palette: Vec<Colour>, pixels: Vec<u8>) -> Self {
+        let height = pixels.len() / width;
+        Self {
+            width,
+            height,
+            palette,
+            pixels,
+        }
+    }
+
     /// Red, green and blue of each colour of the palette.
     pub(super) fn rgb(&self) -> Vec<u8> {
         self.palette.iter().flat_map(|colour| colour.rgb).collect()
@@ -109,12 +128,8 @@ impl Raster {
             std::iter::repeat_n(row, down).flatten()
         };
         let rows = self.pixels.chunks(self.width.max(1));
-        Self {
-            width: self.width * across,
-            height: self.height * down,
-            palette: self.palette.clone(),
-            pixels: rows.flat_map(large).collect(),
-        }
+        let pixels = rows.flat_map(large).collect();
+        Self::new(self.width * across, self.palette.clone(), pixels)
     }
 }
 

@@ -55,10 +55,8 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
             out.push_str("<path d=\"");
             for piece in &path.pieces {
                 for (n, (x, y)) in piece.iter().enumerate() {
-                    out.push(if n == 0 { 'M' } else { 'L' });
-                    add_short(out, *x);
-                    out.push(' ');
-                    add_short(out, *y);
+                    let step = if n == 0 { 'M' } else { 'L' };
+                    write!(out, "{step}{} {}", short(*x), short(*y))?;
                 }
                 if path.closed {
                     out.push('Z');
@@ -106,7 +104,7 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
 }
 
 fn placed(rect: &Rect) -> String {
-    let [x, y, width, height] = [rect.left, rect.top, rect.width, rect.height].map(short);
+    let [x, y, width, height] = rect.sides().map(short);
     format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"")
 }
 
@@ -140,19 +138,16 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
     Ok(())
 }
 
+/// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
     let mut text = String::new();
-    add_short(&mut text, value);
+    // Adding 0 removes the sign of -0.
+    add_shortest(&mut text, (100.0 * value).round() / 100.0 + 0.0);
     text
 }
 
-/// Appends a coordinate with at most two decimals.
-fn add_short(text: &mut String, value: f64) {
-    // Adding 0 removes the sign of -0.
-    add_shortest(text, (100.0 * value).round() / 100.0 + 0.0);
-}
-
-fn escape(text: &str) -> String {
+/// Text as the content of an element.
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

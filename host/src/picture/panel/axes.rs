@@ -1,15 +1,18 @@
 //! Axes, grid, text above the plot and the ribbon.
 
-use super::style::{dashed, frame_of, label, swatch, vertical_text};
+use super::item::Item;
+use super::style::{dashed, frame, label, swatch, vertical_text};
 use super::{LEFT, LINE, Panel, RIBBON, SMALL_TEXT_SIZE};
 use crate::picture::font;
-use crate::picture::shape::{Anchor, Rect, Shape, Stroke, Text};
-use crate::picture::theme::Theme;
+use crate::picture::shape::{Anchor, Raster, Rect, Shape, Stroke};
+use crate::picture::theme::{Colour, Theme};
 
-/// A panel at its position on the sheet.
+/// A panel at its position on the sheet, and the shapes that draw it.
 pub(super) struct Pixels<'a> {
-    pub(super) panel: &'a Panel,
-    pub(super) plot: Rect,
+    pub panel: &'a Panel,
+    pub plot: Rect,
+    pub theme: Theme,
+    pub shapes: &'a mut Vec<Shape>,
 }
 
 impl Pixels<'_> {
@@ -21,12 +24,29 @@ impl Pixels<'_> {
         self.plot.bottom() - self.panel.y.part(y) * self.plot.height
     }
 
+    pub(super) fn push(&mut self, shape: Shape) {
+        self.shapes.push(shape);
+    }
+
+    pub(super) fn text(&mut self, at: (f64, f64), text: &str, anchor: Anchor, colour: Colour) {
+        self.push(Shape::Text(label(at, text, anchor, colour)));
+    }
+
+    /// Draws a raster over the whole plot.
+    pub(super) fn image(&mut self, raster: Raster) {
+        self.push(Shape::Image(self.plot, raster));
+    }
+
+    pub(super) fn lines(&mut self, pieces: Vec<Vec<(f64, f64)>>, stroke: Stroke) {
+        self.push(Shape::lines(pieces, stroke, None));
+    }
+
     pub(super) fn within_x(&self, x: f64) -> bool {
         (-1e-9..=1.0 + 1e-9).contains(&self.panel.x.part(x))
     }
 
     /// Draws the text of the marks in as many rows as needed; returns the lower end of the rows.
-    pub(super) fn draw_marks(&self, theme: Theme, shapes: &mut Vec<Shape>) -> f64 {
+    pub(super) fn draw_marks(&mut self) -> f64 {
         let marks = self.panel.marks.iter();
         let marks = marks.filter(|(x, text, _)| self.within_x(*x) && !text.is_empty());
         let mut marks: Vec<_> = marks.collect();
@@ -53,30 +73,28 @@ impl Pixels<'_> {
         let rows = ends.len();
         for (start, row, text) in placed {
             let y = self.plot.top + 12.0 + LINE * (rows - 1 - row) as f64 * 0.88;
-            let label = label((start, y), text, Anchor::Start, theme.muted());
-            shapes.push(Shape::Text(label));
+            self.text((start, y), text, Anchor::Start, self.theme.muted());
         }
         self.plot.top + 12.0 + LINE * (rows - 1) as f64 * 0.88 + 6.0
     }
 
-    pub(super) fn draw_ribbon(&self, theme: Theme, shapes: &mut Vec<Shape>) {
+    pub(super) fn draw_ribbon(&mut self) {
+        let plot = self.plot;
         for (from, to, tone) in &self.panel.ribbon {
-            let left = self.x_pixel(*from).max(self.plot.left);
-            let right = self.x_pixel(*to).min(self.plot.right());
+            let left = self.x_pixel(*from).max(plot.left);
+            let right = self.x_pixel(*to).min(plot.right());
             if right > left {
-                let place = Rect::new(left, self.plot.top, right - left, RIBBON);
-                swatch(theme, *tone, place, false, shapes);
+                let place = Rect::new(left, plot.top, right - left, RIBBON);
+                swatch(self.theme, *tone, place, self.shapes);
             }
         }
-        let frame = Rect {
-            height: RIBBON,
-            ..self.plot
-        };
-        shapes.push(frame_of(frame, theme.axis(), 1.0));
+        let ribbon = Rect::new(plot.left, plot.top, plot.width, RIBBON);
+        self.push(frame(ribbon, None, self.theme.axis(), 1.0));
     }
 
-    pub(super) fn draw_grid(&self, theme: Theme, shapes: &mut Vec<Shape>) {
-        if self.panel.is_covered() {
+    pub(super) fn draw_grid(&mut self) {
+        let covers = |item: &Item| matches!(item, Item::Heat(..) | Item::Classes(_));
+        if self.panel.items.iter().any(covers) {
             return;
         }
         let mut pieces = Vec::new();
@@ -88,8 +106,7 @@ impl Pixels<'_> {
             let down = self.y_pixel(y);
             pieces.push(vec![(self.plot.left, down), (self.plot.right(), down)]);
         }
-        let stroke = Stroke::solid(theme.grid(), 1.0);
-        shapes.push(Shape::lines(pieces, stroke, None));
+        self.lines(pieces, Stroke::new(self.theme.grid(), 1.0, &[]));
     }
 
     pub(super) fn x_ticks(&self) -> Vec<(f64, String)> {
@@ -105,15 +122,15 @@ impl Pixels<'_> {
     }
 
     /// Draws the dashed levels; their text has a patch of background, legible over anything.
-    pub(super) fn draw_levels(&self, theme: Theme, shapes: &mut Vec<Shape>) {
-        let plot = self.plot;
+    pub(super) fn draw_levels(&mut self) {
+        let (plot, theme) = (self.plot, self.theme);
         for (n, (y, text)) in self.panel.levels.iter().enumerate() {
             let down = self.y_pixel(*y);
             if !(plot.top..=plot.bottom()).contains(&down) {
                 continue;
             }
             let ends = vec![(plot.left, down), (plot.right(), down)];
-            shapes.push(Shape::lines(vec![ends], dashed(theme), None));
+            self.lines(vec![ends], dashed(theme));
             if text.is_empty() {
                 continue;
             }
@@ -126,46 +143,43 @@ impl Pixels<'_> {
             let fits_above = down - plot.top > LINE;
             let y = if fits_above { down - 4.0 } else { down + 14.0 };
             let patch = Rect::new(left - 2.0, y - 11.0, width + 4.0, 14.5);
-            shapes.push(Shape::area(patch, theme.background().with_opacity(0.8)));
-            let label = label((left, y), text, Anchor::Start, theme.text());
-            shapes.push(Shape::Text(label));
+            self.push(Shape::area(patch, theme.background().with_opacity(0.8)));
+            self.text((left, y), text, Anchor::Start, theme.text());
         }
     }
 
-    pub(super) fn draw_axes(&self, theme: Theme, shapes: &mut Vec<Shape>) {
-        let plot = self.plot;
-        shapes.push(frame_of(plot, theme.axis(), 1.0));
+    pub(super) fn draw_axes(&mut self) {
+        let (plot, theme) = (self.plot, self.theme);
+        self.push(frame(plot, None, theme.axis(), 1.0));
+        let at_x = |across: f64, length: f64| {
+            vec![(across, plot.bottom()), (across, plot.bottom() + length)]
+        };
+        let at_y = |down: f64, length: f64| vec![(plot.left - length, down), (plot.left, down)];
         let mut ticks = Vec::new();
         for (x, text) in self.x_ticks() {
             let across = self.x_pixel(x);
-            ticks.push(vec![(across, plot.bottom()), (across, plot.bottom() + 5.0)]);
+            ticks.push(at_x(across, 5.0));
             let at = (across, plot.bottom() + 18.0);
-            shapes.push(Shape::Text(label(at, &text, Anchor::Middle, theme.text())));
+            self.text(at, &text, Anchor::Middle, theme.text());
         }
         for (y, text) in self.y_ticks() {
             let down = self.y_pixel(y);
-            ticks.push(vec![(plot.left - 5.0, down), (plot.left, down)]);
+            ticks.push(at_y(down, 5.0));
             let at = (plot.left - 8.0, down + 4.2);
-            shapes.push(Shape::Text(label(at, &text, Anchor::End, theme.text())));
+            self.text(at, &text, Anchor::End, theme.text());
         }
-        for x in self.panel.x.small_ticks() {
-            let across = self.x_pixel(x);
-            ticks.push(vec![(across, plot.bottom()), (across, plot.bottom() + 3.0)]);
-        }
-        for y in self.panel.y.small_ticks() {
-            let down = self.y_pixel(y);
-            ticks.push(vec![(plot.left - 3.0, down), (plot.left, down)]);
-        }
-        let stroke = Stroke::solid(theme.axis(), 1.0);
-        shapes.push(Shape::lines(ticks, stroke, None));
+        let small = self.panel.x.small_ticks().into_iter();
+        ticks.extend(small.map(|x| at_x(self.x_pixel(x), 3.0)));
+        let small = self.panel.y.small_ticks().into_iter();
+        ticks.extend(small.map(|y| at_y(self.y_pixel(y), 3.0)));
+        self.lines(ticks, Stroke::new(theme.axis(), 1.0, &[]));
         let across = self.panel.x.title();
         let at = (plot.left + 0.5 * plot.width, plot.bottom() + 37.0);
-        shapes.push(Shape::Text(Text {
-            size: font::fit_size(&across, 13.0, false, plot.width + 0.5 * LEFT),
-            ..label(at, &across, Anchor::Middle, theme.text())
-        }));
+        let size = font::fit_size(&across, 13.0, false, plot.width + 0.5 * LEFT);
+        let text = label(at, &across, Anchor::Middle, theme.text());
+        self.push(Shape::Text(text.sized(size, false)));
         let at = (plot.left - LEFT + 16.0, plot.top + 0.5 * plot.height);
         let up = self.panel.y.title();
-        shapes.push(vertical_text(at, &up, theme.text(), plot.height));
+        self.push(vertical_text(at, &up, theme.text(), plot.height));
     }
 }

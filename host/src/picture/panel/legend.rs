@@ -1,12 +1,13 @@
 //! The legend of a panel.
 
+use super::axes::Pixels;
 use super::item::Item;
-use super::style::{frame_box, label, marks, series_stroke, swatch};
+use super::style::{frame, label, marks, series_stroke, swatch};
 use super::{LINE, Panel, SMALL_TEXT_SIZE};
 use crate::picture::axis::Axis;
 use crate::picture::font;
-use crate::picture::shape::{Anchor, Rect, Shape, Text};
-use crate::picture::theme::{Fill, Theme};
+use crate::picture::shape::{Anchor, Rect, Shape};
+use crate::picture::theme::Fill;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Key {
@@ -32,15 +33,13 @@ impl Panel {
                 series == requested && finite(points)
             }
             (Key::Area(requested), Item::Between(series, points)) => {
-                let mut points = points.iter();
-                series == requested
-                    && points.any(|(_, low, high)| low.is_finite() && high.is_finite())
+                // A sum is finite only if both terms are.
+                series == requested && points.iter().any(|(_, low, high)| (low + high).is_finite())
             }
             (Key::Ink, Item::Density(points)) => finite(points),
             (Key::Ink, Item::Columns(columns)) => columns.iter().flatten().any(|count| *count > 0),
-            (Key::Strip, Item::Strip { low, high, of_y }) => {
-                within(if *of_y { &self.y } else { &self.x }, *low, *high)
-            }
+            (Key::Strip, Item::Strip(low, high)) => within(&self.x, *low, *high),
+            (Key::Strip, Item::Shelf(low, high)) => within(&self.y, *low, *high),
             (Key::Plain(fill), Item::Classes(grid)) => grid.values.contains(fill),
             _ => false,
         }) || matches!(key, Key::Fill(fill) if self.ribbon.iter().any(|stretch| stretch.2 == *fill))
@@ -60,11 +59,15 @@ impl Panel {
         };
         self.items.iter().map(count_lost).sum()
     }
+}
 
-    pub(super) fn draw_legend(&self, theme: Theme, plot: &Rect, shapes: &mut Vec<Shape>) -> f64 {
-        let displayed = self.legend.iter().filter(|(key, _)| self.shows(key));
+impl Pixels<'_> {
+    /// Draws the legend above the plot; returns its lower end.
+    pub(super) fn draw_legend(&mut self) -> f64 {
+        let (panel, plot, theme) = (self.panel, self.plot, self.theme);
+        let displayed = panel.legend.iter().filter(|(key, _)| panel.shows(key));
         let displayed: Vec<&(Key, String)> = displayed.collect();
-        let left_out = self.left_out();
+        let left_out = panel.left_out();
         let (mut x, mut y) = (plot.left, plot.top + 6.0);
         for (key, name) in &displayed {
             let size = font::fit_size(name, SMALL_TEXT_SIZE, false, plot.width - 32.0);
@@ -76,34 +79,30 @@ impl Panel {
             match key {
                 Key::Line(series) => {
                     let stroke = series_stroke(theme, *series, 2.0);
-                    let line = vec![(x, y), (x + 26.0, y)];
-                    shapes.push(Shape::lines(vec![line], stroke, None));
+                    self.lines(vec![vec![(x, y), (x + 26.0, y)]], stroke);
                 }
-                Key::Marker(series) => shapes.push(marks(theme, *series, &[(x + 13.0, y)], None)),
+                Key::Marker(series) => self.push(marks(theme, *series, &[(x + 13.0, y)], None)),
                 Key::Area(series) => {
                     let colour = theme.series(*series);
-                    shapes.push(frame_box(box_, colour.with_opacity(0.45), colour));
+                    self.push(frame(box_, Some(colour.with_opacity(0.45)), colour, 0.8));
                 }
-                Key::Strip => shapes.push(frame_box(box_, theme.strip(), theme.muted())),
-                Key::Fill(fill) => swatch(theme, *fill, box_, true, shapes),
+                Key::Strip => self.push(frame(box_, Some(theme.strip()), theme.muted(), 0.8)),
+                Key::Fill(fill) => {
+                    swatch(theme, *fill, box_, self.shapes);
+                    self.push(frame(box_, None, theme.muted(), 0.8));
+                }
                 Key::Plain(fill) => {
-                    shapes.push(frame_box(box_, fill.colour(theme), theme.muted()));
+                    self.push(frame(box_, Some(fill.colour(theme)), theme.muted(), 0.8))
                 }
                 Key::Ink => {
-                    for n in 0..13 {
-                        let cell = Rect {
-                            left: x + 2.0 * f64::from(n),
-                            width: 2.0,
-                            ..box_
-                        };
-                        shapes.push(Shape::area(cell, theme.ink(f64::from(n) / 12.0)));
+                    for n in (0..13).map(f64::from) {
+                        let cell = Rect::new(x + 2.0 * n, box_.top, 2.0, box_.height);
+                        self.push(Shape::area(cell, theme.ink(n / 12.0)));
                     }
                 }
             }
-            shapes.push(Shape::Text(Text {
-                size,
-                ..label((x + 32.0, y + 4.2), name, Anchor::Start, theme.text())
-            }));
+            let text = label((x + 32.0, y + 4.2), name, Anchor::Start, theme.text());
+            self.push(Shape::Text(text.sized(size, false)));
             x += length;
         }
         if left_out > 0 {
@@ -114,8 +113,7 @@ impl Panel {
             if x > plot.left && x + font::width(&text, SMALL_TEXT_SIZE, false) > plot.right() {
                 (x, y) = (plot.left, y + LINE);
             }
-            let label = label((x, y + 4.2), &text, Anchor::Start, theme.muted());
-            shapes.push(Shape::Text(label));
+            self.text((x, y + 4.2), &text, Anchor::Start, theme.muted());
         }
         let is_empty = displayed.is_empty() && left_out == 0;
         if is_empty { plot.top } else { y + LINE - 4.0 }

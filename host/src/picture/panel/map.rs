@@ -3,10 +3,11 @@
 use std::collections::HashSet;
 
 use super::axes::Pixels;
-use super::style::{frame_of, label, vertical_text};
+use super::style::{frame, vertical_text};
 use crate::picture::axis::Axis;
 use crate::picture::shape::{Anchor, Raster, Rect, Shape};
 use crate::picture::theme::{Colour, Theme};
+use crate::report::when;
 
 /// A rectangular grid of values, first row at the low end of the vertical axis.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,55 +17,29 @@ pub struct Grid<T> {
 }
 
 impl<T> Grid<T> {
-    /// A grid of rows of `columns` values; an incomplete last row is dropped.
-    pub fn new(columns: usize, mut values: Vec<T>) -> Self {
+    /// A grid of rows of `columns` values.
+    pub fn new(columns: usize, values: Vec<T>) -> Self {
         let columns = columns.max(1);
-        values.truncate(values.len() / columns * columns);
         Self { columns, values }
     }
 }
 
-/// Number of points in each cell of a raster.
-struct Counts {
-    columns: usize,
-    rows: usize,
-    counts: Vec<u32>,
-}
-
-impl Counts {
-    fn new(columns: usize, rows: usize) -> Self {
-        let (columns, rows) = (columns.max(1), rows.max(1));
-        let counts = vec![0; columns * rows];
-        Self {
-            columns,
-            rows,
-            counts,
-        }
-    }
-
-    fn raster(self, theme: Theme) -> Raster {
-        let max_count = f64::from(self.counts.iter().copied().max().unwrap_or(0).max(2));
-        let levels = 32;
-        let mut palette = vec![theme.background().with_opacity(0.0)];
-        palette.extend((0..levels).map(|n| theme.ink(f64::from(n) / f64::from(levels - 1))));
-        let pixels = self.counts.into_iter().map(|count| match count {
-            0 => 0,
-            _ => {
-                let part = f64::from(count).ln() / max_count.ln();
-                1 + (part * f64::from(levels - 1)).round() as u8
-            }
-        });
-        Raster {
-            width: self.columns,
-            height: self.rows,
-            palette,
-            pixels: pixels.collect(),
-        }
-    }
+/// Raster of the numbers of points in cells, row by row.
+fn shaded(theme: Theme, columns: usize, counts: &[u32]) -> Raster {
+    const LEVELS: u8 = 32;
+    let max_count = f64::from(counts.iter().copied().max().unwrap_or(0).max(2));
+    let mut palette = vec![theme.background().with_opacity(0.0)];
+    palette.extend((0..LEVELS).map(|n| theme.ink(f64::from(n) / f64::from(LEVELS - 1))));
+    let pixel = |count: &u32| {
+        let part = f64::from(*count).ln() / max_count.ln();
+        let level = (part * f64::from(LEVELS - 1)).round() as u8;
+        when(*count > 0, || 1 + level)
+    };
+    Raster::new(columns, palette, counts.iter().map(pixel).collect())
 }
 
 impl Pixels<'_> {
-    pub(super) fn density(&self, theme: Theme, points: &[(f64, f64)]) -> Raster {
+    pub(super) fn density(&self, points: &[(f64, f64)]) -> Raster {
         // Single points must be visible. With few points the cells are wider than a pixel, unless
         // many points are close together.
         let cells = if points.len() > 40_000 {
@@ -74,31 +49,26 @@ impl Pixels<'_> {
         } else {
             0.5
         };
-        let [columns, rows] =
-            [self.plot.width, self.plot.height].map(|size| (cells * size) as usize);
-        let mut counts = Counts::new(columns, rows);
+        let size = [self.plot.width, self.plot.height];
+        let [columns, rows] = size.map(|size| ((cells * size) as usize).max(1));
+        let mut counts = vec![0; columns * rows];
         for (x, y) in points {
             let across = self.panel.x.part(*x);
             if (-1e-9..=1.0 + 1e-9).contains(&across) {
-                let column = (across * counts.columns as f64).floor().max(0.0);
+                let column = ((across * columns as f64) as usize).min(columns - 1);
                 if let Some(row) = self.panel.y.cell(*y, rows) {
-                    let column = (column as usize).min(columns - 1);
-                    counts.counts[row * columns + column] += 1;
+                    counts[row * columns + column] += 1;
                 }
             }
         }
-        counts.raster(theme)
+        shaded(self.theme, columns, &counts)
     }
 
-    pub(super) fn columns(theme: Theme, columns: &[Vec<u32>]) -> Raster {
+    pub(super) fn columns(&self, columns: &[Vec<u32>]) -> Raster {
         let rows = columns.first().map_or(0, Vec::len);
-        let mut counts = Counts::new(columns.len(), rows);
-        for (column, cells) in columns.iter().enumerate() {
-            for (row, count) in cells.iter().enumerate() {
-                counts.counts[row * columns.len() + column] = *count;
-            }
-        }
-        counts.raster(theme)
+        let row = |n: usize| columns.iter().map(move |cells| cells[n]);
+        let counts: Vec<u32> = (0..rows).flat_map(row).collect();
+        shaded(self.theme, columns.len().max(1), &counts)
     }
 
     /// Whether the occupied squares of two pixels have many points each.
@@ -111,52 +81,32 @@ impl Pixels<'_> {
         points.len() > 12 * squares.len()
     }
 
-    pub(super) fn heat(
-        &self,
-        theme: Theme,
-        grid: &Grid<f64>,
-        scale: &Axis,
-        shapes: &mut Vec<Shape>,
-    ) {
-        let plot = self.plot;
+    pub(super) fn heat(&mut self, grid: &Grid<f64>, scale: &Axis) {
+        let (plot, theme) = (self.plot, self.theme);
         let colours = (0..255).map(|n| theme.scale(f64::from(n) / 254.0));
         let mut palette: Vec<Colour> = colours.chain([theme.grid()]).collect();
         let number = |value: &f64| match scale.part(*value) {
             part if part.is_finite() => (part.clamp(0.0, 1.0) * 254.0).round() as u8,
             _ => 255,
         };
-        shapes.push(Shape::Image(plot, raster(grid, palette.clone(), number)));
-        let bar = Rect {
-            left: plot.right() + 14.0,
-            width: 14.0,
-            ..plot
-        };
+        self.image(raster(grid, palette.clone(), number));
+        let bar = Rect::new(plot.right() + 14.0, plot.top, 14.0, plot.height);
         palette.truncate(255);
-        let colours = Raster {
-            width: 1,
-            height: 255,
-            palette,
-            pixels: (0..255).rev().collect(),
-        };
-        shapes.push(Shape::Image(bar, colours));
-        shapes.push(frame_of(bar, theme.axis(), 1.0));
+        let colours = Raster::new(1, palette, (0..255).rev().collect());
+        self.push(Shape::Image(bar, colours));
+        self.push(frame(bar, None, theme.axis(), 1.0));
         for (value, text) in scale.ticks((plot.height / 42.0) as usize) {
             let down = bar.bottom() - scale.part(value) * bar.height;
             let at = (bar.right() + 5.0, down + 4.2);
-            shapes.push(Shape::Text(label(at, &text, Anchor::Start, theme.text())));
+            self.text(at, &text, Anchor::Start, theme.text());
         }
         let at = (bar.right() + 58.0, plot.top + 0.5 * plot.height);
-        shapes.push(vertical_text(at, &scale.title(), theme.text(), plot.height));
+        self.push(vertical_text(at, &scale.title(), theme.text(), plot.height));
     }
 }
 
 pub(super) fn raster<T>(grid: &Grid<T>, palette: Vec<Colour>, number: impl Fn(&T) -> u8) -> Raster {
     let pixels = grid.values.chunks(grid.columns);
     let pixels = pixels.rev().flatten().map(number).collect();
-    Raster {
-        width: grid.columns,
-        height: grid.values.len() / grid.columns,
-        palette,
-        pixels,
-    }
+    Raster::new(grid.columns, palette, pixels)
 }

@@ -43,32 +43,19 @@ pub(super) fn series_stroke(theme: Theme, series: usize, width: f64) -> Stroke {
         &[4.0, 2.0],
         &[1.5, 1.5],
     ];
-    Stroke {
-        colour: theme.series(series),
-        width,
-        dash: DASHES[series % 7],
-    }
+    Stroke::new(theme.series(series), width, DASHES[series % 7])
 }
 
 pub(super) fn dashed(theme: Theme) -> Stroke {
-    Stroke {
-        colour: theme.muted(),
-        width: 1.2,
-        dash: &[5.0, 3.0],
-    }
+    Stroke::new(theme.muted(), 1.2, &[5.0, 3.0])
 }
 
-pub(super) fn frame_of(rect: Rect, colour: Colour, width: f64) -> Shape {
-    let stroke = Stroke::solid(colour, width);
-    Shape::areas(vec![rect.corners()], None, Some(stroke), None)
+pub(super) fn frame(rect: Rect, fill: Option<Colour>, line: Colour, width: f64) -> Shape {
+    let stroke = Stroke::new(line, width, &[]);
+    Shape::areas(vec![rect.corners()], fill, Some(stroke), None)
 }
 
-pub(super) fn frame_box(rect: Rect, fill: Colour, line: Colour) -> Shape {
-    let stroke = Stroke::solid(line, 0.8);
-    Shape::areas(vec![rect.corners()], Some(fill), Some(stroke), None)
-}
-
-pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: &mut Vec<Shape>) {
+pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, shapes: &mut Vec<Shape>) {
     shapes.push(Shape::area(rect, fill.colour(theme)));
     let step = 6.0;
     let mut pieces = Vec::new();
@@ -90,11 +77,8 @@ pub(super) fn swatch(theme: Theme, fill: Fill, rect: Rect, frame: bool, shapes: 
         let [ink, sheet] = [theme.text(), theme.background()];
         let from = |colour: Colour| (colour.luminance() - fill).abs();
         let colour = if from(ink) < from(sheet) { sheet } else { ink };
-        let stroke = Stroke::solid(colour.with_opacity(0.55), 0.8);
+        let stroke = Stroke::new(colour.with_opacity(0.55), 0.8, &[]);
         shapes.push(Shape::lines(pieces, stroke, None));
-    }
-    if frame {
-        shapes.push(frame_of(rect, theme.muted(), 0.8));
     }
 }
 
@@ -142,6 +126,6 @@ pub(super) fn marks(
         moved.collect()
     };
     let pieces = places.iter().map(piece).collect();
-    let edge = (!many).then(|| Stroke::solid(theme.background(), 0.6));
+    let edge = (!many).then(|| Stroke::new(theme.background(), 0.6, &[]));
     Shape::areas(pieces, Some(theme.series(series)), edge, clip)
 }
