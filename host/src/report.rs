@@ -72,8 +72,9 @@ impl Printout {
         notes.filter(|note| !note.is_empty()).fold(self, Self::note)
     }
 
+    /// The printout with the columns beyond the width of the screen below the others.
     pub fn folded(mut self) -> Self {
-        self.table = self.table.folded();
+        self.table.folded = true;
         self
     }
 
@@ -109,8 +110,7 @@ impl Printout {
             }
             .map_err(std::io::Error::other),
             Format::Json => {
-                let document = self.json.clone();
-                let document = document.unwrap_or_else(|| self.table.to_json());
+                let document = (self.json.clone()).unwrap_or_else(|| self.table.to_json());
                 let units = columns::units_of(&document);
                 let whole = provenance::add(document, units);
                 serde_json::to_writer_pretty(&mut *out, &whole)?;
@@ -127,8 +127,7 @@ impl Printout {
             parts.push(within(&self.heading) + "\n");
         }
         if !self.table.columns.is_empty() {
-            let fitted = screen.map(|_| self.table.within(screen));
-            parts.push(fitted.unwrap_or_else(|| self.table.to_text()));
+            parts.push(self.table.to_text(screen));
         }
         if !self.notes.is_empty() {
             let notes: Vec<String> = self.notes.iter().map(|note| within(note) + "\n").collect();
@@ -148,17 +147,15 @@ impl Printout {
 
 const MAX_ROWS_TO_READ: usize = 50_000;
 
-/// Rows for a text table; column widths need all of them.
-struct RowsToRead(Table);
-
-impl Rows for RowsToRead {
+/// Rows of a text table, whose column widths need all of them.
+impl Rows for Table {
     fn row(&mut self, row: &[Value]) -> Result<()> {
-        if self.0.len() == MAX_ROWS_TO_READ {
+        if self.len() == MAX_ROWS_TO_READ {
             let accepted = format!("csv or json for more than {MAX_ROWS_TO_READ} rows");
             let next = "choose one of them, or ask for fewer rows";
             return Err(Refusal::value("--format", "table", accepted, next));
         }
-        self.0.push_row(row.to_vec());
+        self.push_row(row.to_vec());
         Ok(())
     }
 }
@@ -170,13 +167,15 @@ pub fn print_rows<T>(
     work: impl FnOnce(&mut dyn Rows) -> Result<T>,
 ) -> Result<T> {
     if format == Format::Table {
-        let mut rows = RowsToRead(Table::new(columns));
-        let result = work(&mut rows)?;
-        Printout::new(rows.0).print(format)?;
+        let mut table = Table::new(columns);
+        let result = work(&mut table)?;
+        Printout::new(table).print(format)?;
         return Ok(result);
     }
     let mut out = std::io::BufWriter::new(text_output());
-    let mut rows = rows::writer(&mut out, format == Format::Json, columns)?;
+    let is_json = format == Format::Json;
+    let ending = if is_json { "json" } else { "csv" };
+    let mut rows = rows::writer(&mut out, ending, columns)?;
     let result = work(&mut *rows)?;
     let ended = rows.end();
     if !file::is_reader_closed() {
@@ -194,9 +193,9 @@ pub(crate) fn units(columns: &[Column]) -> Map<String, Json> {
 }
 
 /// Output for messages: standard output, or standard error if a result uses standard output.
-fn text_output() -> Box<dyn Write> {
+fn text_output() -> Box<dyn Write + Send> {
     match file::is_standard_output_in_use() {
-        true => Box::new(std::io::stderr().lock()),
+        true => Box::new(std::io::stderr()),
         false => Box::new(file::standard_output()),
     }
 }
@@ -217,15 +216,12 @@ fn screen() -> Option<usize> {
     {
         let out = std::io::stdout();
         let size = rustix::termios::tcgetwinsize(&out).ok()?;
-        (size.ws_col >= MIN_SCREEN_COLUMNS).then_some(size.ws_col.into())
+        // Tables are not fitted to a narrower screen.
+        (size.ws_col >= 40).then_some(size.ws_col.into())
     }
     #[cfg(not(unix))]
     None
 }
-
-/// Smallest screen width to which tables are fitted, in columns.
-#[cfg(unix)]
-const MIN_SCREEN_COLUMNS: u16 = 40;
 
 /// Breaks sentences between words at the screen width. Text after a label continues below its
 /// beginning. Lines of several aligned columns and comments of a scene are unchanged.

@@ -20,13 +20,15 @@ pub trait Rows {
 }
 
 pub(super) fn writer<'a>(
-    out: &'a mut dyn Write,
-    is_json: bool,
+    out: &'a mut (dyn Write + Send),
+    ending: &str,
     columns: &[Column],
 ) -> Result<Box<dyn Rows + 'a>> {
-    Ok(match is_json {
-        true => Box::new(JsonRows::begin(out, columns)?),
-        false => Box::new(CsvRows::begin(out, columns)?),
+    Ok(match ending {
+        "json" => Box::new(JsonRows::begin(out, columns)?),
+        #[cfg(feature = "parquet")]
+        "parquet" => Box::new(super::parquet::ParquetRows::begin(out, columns)?),
+        _ => Box::new(CsvRows::begin(out, columns)?),
     })
 }
 
@@ -128,14 +130,7 @@ pub fn write<T>(
         check("the file", target)?;
     }
     target.write_by(|out| {
-        #[cfg(feature = "parquet")]
-        if target.ending() == "parquet" {
-            let mut rows = super::parquet::ParquetRows::begin(out, columns)?;
-            let result = work(Some(&mut rows))?;
-            rows.end()?;
-            return Ok(result);
-        }
-        let mut rows = writer(out, target.ending() == "json", columns)?;
+        let mut rows = writer(out, &target.ending(), columns)?;
         let result = work(Some(&mut *rows))?;
         rows.end()?;
         Ok(result)

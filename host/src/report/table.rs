@@ -86,7 +86,8 @@ impl Column {
 pub struct Table {
     pub columns: Vec<Column>,
     rows: Vec<Vec<Value>>,
-    folded: bool,
+    /// Whether columns beyond the width of the screen are below the others.
+    pub(super) folded: bool,
 }
 
 const SCREEN_COLUMNS: usize = 80;
@@ -97,12 +98,6 @@ impl Table {
             columns: columns.to_vec(),
             ..Self::default()
         }
-    }
-
-    /// The table with columns beyond the width of the screen below the others.
-    pub fn folded(mut self) -> Self {
-        self.folded = true;
-        self
     }
 
     /// Adds a row; values beyond the columns are dropped, missing ones stay empty.
@@ -120,25 +115,15 @@ impl Table {
         self.rows.len()
     }
 
-    /// As aligned columns: text to the left, numbers to the right.
-    pub fn to_text(&self) -> String {
-        self.within(self.folded.then_some(SCREEN_COLUMNS))
-    }
-
-    /// Headings, then the texts of each row.
-    pub(super) fn cells(&self) -> Vec<Vec<String>> {
-        let heads = self.columns.iter().map(Column::heading).collect();
+    /// As aligned columns, text to the left, numbers to the right; those beyond the width of a
+    /// screen are below the others.
+    pub(super) fn to_text(&self, screen: Option<usize>) -> String {
+        let screen = screen.or(self.folded.then_some(SCREEN_COLUMNS));
+        // Headings, then the texts of each row.
+        let mut cells: Vec<Vec<String>> = vec![self.columns.iter().map(Column::heading).collect()];
         let cell = |(value, column): (&Value, &Column)| column.format(value);
         let texts = |row: &Vec<Value>| row.iter().zip(&self.columns).map(cell).collect();
-        [heads]
-            .into_iter()
-            .chain(self.rows.iter().map(texts))
-            .collect()
-    }
-
-    /// The same, with the columns beyond a width below the others.
-    pub(super) fn within(&self, screen: Option<usize>) -> String {
-        let cells = self.cells();
+        cells.extend(self.rows.iter().map(texts));
         let width = |n: usize| {
             let widths = cells.iter().map(|row| row[n].chars().count());
             widths.max().unwrap_or(0)
