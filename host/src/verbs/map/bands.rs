@@ -3,7 +3,7 @@
 mod tones;
 
 use kband::feeder::{Restitution, Track, throw_number};
-use kband::impact::{ContactTime, TangentialSettings, Wave};
+use kband::impact::{ContactTime, TangentialSettings, Tone, Wave};
 use kband::regime::band::{Band, Margins, NoBand};
 use kband::regime::cascade::{Cascade, Estimate};
 use kband::regime::gear::GearPlan;
@@ -12,7 +12,7 @@ use kband::regime::wave_band::WaveBands;
 use kband::transport::locked;
 use kband_scene::restitutions;
 
-use super::common_band;
+use super::{common_band, describe_lot};
 use crate::arguments::{self, ContactArguments, DriveArguments, OutputArguments, ToneArguments};
 use crate::causes;
 use crate::desk::Desk;
@@ -21,7 +21,7 @@ use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{
     GEAR_B, GEAR_B_RANGE, GEAR_BAND_HIGH, GEAR_BAND_LOW, GEAR_K, IN_GEAR_EXPECTED,
 };
-use crate::report::{Printout, Value, View, fields, number, span};
+use crate::report::{Printout, Value, View, fields, number};
 
 /// Bands of k and of amplitude where parts lock, for one restitution or a whole lot of parts.
 #[derive(Clone, Debug, clap::Args)]
@@ -65,16 +65,19 @@ pub struct Arguments {
 const TANGENTIAL_RESTITUTION: f64 = 0.3;
 const AMPLITUDE_RATIO: f64 = 1.5;
 
-fn along(track: &Track) -> TangentialSettings {
-    TangentialSettings {
+/// Speed of locked parts in mm/s.
+fn speed(track: &Track, order: u32, restitution: f64) -> f64 {
+    let along = TangentialSettings {
         amplitude_ratio: AMPLITUDE_RATIO,
         ..TangentialSettings::on(track, TANGENTIAL_RESTITUTION)
-    }
+    };
+    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
+    unit * locked::velocity_in_phase(order, 1.0, restitution, &along)
 }
 
-const SAMPLES: u32 = 400;
-
+/// Parts across a lot, and values of k in a band, at which the lock from rest is tested.
 const PARTS: usize = 5;
+const K_SAMPLES: u32 = 400;
 
 struct Row {
     order: u32,
@@ -104,9 +107,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     } else {
         tones::report(arguments, &wave, &track, desk)?
     };
-    let drawing = output.draws().then(|| compute(&wave, &track, desk));
-    let drawing = drawing.transpose()?.unwrap_or_default();
-    output.show(&report, || draw(arguments, &wave, &track, &drawing))
+    let draw = || draw(arguments, &wave, &track, desk);
+    let picture = output.is_picture().then(draw).transpose()?;
+    output.show(&report, || picture.unwrap_or_else(|| Picture::new("")))
 }
 
 fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime) -> Result<Row> {
@@ -120,7 +123,7 @@ fn row(lot: Restitution, scatter: Option<f64>, order: u32, contact: ContactTime)
         Ok(Cascade::locate(restitution, order, 7)?.k_infinity())
     };
     let parts = restitutions(lot, PARTS);
-    let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, SAMPLES);
+    let measure = |band: Band| Reach::measure(band.low(), band.high(), &parts, order, K_SAMPLES);
     let reach = band.ok().filter(|_| instant).map(measure).transpose()?;
     let plan = |scatter| causes::plan(&causes::unbounded(lot, scatter, contact), order as u8);
     Ok(Row {
@@ -157,23 +160,18 @@ impl Row {
     }
 
     fn reached(&self) -> String {
-        match self.reach {
+        let values = |reach: Reach| (reach.edge, reach.highest, reach.share);
+        match self.reach.map(values) {
             None => "-".into(),
-            Some(Reach {
-                edge: Some(edge), ..
-            }) => format!("up to {edge:.4}"),
-            Some(Reach { highest: None, .. }) => "nowhere".into(),
-            Some(Reach { share, .. }) => format!("{:.1} % in slivers", 100.0 * share),
+            Some((Some(edge), ..)) => format!("up to {edge:.4}"),
+            Some((_, None, _)) => "nowhere".into(),
+            Some((.., share)) => format!("{:.1} % in slivers", 100.0 * share),
         }
     }
 }
 
 fn millimetres(track: &Track, k: f64) -> f64 {
     track.amplitude(k) * 1e3
-}
-
-fn setpoint_in_words(k: Option<f64>) -> Value {
-    k.map_or("no common band".into(), Value::from)
 }
 
 /// Amplitudes in mm from `k1` to `k2`.
@@ -188,7 +186,7 @@ fields! {
         all K2 => row.edges()[0];
         all K1 => row.edges()[1];
         data EMPTY => row.band.is_err();
-        read SETPOINT => setpoint_in_words(row.setpoint());
+        read SETPOINT => row.setpoint().map_or("no common band".into(), Value::from);
         data SETPOINT => row.setpoint();
         data MARGIN_K => row.margins().map(|margins| margins.low.k.min(margins.high.k));
         all MARGIN.digits(3) => row.margin().map(|margin| 100.0 * margin);
@@ -216,10 +214,6 @@ fields! {
         data ALLOWING_HIGH_BOUND => row.band.err().map(|none| none.high_bound);
         data ALLOWING_LOW_BOUND => row.band.err().map(|none| none.low_bound);
     }
-}
-
-fn describe_lot(lot: Restitution) -> String {
-    format!("R = {}", span(lot.low(), lot.high(), 6))
 }
 
 fn report(arguments: &Arguments, track: &Track, rows: &[Row], contact: ContactTime) -> Printout {
@@ -254,18 +248,10 @@ const MAX_RESTITUTION: f64 = 0.7;
 /// Bands of order 1 of one wave: restitution, low end and high end of the widest one.
 type Bands = Vec<(f64, f64, f64)>;
 
-#[derive(Default)]
-struct Drawing {
-    one_tone: Bands,
-    wave: Option<Bands>,
-    speed: Vec<(f64, f64)>,
-}
-
-fn restitution(n: usize) -> f64 {
-    MAX_RESTITUTION * n as f64 / (RESTITUTION_STEPS - 1) as f64
-}
-
-fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing> {
+/// Draws the bands in mm, to set a feeder, and in k, to compare feeders.
+fn draw(arguments: &Arguments, wave: &Wave, track: &Track, desk: &Desk) -> Result<Picture> {
+    let lot = arguments.restitution;
+    let restitution = |n: usize| MAX_RESTITUTION * n as f64 / (RESTITUTION_STEPS - 1) as f64;
     let bands = |wave: &Wave| -> Result<Bands> {
         desk.try_map("bands over R", RESTITUTION_STEPS, |n| {
             let found = WaveBands::find(wave, restitution(n), 1)?;
@@ -275,44 +261,26 @@ fn compute(wave: &Wave, track: &Track, desk: &Desk) -> Result<Drawing> {
             Ok((restitution(n), low, high))
         })
     };
-    let along = along(track);
-    let unit = 1e3 * track.velocity_unit(track.amplitude(1.0));
-    let speed = |r| (r, unit * locked::velocity_in_phase(1, 1.0, r, &along));
-    let tones = Some(wave).filter(|wave| !wave.is_sine());
-    Ok(Drawing {
-        one_tone: bands(&Wave::sine())?,
-        wave: tones.map(bands).transpose()?,
-        speed: (0..RESTITUTION_STEPS).map(restitution).map(speed).collect(),
-    })
-}
-
-/// Draws the bands in mm, to set a feeder, and in k, to compare feeders.
-fn draw(arguments: &Arguments, wave: &Wave, track: &Track, drawing: &Drawing) -> Picture {
-    let lot = arguments.restitution;
+    let mut drawn = vec![("one tone".to_string(), 1, bands(&Wave::sine())?)];
+    if !wave.is_sine() {
+        let Tone { amplitude, angle } = wave.second();
+        let name = format!("e = {amplitude}, th = {angle} rad");
+        drawn.push((name, 0, bands(wave)?));
+    }
     let axis = || Axis::new("restitution R", "", 0.0, MAX_RESTITUTION);
-    let second = wave.second();
-    let two_tones = format!("e = {}, th = {} rad", second.amplitude, second.angle);
     let over = |label: &str, unit: &'static str, scale: &dyn Fn(f64) -> f64| {
-        let scaled = |bands: &Bands| -> Bands {
-            let ends = |&(r, low, high): &(f64, f64, f64)| {
-                let (one, other) = (scale(low), scale(high));
-                (r, one.min(other), one.max(other))
-            };
-            bands.iter().map(ends).collect()
+        let ends = |&(r, low, high): &(f64, f64, f64)| {
+            let (one, other) = (scale(low), scale(high));
+            (r, one.min(other), one.max(other))
         };
-        let one_tone = scaled(&drawing.one_tone);
-        let wave = drawing.wave.as_ref().map(scaled);
-        let all = one_tone.iter().chain(wave.iter().flatten());
+        let scaled = |bands: &Bands| -> Bands { bands.iter().map(ends).collect() };
+        let all = drawn.iter().flat_map(|(.., bands)| scaled(bands));
         let top = all.map(|band| band.2).fold(0.0, f64::max);
-        let mut panel = Panel::new(axis(), Axis::new(label, unit, 0.0, 1.05 * top))
-            .between("one tone", 1, one_tone);
-        if let Some(wave) = wave {
-            panel = panel.between(&two_tones, 0, wave);
+        let mut panel = Panel::new(axis(), Axis::new(label, unit, 0.0, 1.05 * top));
+        for (name, series, bands) in &drawn {
+            panel = panel.between(name, *series, scaled(bands));
         }
-        for (at, label) in [(lot.low(), "your lot"), (lot.high(), "")] {
-            panel = panel.mark(at, label);
-        }
-        panel
+        panel.mark(lot.low(), "your lot").mark(lot.high(), "")
     };
     let millimetres = |k: f64| 1e3 * track.amplitude(k);
     let mut amplitude = over("amplitude b normal to the track", "mm", &millimetres).height(330.0);
@@ -321,18 +289,19 @@ fn draw(arguments: &Arguments, wave: &Wave, track: &Track, drawing: &Drawing) ->
         amplitude = amplitude.level(b, format!("setpoint {} mm", number(b, 3)));
     }
     let bands = over("k = g cos α / (b ω²)", "", &|k| k).height(230.0);
-    let speeds = drawing.speed.iter().map(|point| point.1);
+    let speed = |n: usize| (restitution(n), speed(track, 1, restitution(n)));
+    let speed: Vec<_> = (0..RESTITUTION_STEPS).map(speed).collect();
+    let speeds = speed.iter().map(|point| point.1);
     let slowest = speeds.clone().fold(0.0, f64::min);
     let highest = 1.05 * speeds.fold(1.0, f64::max);
-    let name = if wave.is_sine() {
-        "at every amplitude of the band"
-    } else {
-        "of one tone and of two, at every amplitude"
+    let name = match wave.is_sine() {
+        true => "at every amplitude of the band",
+        false => "of one tone and of two, at every amplitude",
     };
     let speed = Panel::new(axis(), Axis::new("speed in lock", "mm/s", slowest, highest))
         .height(190.0)
-        .line(name, 0, drawing.speed.clone());
-    Picture::new("Bands of order 1 over restitution")
+        .line(name, 0, speed);
+    Ok(Picture::new("Bands of order 1 over restitution")
         .caption(format!(
             "Between these amplitudes a part locks: with more its lock doubles or touches, with less none is born. {} Hz, \
              incline {}\u{b0}; speed with eta {AMPLITUDE_RATIO}, Rt {TANGENTIAL_RESTITUTION}",
@@ -340,5 +309,5 @@ fn draw(arguments: &Arguments, wave: &Wave, track: &Track, drawing: &Drawing) ->
         ))
         .panel(amplitude)
         .panel(bands)
-        .panel(speed)
+        .panel(speed))
 }

@@ -10,13 +10,13 @@ use kband::regime::capture::{
     ScoredKick, Trial, TrialRun,
 };
 
-use super::common_band;
+use super::{common_band, describe_lot};
 use crate::arguments::{self, AmplitudeArguments, OutputArguments, Range};
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::random::SplitMix;
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::{Printout, columns, fields, number, span};
+use crate::report::{Printout, columns, fields, number};
 
 /// Find the kick of the amplitude that brings the parts of a lot from rest onto the locked orbit.
 #[derive(Clone, Debug, clap::Args)]
@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let task = Task::new(arguments)?;
     let plan = task.plan(desk)?;
     let map = Kicks::draw(&task, &plan, desk)?;
-    let rates = Rates::measure(&task, &plan, desk)?;
+    let rates = capture_rates(&task, &plan, desk)?;
     let report = report(&task, &plan, &map, &rates);
     output.show(&report, || map.picture(&task, &plan))
 }
@@ -119,8 +119,7 @@ impl<'a> Task<'a> {
             let next = "narrow --restitution, or choose another --order";
             Refusal::new(none.to_string(), next)
         })?;
-        let k = arguments.amplitude.or_k(arguments.k)?;
-        let k = k.unwrap_or(band.setpoint());
+        let k = (arguments.amplitude.or_k(arguments.k)?).unwrap_or(band.setpoint());
         if !band.contains(k) {
             let (low, high) = (band.low(), band.high());
             return Err(Refusal::value(
@@ -152,11 +151,6 @@ impl<'a> Task<'a> {
         })
     }
 
-    /// Restitution of the lot in words: a number, or `LO..HI`.
-    fn restitution(&self) -> String {
-        span(self.lot.restitution.low(), self.lot.restitution.high(), 6)
-    }
-
     fn plan(&self, desk: &Desk) -> Result<Plan> {
         let mut planner = Planner::new(PlanSettings {
             lot: self.lot,
@@ -173,49 +167,37 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Capture rates of a lot, shares of the parts 0..1, by Monte Carlo simulation. Restitution and
-/// relative error of the amplitude are uniform within the lot's ranges.
-struct Rates {
-    alone: f64,
-    /// After each attempt, including earlier ones.
-    by_attempt: Vec<f64>,
-}
-
-impl Rates {
-    fn measure(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Self> {
-        let (runs, attempts) = (task.arguments.runs, task.arguments.attempts);
-        let results = desk.try_map("capture runs", runs, |run| {
-            let seed = (task.arguments.seed as u64).wrapping_mul(0xD129_0B26_68E5_4F27);
-            let mut random = SplitMix(SplitMix(seed.wrapping_add(run as u64)).bits());
-            let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
-            let part = Trial {
-                restitution: random.within(low, high),
-                k: task.lot.k / (1.0 + task.lot.amplitude_error * random.within(-1.0, 1.0)),
-                order: task.lot.order,
-                contact: task.lot.contact,
-            };
-            let alone = captures(part, task.drive, Kick::NONE)?;
-            for attempt in 0..attempts {
-                let drive = [task.drive, task.retry_drive][attempt.min(1)];
-                let Some(kick) = plan.attempt(attempt as u32) else {
-                    break;
-                };
-                if captures(part, drive, kick)? {
-                    return Ok((alone, Some(attempt)));
-                }
-            }
-            Ok((alone, None))
-        })?;
-        let share = |count: usize| count as f64 / runs as f64;
-        let held_by = |attempt: usize| {
-            let held = |at: Option<usize>| at.is_some_and(|at| at <= attempt);
-            share(results.iter().filter(|(_, at)| held(*at)).count())
+/// Capture rates of a lot, shares of the parts 0..1, by Monte Carlo simulation: without a kick, then
+/// after each attempt, including earlier ones. Restitution and relative error of the amplitude are
+/// uniform within the lot's ranges.
+fn capture_rates(task: &Task<'_>, plan: &Plan, desk: &Desk) -> Result<Vec<f64>> {
+    let (runs, attempts) = (task.arguments.runs, task.arguments.attempts);
+    let results = desk.try_map("capture runs", runs, |run| {
+        let seed = (task.arguments.seed as u64).wrapping_mul(0xD129_0B26_68E5_4F27);
+        let mut random = SplitMix(SplitMix(seed.wrapping_add(run as u64)).bits());
+        let (low, high) = (task.lot.restitution.low(), task.lot.restitution.high());
+        let part = Trial {
+            restitution: random.within(low, high),
+            k: task.lot.k / (1.0 + task.lot.amplitude_error * random.within(-1.0, 1.0)),
+            order: task.lot.order,
+            contact: task.lot.contact,
         };
-        Ok(Self {
-            alone: share(results.iter().filter(|(alone, _)| *alone).count()),
-            by_attempt: (0..attempts).map(held_by).collect(),
-        })
-    }
+        let alone = captures(part, task.drive, Kick::NONE)?;
+        for attempt in 0..attempts {
+            let drive = [task.drive, task.retry_drive][attempt.min(1)];
+            let Some(kick) = plan.attempt(attempt as u32) else {
+                break;
+            };
+            if captures(part, drive, kick)? {
+                return Ok((alone, attempt));
+            }
+        }
+        Ok((alone, attempts))
+    })?;
+    let alone = results.iter().filter(|(alone, _)| *alone).count();
+    let after = |last: usize| results.iter().filter(|(_, at)| *at <= last).count();
+    let counts = std::iter::once(alone).chain((0..attempts).map(after));
+    Ok(counts.map(|count| count as f64 / runs as f64).collect())
 }
 
 fn describe_kick(kick: KickSettings) -> String {
@@ -242,19 +224,19 @@ fields! {
     }
 }
 
-fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Printout {
+fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &[f64]) -> Printout {
     let kicks = (0..task.arguments.attempts as u32).filter_map(|attempt| plan.attempt(attempt));
     let kicks: Vec<KickSettings> = kicks.map(|kick| kick.settings()).collect();
-    let none = Kick::NONE.settings();
-    let mut attempts = vec![("band alone".to_string(), none, rates.alone)];
-    for (n, (kick, rate)) in kicks.iter().zip(&rates.by_attempt).enumerate() {
-        attempts.push(((n + 1).to_string(), *kick, *rate));
+    let mut attempts = vec![("band alone".to_string(), Kick::NONE.settings(), rates[0])];
+    for (n, kick) in (1..).zip(&kicks) {
+        attempts.push((n.to_string(), *kick, rates[n]));
     }
     let Lot { order, k, .. } = task.lot;
-    let (r, low, high) = (task.restitution(), task.band.low(), task.band.high());
+    let lot = describe_lot(task.lot.restitution);
+    let (low, high) = (task.band.low(), task.band.high());
     let (runs, seed) = (task.arguments.runs, task.arguments.seed);
     let mut report = attempt_view().printout(&attempts).heading(format!(
-        "R = {r}, order {order}, k = {k:.4} in the band {low:.4}..{high:.4}; {runs} runs, seed {seed}"
+        "{lot}, order {order}, k = {k:.4} in the band {low:.4}..{high:.4}; {runs} runs, seed {seed}"
     ));
     report = match plan.best() {
         Some(best) => report.note(format!(
@@ -297,8 +279,8 @@ fn report(task: &Task<'_>, plan: &Plan, map: &Kicks, rates: &Rates) -> Printout 
         },
         "runs": runs,
         "seed": seed,
-        "captured_alone": rates.alone,
-        "captured": rates.by_attempt,
+        "captured_alone": rates[0],
+        "captured": rates[1..],
         "map": attempt_view().objects(&cells),
     }));
     report.csv_of(attempt_view().table_of(&cells))
@@ -367,11 +349,12 @@ impl Kicks {
 
     /// Every kick of the map with its captured share, except those beyond the drive's limit.
     fn cells(&self) -> Vec<Attempt> {
-        let cells = self.shares.iter().enumerate().filter_map(|(cell, share)| {
+        let shares = self.shares.iter().enumerate();
+        let kicks = shares.filter_map(|(cell, share)| {
             let kick = self.kick(cell).ok()?;
             Some((String::new(), kick.settings(), *share))
         });
-        cells.collect()
+        kicks.collect()
     }
 
     fn picture(&self, task: &Task<'_>, plan: &Plan) -> Picture {
@@ -408,12 +391,12 @@ impl Kicks {
         if let Some((x, y)) = planned.filter(|(x, y)| *x <= right && *y <= top) {
             panel = panel.markers("planned as on the board", 1, vec![(x, y)]);
         }
-        let (r, k) = (task.restitution(), number(task.lot.k, 4));
+        let (lot, k) = (describe_lot(task.lot.restitution), number(task.lot.k, 4));
         let (error, parts) = (task.arguments.amplitude_error, task.arguments.parts);
         let time_constant = task.arguments.time_constant;
         Picture::new(format!("Kicks that capture parts in lock of order {}", task.lot.order))
             .caption(format!(
-                "R = {r}, k = {k}, amplitude within {error} %, time constant {time_constant} cycles; {shape}; {parts} parts each"
+                "{lot}, k = {k}, amplitude within {error} %, time constant {time_constant} cycles; {shape}; {parts} parts each"
             ))
             .panel(panel)
     }

@@ -17,6 +17,11 @@ use kband::impact::ContactTime;
 use kband::regime::band::{Band, BandError, NoBand};
 
 use crate::refusal::Result;
+use crate::report::span;
+
+fn describe_lot(lot: Restitution) -> String {
+    format!("R = {}", span(lot.low(), lot.high(), 6))
+}
 
 /// The band that all parts of a lot share, or the reason why there is none.
 fn common_band(lot: Restitution, order: u32, contact: ContactTime) -> Result<Result<Band, NoBand>> {

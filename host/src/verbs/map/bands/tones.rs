@@ -3,16 +3,15 @@
 use kband::feeder::{Restitution, Track, throw_number};
 use kband::impact::Wave;
 use kband::regime::wave_band::{Bifurcation, WaveBand, WaveBands, WaveLock};
-use kband::transport::locked;
 use kband_scene::restitutions;
 
 use super::{
-    AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, along, amplitudes, describe_lot,
-    millimetres, setpoint_in_words,
+    AMPLITUDE_RATIO, Arguments, PARTS, TANGENTIAL_RESTITUTION, amplitudes, describe_lot,
+    millimetres, speed,
 };
 use crate::desk::Desk;
 use crate::refusal::Result;
-use crate::report::{Printout, fields, span, when};
+use crate::report::{Printout, Value, fields, span, when};
 
 const K_SAMPLES: u32 = 60;
 
@@ -100,53 +99,36 @@ impl Row {
     }
 }
 
-struct Feeder<'a> {
-    lot: Restitution,
-    track: &'a Track,
-    wave: &'a Wave,
-}
-
-impl Feeder<'_> {
-    /// Speed in lock in mm/s.
-    fn speed(&self, order: u32, restitution: f64) -> f64 {
-        let unit = 1e3 * self.track.velocity_unit(self.track.amplitude(1.0));
-        unit * locked::velocity_in_phase(order, 1.0, restitution, &along(self.track))
-    }
-
-    fn speeds(&self, order: u32) -> String {
-        let (low, high) = (self.lot.low(), self.lot.high());
-        span(self.speed(order, high), self.speed(order, low), 4)
-    }
-}
-
 fields! {
-    fn tone_view(row: Row, feeder: Feeder<'_>) {
+    fn tone_view(row: Row, track: Track, wave: Wave, lot: Restitution) {
         all ORDER => row.order;
         all K2 => row.map_band(|band| band.low.k);
         all K1 => row.map_band(|band| band.high.k);
         data EMPTY => row.band.is_none();
         data K2_END => row.map_band(|band| name(band.low.bifurcation));
         data K1_END => row.map_band(|band| name(band.high.bifurcation));
-        read SETPOINT => setpoint_in_words(row.setpoint());
+        read SETPOINT => row.setpoint().map_or("no common band".into(), Value::from);
         data SETPOINT => row.setpoint();
         all MARGIN.digits(3) => row.margin();
         data FROM_REST_LOW => row.from_rest.map(|([low, _], _)| low);
         data FROM_REST_HIGH => row.from_rest.map(|([_, high], _)| high);
         data FROM_REST_SHARE => row.from_rest.map(|(_, share)| share);
-        all B.digits(4) => row.setpoint().map(|k| millimetres(feeder.track, k));
-        data B_AT_K1 => row.map_band(|band| millimetres(feeder.track, band.high.k));
-        data B_AT_K2 => row.map_band(|band| millimetres(feeder.track, band.low.k));
-        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(feeder.track, [band.low.k, band.high.k])).unwrap_or("-".into());
+        all B.digits(4) => row.setpoint().map(|k| millimetres(track, k));
+        data B_AT_K1 => row.map_band(|band| millimetres(track, band.high.k));
+        data B_AT_K2 => row.map_band(|band| millimetres(track, band.low.k));
+        read B_RANGE.titled("b at k1..k2 (mm)") => row.map_band(|band| amplitudes(track, [band.low.k, band.high.k])).unwrap_or("-".into());
         all THROW.digits(4) => row.setpoint().map(throw_number);
         all PEAK.digits(4) => row.setpoint().map(|k| {
-            feeder.track.acceleration(feeder.track.amplitude(k)) * feeder.wave.peak_acceleration()
+            track.acceleration(track.amplitude(k)) * wave.peak_acceleration()
         });
         read ENDS => row.map_band(|band| [band.low, band.high].map(|end| name(end.bifurcation)).join(", "));
         read REACHED_FROM_REST.titled("locks from rest") => row.map_band(|_| row.reached());
-        read SPEEDS.titled("speed (mm/s)") => row.map_band(|_| feeder.speeds(row.order));
-        data SPEED_AT_LOW_RESTITUTION => row.map_band(|_| feeder.speed(row.order, feeder.lot.low()));
-        data SPEED_AT_HIGH_RESTITUTION => row.map_band(|_| feeder.speed(row.order, feeder.lot.high()));
-        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| 1e-2 * margin * millimetres(feeder.track, k));
+        read SPEEDS.titled("speed (mm/s)") => row.map_band(|_| {
+            span(speed(track, row.order, lot.high()), speed(track, row.order, lot.low()), 4)
+        });
+        data SPEED_AT_LOW_RESTITUTION => row.map_band(|_| speed(track, row.order, lot.low()));
+        data SPEED_AT_HIGH_RESTITUTION => row.map_band(|_| speed(track, row.order, lot.high()));
+        data MARGIN_B => row.setpoint().zip(row.margin()).map(|(k, margin)| 1e-2 * margin * millimetres(track, k));
     }
 }
 
@@ -160,21 +142,16 @@ pub(super) fn report(
         rows(wave, arguments.restitution, n as u32 + 1)
     })?;
     let rows: Vec<Row> = rows.into_iter().flatten().collect();
-    let feeder = Feeder {
-        lot: arguments.restitution,
-        track,
-        wave,
-    };
     let (second, third) = (wave.second(), wave.third());
     let text = || format!(", e3 = {}, th3 = {}", third.amplitude, third.angle);
     let third = when(third.amplitude > 0.0, text);
-    Ok(tone_view(&feeder)
+    Ok(tone_view(track, wave, &arguments.restitution)
         .printout(&rows)
         .folded()
         .heading(format!(
             "{}, e = {}, th = {} rad{third}, {} Hz, incline {} degrees; the setpoint has the largest margin in \
              amplitude",
-            describe_lot(feeder.lot), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
+            describe_lot(arguments.restitution), second.amplitude, second.angle, arguments.drive.frequency, arguments.drive.incline
         ))
         .note(format!(
             "The speed in lock is that of one tone: it depends neither on amplitude nor on the second tone (eta \
