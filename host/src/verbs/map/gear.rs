@@ -4,13 +4,13 @@ mod survey;
 
 use std::f64::consts::TAU;
 
-use kband::feeder::Restitution;
+use kband::feeder::{Restitution, Track};
 use kband::impact::{Tone, Wave};
 use kband::regime::band;
-use kband::regime::gear::Share;
 use serde_json::{Value as Json, json};
 use survey::{Point, Survey};
 
+use super::describe_lot;
 use crate::arguments::{
     self, ContactArguments, DriveArguments, OutputArguments, Range, ToneArguments,
 };
@@ -18,7 +18,7 @@ use crate::causes;
 use crate::desk::Desk;
 use crate::picture::{Axis, Grid, Panel, Picture};
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, Value, fields, number, numbers, span, when};
+use crate::report::{Printout, Value, fields, number, numbers, when};
 pub(in crate::verbs) use survey::Lot;
 
 /// Compute the share of time in gear over k and second tone, for parts whose restitution scatters.
@@ -101,11 +101,6 @@ fn angles(arguments: &Arguments) -> (f64, f64, u32) {
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check_or("kband-gear.svg")?;
-    let survey = survey_lot(arguments, desk)?;
-    output.show(&report(arguments, &survey)?, || picture(arguments, &survey))
-}
-
-fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
     let order = arguments.order as u32;
     let contact = arguments.contact.time(arguments.drive.frequency)?;
     let lot = Lot {
@@ -138,7 +133,8 @@ fn survey_lot(arguments: &Arguments, desk: &Desk) -> Result<Survey> {
     let feeder = causes::unbounded(arguments.restitution, arguments.scatter, contact);
     let planned = causes::plan(&feeder, arguments.order as u8).map(|(plan, _)| plan.k.into());
     let k: Vec<f64> = k.values().collect();
-    Survey::run(lot, &k, &waves(arguments)?, planned, desk)
+    let survey = Survey::run(lot, &k, &waves(arguments)?, planned, desk)?;
+    output.show(&report(arguments, &survey)?, || picture(arguments, &survey))
 }
 
 /// The waves to try; the sine is the first.
@@ -154,67 +150,66 @@ fn waves(arguments: &Arguments) -> Result<Vec<Wave>> {
         let amplitude =
             arguments.largest_second_tone * f64::from(n) / f64::from(SECOND_TONE_AMPLITUDES);
         for m in 0..count {
-            let part = f64::from(m) / f64::from(count - 1);
-            let angle = from + (to - from) * part;
+            let angle = from + (to - from) * (f64::from(m) / f64::from(count - 1));
             waves.push(Wave::build(Tone { amplitude, angle }, third)?);
         }
     }
     Ok(waves)
 }
 
-struct NamedPoint<'a> {
-    name: &'static str,
-    point: &'a Point,
-    sum: Share,
-    amplitude: f64,
-    /// Largest acceleration normal to the track in g.
-    peak: f64,
-    /// Force of the second tone over that of the first: on a resonance, and far above any.
-    force: [f64; 2],
-    third: [f64; 2],
-}
-
-impl NamedPoint<'_> {
+impl Point {
     /// A value of the second tone; `None` on one tone.
     fn of_tone(&self, value: f64) -> Option<f64> {
-        (!self.point.wave.is_sine()).then_some(value)
+        (!self.wave.is_sine()).then_some(value)
+    }
+
+    /// Forces of the second and of the third tone over that of the first: on a resonance of this
+    /// quality, and far above any.
+    fn forces(&self, quality: f64) -> [[f64; 2]; 2] {
+        let [e, e3] = [self.wave.second(), self.wave.third()].map(|tone| tone.amplitude);
+        // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
+        // and 8 at three times it. That of a mass grows as w^2.
+        [[3.0 * quality * e, 4.0 * e], [8.0 * quality * e3, 9.0 * e3]]
     }
 
     fn until_lost(&self) -> Value {
-        match self.sum.time_to_loss() {
+        let sum = self.shares.sum();
+        match sum.time_to_loss() {
             Some(periods) => periods.into(),
-            None if self.sum.in_gear > 0.0 => "not lost".into(),
+            None if sum.in_gear > 0.0 => "not lost".into(),
             None => Value::Missing,
         }
     }
 }
 
 fields! {
-    fn named_point(at: NamedPoint<'a>) {
+    fn named_point(at: Point, track: Track, quality: f64) {
         read POINT => at.name;
-        all K.digits(4) => at.point.k;
-        read E.titled("e").digits(3) => at.of_tone(at.point.wave.second().amplitude);
-        read TH.digits(4) => at.of_tone(at.point.wave.second().angle);
-        json E => at.point.wave.second().amplitude;
-        json TH => at.point.wave.second().angle;
-        json E3 => at.point.wave.third().amplitude;
-        json TH3 => at.point.wave.third().angle;
-        all IN_GEAR.titled("in gear").digits(3) => at.point.shares.mean();
-        all IN_GEAR_LEAST.titled("worst part").digits(3) => at.point.shares.min_share();
-        json IN_GEAR_AFTER_CAPTURE => at.sum.share_after_capture();
-        all PERIODS_TO_CAPTURE.titled("until captured").digits(3) => at.sum.time_to_capture();
-        read IN_GEAR_AFTER_CAPTURE.titled("in gear after").digits(3) => at.sum.share_after_capture();
+        all K.digits(4) => at.k;
+        read E.titled("e").digits(3) => at.of_tone(at.wave.second().amplitude);
+        read TH.digits(4) => at.of_tone(at.wave.second().angle);
+        json E => at.wave.second().amplitude;
+        json TH => at.wave.second().angle;
+        json E3 => at.wave.third().amplitude;
+        json TH3 => at.wave.third().angle;
+        all IN_GEAR.titled("in gear").digits(3) => at.shares.mean();
+        all IN_GEAR_LEAST.titled("worst part").digits(3) => at.shares.min_share();
+        json IN_GEAR_AFTER_CAPTURE => at.shares.sum().share_after_capture();
+        all PERIODS_TO_CAPTURE.titled("until captured").digits(3) => at.shares.sum().time_to_capture();
+        read IN_GEAR_AFTER_CAPTURE.titled("in gear after").digits(3) => at.shares.sum().share_after_capture();
         read PERIODS_TO_LOSS.titled("until lost (periods)").digits(3) => at.until_lost();
-        json PERIODS_TO_LOSS => at.sum.time_to_loss();
-        all PERIODS_TO_LOSS_ERROR.titled("error").digits(2) =>
-            at.sum.time_to_loss().map(|time| time / (at.sum.losses as f64).sqrt());
-        all B.digits(4) => at.amplitude;
-        all PEAK.digits(3) => at.peak;
-        read FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3) => at.of_tone(at.force[0]);
-        json FORCE_RATIO_ON_RESONANCE => at.force[0];
-        json FORCE_RATIO_OFF_RESONANCE => at.force[1];
-        json THIRD_FORCE_RATIO_ON_RESONANCE => at.third[0];
-        json THIRD_FORCE_RATIO_OFF_RESONANCE => at.third[1];
+        json PERIODS_TO_LOSS => at.shares.sum().time_to_loss();
+        all PERIODS_TO_LOSS_ERROR.titled("error").digits(2) => {
+            let sum = at.shares.sum();
+            sum.time_to_loss().map(|time| time / (sum.losses as f64).sqrt())
+        };
+        all B.digits(4) => 1e3 * track.amplitude(at.k);
+        all PEAK.digits(3) => track.acceleration(track.amplitude(at.k)) * at.wave.peak_acceleration();
+        read FORCE_RATIO_ON_RESONANCE.titled("F2/F1").digits(3) => at.of_tone(at.forces(*quality)[0][0]);
+        json FORCE_RATIO_ON_RESONANCE => at.forces(*quality)[0][0];
+        json FORCE_RATIO_OFF_RESONANCE => at.forces(*quality)[0][1];
+        json THIRD_FORCE_RATIO_ON_RESONANCE => at.forces(*quality)[1][0];
+        json THIRD_FORCE_RATIO_OFF_RESONANCE => at.forces(*quality)[1][1];
     }
 }
 
@@ -230,45 +225,20 @@ fields! {
     }
 }
 
-fn named<'a>(survey: &'a Survey, arguments: &Arguments) -> Result<Vec<NamedPoint<'a>>> {
-    let three = (survey.waves.iter()).any(|wave| wave.third().amplitude > 0.0);
-    let two = if three { "three tones" } else { "two tones" };
-    let mut points = vec![("one tone", &survey.one_tone), (two, &survey.two_tones)];
-    let middle = survey.band_middle.as_ref();
-    points.extend(middle.map(|point| ("middle of the band", point)));
-    let track = arguments.drive.track()?;
-    let named = |(name, point): (&'static str, &'a Point)| {
-        let amplitude = track.amplitude(point.k);
-        let [e, e3] = [point.wave.second(), point.wave.third()].map(|tone| tone.amplitude);
-        NamedPoint {
-            name,
-            point,
-            sum: point.shares.sum(),
-            amplitude: 1e3 * amplitude,
-            peak: track.acceleration(amplitude) * point.wave.peak_acceleration(),
-            // The dynamic stiffness of a resonator is |1 - (w/w0)^2|: 1/Q at resonance, 3 at twice
-            // and 8 at three times it. That of a mass grows as w^2.
-            force: [3.0 * arguments.quality * e, 4.0 * e],
-            third: [8.0 * arguments.quality * e3, 9.0 * e3],
-        }
-    };
-    Ok(points.into_iter().map(named).collect())
-}
-
 fn lot_name(arguments: &Arguments, survey: &Survey) -> String {
-    let lot = arguments.restitution;
     let parts = survey.lot.restitutions().len();
     let parts = when(parts > 1, || format!(" ({parts} parts)"));
-    format!("R = {}{parts}", span(lot.low(), lot.high(), 6))
+    describe_lot(arguments.restitution) + &parts
 }
 
 fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
-    let named = named(survey, arguments)?;
-    let view = named_point();
+    let track = arguments.drive.track()?;
+    let view = named_point(&track, &arguments.quality);
+    let (one, two, middle) = (&survey.points[0], &survey.points[1], survey.points.get(2));
     let lot = arguments.restitution;
     let lot_name = lot_name(arguments, survey);
     let report = view
-        .printout(&named)
+        .printout(&survey.points)
         .folded()
         .heading(format!(
             "Share of time in gear of order {}, {lot_name}, scatter {}, from rest, {} Hz{}",
@@ -281,16 +251,16 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
             "Each part was watched for {} periods at each of these points.",
             number(survey.lot.run_periods(), 6)
         ));
-    let unlocked = survey.band_middle.is_none().then_some(
+    let unlocked = middle.is_none().then_some(
         "Without scatter no amplitude locks all of this lot with one tone: see kband bands.",
     );
-    let two = &named[1];
-    let ([on, off], quality) = (numbers(two.force, 3), number(arguments.quality, 4));
+    let [second, third] = two.forces(arguments.quality);
+    let ([on, off], quality) = (numbers(second, 3), number(arguments.quality, 4));
     let second = format!(
         "The second tone takes {on} of the first one's force on a resonance of quality {quality}, {off} off it."
     );
-    let [on, off] = numbers(two.third, 3);
-    let third = when(two.point.wave.third().amplitude > 0.0, || {
+    let [on, off] = numbers(third, 3);
+    let third = when(two.wave.third().amplitude > 0.0, || {
         format!("The third tone takes {on} of it there, {off} off it.")
     });
     let point = |(k, share)| json!({"k": k, "in_gear": share});
@@ -302,9 +272,9 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
         "order": arguments.order,
         "seed": arguments.seed,
         "periods_watched": survey.lot.run_periods(),
-        "one_tone": view.object(&named[0]),
+        "one_tone": view.object(one),
         "two_tones": view.object(two),
-        "band_middle": named.get(2).map(|middle| view.object(middle)),
+        "band_middle": middle.map(|middle| view.object(middle)),
         "over_k": {
             "one_tone": over_k(0),
             "two_tones": over_k(survey.best_wave()),
@@ -322,16 +292,16 @@ fn report(arguments: &Arguments, survey: &Survey) -> Result<Printout> {
 fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
     let (low, high) = (survey.k[0], survey.k[survey.k.len() - 1]);
     let share = Axis::new("share of time in gear", "", 0.0, 1.0);
-    let two = &survey.two_tones;
+    let two = &survey.points[1];
     let [e, th] = numbers([two.wave.second().amplitude, two.wave.second().angle], 4);
-    let best = [&survey.one_tone, two].map(|at| (at.k, at.shares.mean()));
+    let best = [&survey.points[0], two].map(|at| (at.k, at.shares.mean()));
     let best_over_k = survey.over_k(survey.best_wave()).collect();
     let mut over = Panel::new(Axis::new("k", "", low, high), share)
         .heading("Over the amplitude, k = g cos α / (b ω²)")
         .line("one tone", 0, survey.over_k(0).collect())
         .line(&format!("e = {e}, th = {th}"), 1, best_over_k)
         .markers("best points, fresh runs", 2, best.to_vec());
-    if let Some(middle) = &survey.band_middle {
+    if let Some(middle) = survey.points.get(2) {
         over = over.mark(middle.k, "middle of the band");
     }
     let (lot_name, scatter) = (lot_name(arguments, survey), number(arguments.scatter, 4));
@@ -343,8 +313,8 @@ fn picture(arguments: &Arguments, survey: &Survey) -> Picture {
         ))
         .panel(over);
     if arguments.tones.second_tone.is_none() {
-        let waves = 1..survey.waves.len();
-        let shares: Vec<f64> = waves.map(|wave| survey.best_over_k(wave)).collect();
+        let best = |wave| survey.over_k(wave).map(|at| at.1).fold(0.0, f64::max);
+        let shares: Vec<f64> = (1..survey.waves.len()).map(best).collect();
         let (from, to, count) = angles(arguments);
         let half = 0.5 * (to - from) / f64::from(count - 1);
         let step = arguments.largest_second_tone / f64::from(SECOND_TONE_AMPLITUDES);

@@ -60,6 +60,7 @@ impl Shares {
 }
 
 pub(super) struct Point {
+    pub name: &'static str,
     pub wave: Wave,
     pub k: f64,
     pub shares: Shares,
@@ -71,9 +72,8 @@ pub(super) struct Survey {
     pub waves: Vec<Wave>,
     /// Mean and smallest share of the parts for each wave at each k, wave by wave.
     pub map: Vec<[f64; 2]>,
-    pub one_tone: Point,
-    pub two_tones: Point,
-    pub band_middle: Option<Point>,
+    /// The best points on one tone and on several, and the middle of the band, if there is one.
+    pub points: Vec<Point>,
 }
 
 /// Number of points of the map that are simulated again, for each number of tones.
@@ -157,12 +157,16 @@ impl Survey {
             let (wave, k) = place(n);
             lot.at(wave, k)
         })?;
-        let verdict = |wave: &Wave, k: f64| -> Result<Point> {
+        let verdict = |name: &'static str, wave: &Wave, k: f64| -> Result<Point> {
             let shares = lot.simulate(wave, k, Stage::Verdict)?;
-            let wave = *wave;
-            Ok(Point { wave, k, shares })
+            Ok(Point {
+                name,
+                wave: *wave,
+                k,
+                shares,
+            })
         };
-        let best = |points: Range<usize>| {
+        let best = |name: &'static str, points: Range<usize>| {
             let mut order: Vec<usize> = points.collect();
             order.sort_by(|&a, &b| map[b][0].total_cmp(&map[a][0]));
             order.truncate(REFINED_POINTS);
@@ -173,40 +177,38 @@ impl Survey {
             let worse_first = |a: &usize, b: &usize| repeated[*a].total_cmp(&repeated[*b]);
             let best = (0..order.len()).rev().max_by(worse_first).unwrap_or(0);
             let (wave, k) = place(order[best]);
-            verdict(wave, k)
+            verdict(name, wave, k)
         };
-        let on_sine = |k| verdict(&Wave::sine(), k);
+        let on_sine = |name, k| verdict(name, &Wave::sine(), k);
         let one_tone = match planned {
-            Some(planned) if k[0] <= planned && planned <= k[k.len() - 1] => on_sine(planned)?,
-            _ => best(0..k.len())?,
+            Some(k_planned) if k[0] <= k_planned && k_planned <= k[k.len() - 1] => {
+                on_sine("one tone", k_planned)?
+            }
+            _ => best("one tone", 0..k.len())?,
         };
-        let two_tones = best(k.len()..waves.len() * k.len())?;
-        let band = common_band(lot.restitution, lot.order, lot.contact)?.ok();
-        let band_middle = band.map(|band| on_sine(band.setpoint())).transpose()?;
+        let three = waves.iter().any(|wave| wave.third().amplitude > 0.0);
+        let two = if three { "three tones" } else { "two tones" };
+        let mut points = vec![one_tone, best(two, k.len()..waves.len() * k.len())?];
+        if let Ok(band) = common_band(lot.restitution, lot.order, lot.contact)? {
+            points.push(on_sine("middle of the band", band.setpoint())?);
+        }
         Ok(Self {
             lot,
             k: k.to_vec(),
             waves: waves.to_vec(),
             map,
-            one_tone,
-            two_tones,
-            band_middle,
+            points,
         })
     }
 
     /// Number of the wave of the point on two tones.
     pub fn best_wave(&self) -> usize {
-        let is_best = |wave: &Wave| *wave == self.two_tones.wave;
+        let is_best = |wave: &Wave| *wave == self.points[1].wave;
         self.waves.iter().position(is_best).unwrap_or(0)
     }
 
     pub fn over_k(&self, wave: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let count = self.k.len();
         (0..count).map(move |n| (self.k[n], self.map[wave * count + n][0]))
-    }
-
-    pub fn best_over_k(&self, wave: usize) -> f64 {
-        let shares = self.over_k(wave).map(|(_, share)| share);
-        shares.fold(0.0, f64::max)
     }
 }
