@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::ValueEnum as _;
 use kband::feeder::OutOfRange;
 use kband::impact::{Impact, Integer, Kernel, Map, PartState, Single, Tone, WaveKernel, WaveMap};
-use rows::{LaunchFile, Row, check_rows, compute_rows};
+use rows::{Row, check_rows, compute_rows};
 
 use crate::arguments::{
     self, AmplitudeArguments, ContactArguments, FileArguments, Output, ScatterArguments,
@@ -19,7 +19,7 @@ use crate::file;
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
 use crate::report::columns::{FLIGHT, N, NEXT_PHASE, NEXT_VELOCITY, PHASE, VELOCITY};
-use crate::report::{Column, Format, Rows, Value, number, print_rows, when};
+use crate::report::{Column, Format, Value, number, print_rows, when};
 
 /// Compute consecutive impacts of one orbit, or one impact for each row of a file.
 #[derive(Clone, Debug, clap::Args)]
@@ -164,20 +164,21 @@ impl Task<'_> {
             let next = "draw the restitutions in the file";
             return Err(Refusal::value("--scatter", scatter, accepted, next));
         }
-        let launches = LaunchFile::open(path)?;
-        let progress = Progress::beside_rows("checking rows", launches.size()?);
-        let rows = check_rows(path, launches.reader()?, |bytes| {
+        let launches = rows::open(path)?;
+        let (reader, size) = rows::whole(path, &launches)?;
+        let progress = Progress::beside_rows("checking rows", size);
+        let count = check_rows(path, reader, |bytes| {
             progress.advance(bytes);
             self.desk.check_stop()
         })?;
         drop(progress);
-        self.write(&[FLIGHT, NEXT_PHASE, NEXT_VELOCITY], rows, |sink| {
-            compute_rows(path, launches.reader()?, &build, |row| {
+        self.write(&[FLIGHT, NEXT_PHASE, NEXT_VELOCITY], count, |receive| {
+            compute_rows(path, rows::whole(path, &launches)?.0, &build, |row| {
                 let impact = row.map(|row| impact(&row));
                 let flight = impact.map(|impact| impact.flight);
                 let next = impact.map(|impact| K::observe(impact.next));
                 let (phase, velocity) = next.map(|next| (next.phase, next.velocity)).unzip();
-                sink.row(&[flight, phase, velocity].map(Value::from), next)
+                receive(&[flight, phase, velocity].map(Value::from), next)
             })
         })
     }
@@ -197,7 +198,7 @@ impl Task<'_> {
         };
         let mut scatter = arguments.scatter.stream(or_nan(arguments.restitution), 0)?;
         let count = arguments.count as u64;
-        self.write(&[N, PHASE, VELOCITY, FLIGHT], count, |sink| {
+        self.write(&[N, PHASE, VELOCITY, FLIGHT], count, |receive| {
             for n in 1..=count {
                 if let Some(scatter) = &mut scatter {
                     row.kernel = build(k, scatter.draw())?;
@@ -214,7 +215,7 @@ impl Task<'_> {
                 row.state = impact.next;
                 let values = [next.phase, next.velocity, impact.flight].map(Value::from);
                 let [phase, velocity, flight] = values;
-                sink.row(&[n.into(), phase, velocity, flight], Some(next))?;
+                receive(&[n.into(), phase, velocity, flight], Some(next))?;
             }
             Ok(())
         })
@@ -225,67 +226,52 @@ impl Task<'_> {
         &self,
         columns: &[Column],
         rows: u64,
-        work: impl FnOnce(&mut Sink) -> Result<()>,
+        work: impl FnOnce(&mut Receiver) -> Result<()>,
     ) -> Result<States> {
         let columns: Vec<Column> = columns.iter().map(|one| one.digits(17).plain()).collect();
-        self.output.rows(&columns, |file| {
+        let draws = self.output.is_picture();
+        let (mut states, mut count) = (States::default(), 0_u64);
+        self.output.rows(&columns, |mut file| {
             print_rows(self.arguments.format, &columns, |printed| {
-                let mut sink = Sink {
-                    task: self,
-                    printed: Some(printed),
-                    file,
-                    states: self.output.draws().then(States::default),
-                    count: 0,
-                    progress: Progress::beside_rows("impacts", rows),
-                };
-                work(&mut sink)?;
-                Ok(sink.states.unwrap_or_default())
+                // `None` after the reader has closed the pipe.
+                let mut printed = Some(printed);
+                let progress = Progress::beside_rows("impacts", rows);
+                work(&mut |row, next| {
+                    if let Some(printer) = &mut printed
+                        && let Err(error) = printer.row(row)
+                    {
+                        if !file::is_reader_closed() || (file.is_none() && !draws) {
+                            return Err(error);
+                        }
+                        printed = None;
+                    }
+                    if let Some(file) = &mut file {
+                        file.row(row)?;
+                    }
+                    if let Some(next) = next {
+                        states.impacts += 1;
+                        if draws && states.drawn.len() < MAX_DRAWN {
+                            states.drawn.push((next.phase, next.velocity));
+                        }
+                    }
+                    count += 1;
+                    if count.is_multiple_of(ROWS_AT_ONCE) {
+                        self.desk.check_stop()?;
+                        progress.advance(ROWS_AT_ONCE);
+                    }
+                    Ok(())
+                })
             })
-        })
+        })?;
+        Ok(states)
     }
 }
 
-struct Sink<'a, 'p, 'f> {
-    task: &'a Task<'a>,
-    /// `None` after the reader has closed the pipe.
-    printed: Option<&'p mut (dyn Rows + 'p)>,
-    file: Option<&'f mut (dyn Rows + 'f)>,
-    states: Option<States>,
-    count: u64,
-    progress: Progress,
-}
+/// Receiver of the values of a row, and of the state after its impact.
+type Receiver<'a> = dyn FnMut(&[Value], Option<PartState>) -> Result<()> + 'a;
 
 /// Number of rows between two checks for an interruption by the user.
 const ROWS_AT_ONCE: u64 = 1024;
-
-impl Sink<'_, '_, '_> {
-    fn row(&mut self, row: &[Value], next: Option<PartState>) -> Result<()> {
-        if let Some(printed) = &mut self.printed
-            && let Err(error) = printed.row(row)
-        {
-            if !file::is_reader_closed() || (self.file.is_none() && self.states.is_none()) {
-                return Err(error);
-            }
-            self.printed = None;
-        }
-        if let Some(file) = &mut self.file {
-            file.row(row)?;
-        }
-        if let (Some(states), Some(next)) = (&mut self.states, next) {
-            states.impacts += 1;
-            if states.drawn.len() < MAX_DRAWN {
-                states.drawn.push((next.phase, next.velocity));
-            }
-        }
-        self.count += 1;
-        if self.count.is_multiple_of(ROWS_AT_ONCE) {
-            self.task.desk.check_stop()?;
-            self.progress.advance(ROWS_AT_ONCE);
-        }
-        Ok(())
-    }
-}
-
 const MAX_DRAWN: usize = 1 << 17;
 
 /// Phase and velocity after each impact; of many, those after the first impacts.

@@ -1,7 +1,7 @@
 //! Launches from a file, one in each row.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Seek, SeekFrom};
+use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 
 use kband::feeder::OutOfRange;
@@ -18,36 +18,26 @@ pub struct Row<K: Kernel> {
     pub state: K::State,
 }
 
-/// A file of launches. It is read twice: first to check every row, then to compute.
-pub(super) struct LaunchFile<'a> {
-    path: &'a Path,
-    file: File,
+/// Opens a file of launches, which is read twice: first to check every row, then to compute. A pipe
+/// is copied to the disk, because it can be read only once.
+pub(super) fn open(path: &Path) -> Result<File> {
+    let refuse = |error: std::io::Error| unread(path, &error);
+    let mut file = file::open(path, NEXT_READABLE_FILE)?;
+    if !file.metadata().map_err(refuse)?.is_file() {
+        let mut copy = tempfile::tempfile().map_err(refuse)?;
+        std::io::copy(&mut file, &mut copy).map_err(refuse)?;
+        file = copy;
+    }
+    Ok(file)
 }
 
-impl<'a> LaunchFile<'a> {
-    /// Opens a file. A pipe is copied to the disk, because it can be read only once.
-    pub fn open(path: &'a Path) -> Result<Self> {
-        let refuse = |error: std::io::Error| unread(path, &error);
-        let mut file = file::open(path, NEXT_READABLE_FILE)?;
-        if !file.metadata().map_err(refuse)?.is_file() {
-            let mut copy = tempfile::tempfile().map_err(refuse)?;
-            std::io::copy(&mut file, &mut copy).map_err(refuse)?;
-            file = copy;
-        }
-        Ok(Self { path, file })
-    }
-
-    pub fn size(&self) -> Result<u64> {
-        let data = self.file.metadata();
-        Ok(data.map_err(|error| unread(self.path, &error))?.len())
-    }
-
-    pub fn reader(&self) -> Result<BufReader<&File>> {
-        let mut file = &self.file;
-        let start = file.seek(SeekFrom::Start(0));
-        start.map_err(|error| unread(self.path, &error))?;
-        Ok(BufReader::new(file))
-    }
+/// The file from its start, and its size in bytes.
+pub(super) fn whole<'a>(path: &Path, mut file: &'a File) -> Result<(BufReader<&'a File>, u64)> {
+    let size = file
+        .metadata()
+        .and_then(|data| file.rewind().map(|()| data.len()));
+    let size = size.map_err(|error| unread(path, &error))?;
+    Ok((BufReader::new(file), size))
 }
 
 const NEXT_READABLE_FILE: &str = "give the path of a readable text file";
@@ -136,13 +126,11 @@ pub fn check_rows(
     let mut rows = 0;
     each_row(path, reader, check_stop, |line, values| {
         rows += 1;
-        launch(values, &Map::build).map_err(|cause| {
-            let place = format!("{}, line {line}", path.display());
-            Refusal::from(cause)
-                .then("correct or remove this row")
-                .at(place)
-        })?;
-        Ok(())
+        let refuse = |cause| {
+            let refusal = Refusal::from(cause).then("correct or remove this row");
+            refusal.at(format!("{}, line {line}", path.display()))
+        };
+        launch(values, &Map::build).map(|_| ()).map_err(refuse)
     })?;
     if rows == 0 {
         let cause = format!("{} has no rows", path.display());
