@@ -61,27 +61,26 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
             Refusal::new("no band of this order ends in a flip on these tones", next)
         })?
     };
-    output.show(&report(arguments, &cascade), || {
-        picture(arguments, &cascade)
-    })
+    let report = report(arguments, &cascade);
+    output.show(&report, || picture(arguments, &cascade))
 }
 
 fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     let flips = cascade.flips();
     let last = flips.len() as f64 + 0.5;
     let numbered = || Axis::new("flip, 1 for 1 → 2 impacts a period", "", 0.5, last);
-    let points = flips.iter().enumerate();
-    let points: Vec<(f64, f64)> = points.map(|(n, k)| ((n + 1) as f64, *k)).collect();
+    let points: Vec<(f64, f64)> = (1..).map(f64::from).zip(flips.iter().copied()).collect();
     let k = Axis::over_values("k = g cos α / (b ω²)", "", flips.iter().copied());
     let mut places = Panel::new(numbered(), k)
         .height(230.0)
         .line("", 0, points.clone())
-        .markers("flips", 0, points);
+        .markers("flips", 0, points.clone());
     if let Some(limit) = cascade.k_infinity() {
         places = places.level(limit.value, "chaos begins");
     }
-    let gaps = flips.windows(2).enumerate();
-    let gaps = gaps.map(|(n, pair)| ((n + 2) as f64, pair[0] - pair[1]));
+    let gaps = points
+        .windows(2)
+        .map(|pair| (pair[1].0, pair[0].1 - pair[1].1));
     let gaps: Vec<(f64, f64)> = gaps.collect();
     let (restitution, order) = (number(arguments.restitution, 6), arguments.order);
     let mut picture = Picture::new("Period doublings down to chaos")
@@ -102,25 +101,17 @@ fn picture(arguments: &Arguments, cascade: &Cascade) -> Picture {
     picture
 }
 
-struct Flip {
-    impacts: u32,
-    k: f64,
-    gap: Option<f64>,
-    ratio: Option<f64>,
-    visible: Option<f64>,
-    orbit: Option<DoubledOrbit>,
-}
-
 fields! {
-    fn flip(at: Flip) {
-        table FLIP => format!("{} -> {}", at.impacts, 2 * at.impacts);
-        table K.digits(15) => at.k;
-        table GAP.digits(8) => at.gap;
-        table RATIO.digits(8) => at.ratio;
-        table VISIBLE_BELOW.titled("seen below sigma").digits(3) => at.visible;
-        table MULTIPLIERS => at.orbit.map(|orbit| spell(orbit.multipliers));
-        table EXPONENT.digits(4) => at.orbit.map(|orbit| orbit.exponents()[0]);
-        table SECOND_EXPONENT.titled("second").digits(4) => at.orbit.map(|orbit| orbit.exponents()[1]);
+    /// Doubling number n, from 0.
+    fn flip(n: usize, flips: [f64], ratios: [f64], visible: [Option<f64>], orbits: [Option<DoubledOrbit>]) {
+        table FLIP => format!("{} -> {}", 1_u32 << n, 2_u32 << n);
+        table K.digits(15) => flips[*n];
+        table GAP.digits(8) => n.checked_sub(1).map(|before| flips[before] - flips[*n]);
+        table RATIO.digits(8) => n.checked_sub(2).and_then(|n| ratios.get(n)).copied();
+        table VISIBLE_BELOW.titled("seen below sigma").digits(3) => visible[*n];
+        table MULTIPLIERS => orbits[*n].map(|orbit| spell(orbit.multipliers));
+        table EXPONENT.digits(4) => orbits[*n].map(|orbit| orbit.exponents()[0]);
+        table SECOND_EXPONENT.titled("second").digits(4) => orbits[*n].map(|orbit| orbit.exponents()[1]);
     }
 }
 
@@ -136,24 +127,17 @@ fields! {
 }
 
 fn report(arguments: &Arguments, cascade: &Cascade) -> Printout {
+    let flips = cascade.flips();
     let doubled: Vec<Option<DoubledOrbit>> = cascade.doubled_orbits().collect();
     let visible: Vec<Option<f64>> = cascade.max_visible_scatters().collect();
     let ratios: Vec<f64> = cascade.ratios().collect();
-    let flips: Vec<Flip> = (cascade.flips().iter().enumerate())
-        .map(|(n, &k)| Flip {
-            impacts: 1 << n,
-            k,
-            gap: n.checked_sub(1).map(|before| cascade.flips()[before] - k),
-            ratio: n.checked_sub(2).and_then(|n| ratios.get(n)).copied(),
-            visible: visible.get(n).copied().flatten(),
-            orbit: doubled.get(n).copied().flatten(),
-        })
-        .collect();
+    let rows: Vec<usize> = (0..flips.len()).collect();
     let limit = cascade.k_infinity();
     let orbits: Vec<_> = doubled.iter().copied().flatten().collect();
     let (r, order, k1) = (arguments.restitution, arguments.order, cascade.birth());
     let heading = format!("R = {r}, order {order}: born at k1 = {k1:.15}");
-    let report = flip().printout(&flips).folded().heading(heading);
+    let view = flip(flips, &ratios, &visible, &doubled);
+    let report = view.printout(&rows).folded().heading(heading);
     let chaos = limit.map(|limit| {
         format!(
             "chaos begins at k_infinity = {:.12} within {:.1e}; the ratios tend to {FEIGENBAUM:.5}",
@@ -187,7 +171,7 @@ fn report(arguments: &Arguments, cascade: &Cascade) -> Printout {
             "restitution": r,
             "order": order,
             "k1": k1,
-            "flips": cascade.flips(),
+            "flips": flips,
             "ratios": ratios,
             "k_infinity": limit.map(|limit| limit.value),
             "k_infinity_error": limit.map(|limit| limit.error),

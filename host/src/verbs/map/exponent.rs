@@ -17,7 +17,7 @@ use crate::desk::Desk;
 use crate::ending::{self, Endings, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
 use crate::refusal::{Exit, Refusal, Result};
-use crate::report::{Printout, columns, fields, finite, number, when};
+use crate::report::{Printout, columns, fields, finite, number, numbers, when};
 
 /// Measure Lyapunov exponents with their statistical error.
 #[derive(Clone, Debug, clap::Args)]
@@ -116,11 +116,9 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
         let next = "leave one of the two out";
         return Err(Refusal::value("--scatter", value, accepted, next));
     }
-    let band = if arguments.band {
-        ChaoticBand::measure(arguments.restitution, arguments.order as u32, 1e-3, 20_000)?
-    } else {
-        None
-    };
+    let order = arguments.order as u32;
+    let measure = || ChaoticBand::measure(arguments.restitution, order, 1e-3, 20_000);
+    let band = arguments.band.then(measure).transpose()?.flatten();
     let report = report(arguments, &rows, band)?;
     output.show(&report, || picture(arguments, &values, &rows, band))
 }
@@ -172,15 +170,6 @@ struct Row {
     multipliers: Option<Multipliers>,
 }
 
-impl Row {
-    fn rest_after(&self) -> Option<u32> {
-        match self.exponent.dynamics {
-            Dynamics::Rest { after } => Some(after),
-            _ => None,
-        }
-    }
-}
-
 /// Name of the orbit's dynamics. A positive exponent means chaos only if the orbit ends in chaos: a
 /// transient has one too, until it comes to rest.
 fn describe_motion(row: &Row) -> &'static str {
@@ -203,12 +192,15 @@ fields! {
         data EXPONENT_PER_CYCLE => finite(row.exponent.per_cycle.value);
         data EXPONENT_PER_CYCLE_ERROR => finite(row.exponent.per_cycle.error);
         data MEAN_FLIGHT => finite(row.exponent.flight);
-        read MOTION => match row.rest_after() {
-            Some(after) => format!("rest after {after}"),
-            None => describe_motion(row).into(),
+        read MOTION => match row.exponent.dynamics {
+            Dynamics::Rest { after } => format!("rest after {after}"),
+            _ => describe_motion(row).into(),
         };
         data MOTION => describe_motion(row);
-        data REST_AFTER => row.rest_after();
+        data REST_AFTER => match row.exponent.dynamics {
+            Dynamics::Rest { after } => Some(after),
+            _ => None,
+        };
         all REGIME => row.ending.map(|ending| ending::describe_regime(ending, *followed));
         data MULTIPLIERS => row.multipliers.map(spell);
         data MULTIPLIER_MODULUS => row.multipliers.map(Multipliers::modulus);
@@ -244,11 +236,11 @@ fn report(arguments: &Arguments, rows: &[Row], band: Option<ChaoticBand>) -> Res
 }
 
 pub(super) fn spell(multipliers: Multipliers) -> String {
-    let text = |value: f64| number(value, 6);
     match multipliers {
-        Multipliers::Real(larger, smaller) => format!("{}, {}", text(larger), text(smaller)),
+        Multipliers::Real(larger, smaller) => numbers([larger, smaller], 6).join(", "),
         Multipliers::Pair { modulus, angle } => {
-            format!("{} exp(+-{} i)", text(modulus), text(angle))
+            let [modulus, angle] = numbers([modulus, angle], 6);
+            format!("{modulus} exp(+-{angle} i)")
         }
     }
 }
@@ -259,15 +251,10 @@ fn picture(
     rows: &[Row],
     band: Option<ChaoticBand>,
 ) -> Picture {
-    let point = |selection: &dyn Fn(&str) -> bool| -> Vec<(f64, f64)> {
-        let selected = rows.iter().filter(|row| selection(describe_motion(row)));
-        let points = selected.map(|row| (row.k, row.exponent.per_impact.value));
-        let is_finite = |(_, exponent): &(f64, f64)| exponent.is_finite();
-        points.filter(is_finite).collect()
-    };
-    let all = point(&|_| true);
     // The exponent of a superstable orbit is far below.
-    let shown = all.iter().map(|point| point.1.max(-3.0)).chain([-0.5, 0.5]);
+    let exponents = rows.iter().map(|row| row.exponent.per_impact.value);
+    let finite = exponents.filter(|exponent| exponent.is_finite());
+    let shown = finite.map(|exponent| exponent.max(-3.0)).chain([-0.5, 0.5]);
     let lowest = values.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = values.iter().copied().fold(0.0, f64::max);
     let exponent = Axis::over_values("Lyapunov exponent per impact", "", shown);
@@ -275,15 +262,16 @@ fn picture(
     if let Some(band) = band {
         panel = panel.strip("chaotic band, measured", band.low, band.high);
     }
-    let names = [
+    for (motion, name, series) in [
         ("chaotic", "chaotic", 1),
         ("chaotic so far", "chaotic so far", 3),
         ("regular", "regular", 0),
         ("undecided", "undecided", 4),
         ("rest", "transient: until it came to rest", 2),
-    ];
-    for (selection, name, series) in names {
-        let points = point(&|motion| motion == selection);
+    ] {
+        let own = rows.iter().filter(|row| describe_motion(row) == motion);
+        let points = own.map(|row| (row.k, row.exponent.per_impact.value));
+        let points: Vec<_> = points.filter(|point| point.1.is_finite()).collect();
         if !points.is_empty() {
             panel = panel.markers(name, series, points);
         }

@@ -38,7 +38,7 @@ struct Line {
 }
 
 impl Line {
-    fn new(quality: f32, gain_ratio: f32) -> Result<Self> {
+    fn new((quality, gain_ratio): (f32, f32)) -> Result<Self> {
         // Detunings, drive frequency over resonance minus 1, denser near the resonance.
         let parts = (-120..=120).map(|n| n as f32 / 120.0);
         let detunings = parts.map(|part| 0.2 * part * part.abs());
@@ -62,10 +62,10 @@ impl Line {
     }
 
     fn min_margin(&self, margin: impl Fn(&LoopMargins) -> f64) -> (f64, f64) {
-        let min_margin = (self.margins.iter())
-            .map(|(detuning, margins)| (margin(margins), f64::from(*detuning)))
-            .min_by(|one, other| one.0.total_cmp(&other.0));
-        min_margin.unwrap_or((f64::INFINITY, 0.0))
+        let margins = self.margins.iter();
+        let margins = margins.map(|(detuning, at)| (margin(at), f64::from(*detuning)));
+        let least = margins.min_by(|one, other| one.0.total_cmp(&other.0));
+        least.unwrap_or((f64::INFINITY, 0.0))
     }
 }
 
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let all: Vec<(f32, f32)> = (GAIN_RATIOS.iter())
         .flat_map(|ratio| QUALITIES.map(|quality| (quality, *ratio)))
         .collect();
-    let lines = desk.try_map("margins", all.len(), |n| Line::new(all[n].0, all[n].1))?;
+    let lines = desk.try_map("margins", all.len(), |n| Line::new(all[n]))?;
     output.show(&report(&lines), || picture(&lines))
 }
 
