@@ -62,10 +62,8 @@ impl OutputArguments {
             return self.check();
         }
         let target = Destination::default_name(Path::new(name), own_picture, "--out FILE.svg")?;
-        Ok(Output {
-            format,
-            kind: Some((target, Kind::Picture(self.drawn.look))),
-        })
+        let kind = Some((target, Kind::Picture(self.drawn.look)));
+        Ok(Output { format, kind })
     }
 }
 
@@ -122,10 +120,6 @@ enum Kind {
 }
 
 impl Output {
-    pub fn draws(&self) -> bool {
-        matches!(self.kind, Some((_, Kind::Picture(_))))
-    }
-
     /// Calls `work` with the writer of rows; with `None` if the output is a picture or nothing.
     pub fn rows<T>(
         &self,
@@ -309,15 +303,21 @@ impl NoScatter {
 }
 
 impl DriveArguments {
-    /// The track, with motion normal to it alone.
-    pub fn track(self) -> Result<Track, OutOfRange> {
-        Track::build(TrackSettings {
+    /// A track with this amplitude along itself over that normal to it, and this phase lead in
+    /// degrees.
+    pub fn settings(self, amplitude_ratio: f64, phase_lead: f64) -> TrackSettings {
+        TrackSettings {
             frequency: self.frequency,
             incline: self.incline,
-            amplitude_ratio: 0.0,
-            phase_lead: 0.0,
+            amplitude_ratio,
+            phase_lead,
             gravity: STANDARD_GRAVITY,
-        })
+        }
+    }
+
+    /// The track, with motion normal to it alone.
+    pub fn track(self) -> Result<Track, OutOfRange> {
+        Track::build(self.settings(0.0, 0.0))
     }
 }
 

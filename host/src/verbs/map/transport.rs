@@ -3,7 +3,7 @@
 mod friction;
 mod speed;
 
-use kband::feeder::{STANDARD_GRAVITY, Track, TrackSettings};
+use kband::feeder::Track;
 use kband::impact::{ContactTime, TangentialSettings};
 use kband::regime::Lock;
 use kband::transport::{Effort, Origin};
@@ -12,9 +12,8 @@ use crate::arguments::{
     self, ContactArguments, DriveArguments, OutputArguments, Range, ScatterArguments, ToneArguments,
 };
 use crate::desk::Desk;
-use crate::picture::Picture;
 use crate::refusal::{Exit, Result};
-use crate::report::{Printout, number};
+use crate::report::number;
 use crate::verbs::read;
 pub use friction::Row;
 
@@ -92,26 +91,13 @@ pub struct Arguments {
     output: OutputArguments,
 }
 
-impl Arguments {
-    fn track_settings(&self) -> TrackSettings {
-        TrackSettings {
-            frequency: self.drive.frequency,
-            incline: self.drive.incline,
-            amplitude_ratio: self.amplitude_ratio,
-            phase_lead: self.phase_lead,
-            gravity: STANDARD_GRAVITY,
-        }
-    }
-}
-
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let output = arguments.output.check()?;
     let feeder = Feeder::build(arguments)?;
-    let (report, picture) = match arguments.friction {
-        Some(_) => friction::compute(feeder, desk)?,
-        None => speed::compute(feeder, desk)?,
-    };
-    output.show(&report, picture)
+    match arguments.friction {
+        Some(_) => friction::run(feeder, &output, desk),
+        None => speed::run(&feeder, &output, desk),
+    }
 }
 
 /// Regimes from rest for these options, with friction, for a page with many.
@@ -119,8 +105,6 @@ pub fn from_rest(options: &str, desk: &Desk) -> Result<Vec<Row>> {
     let arguments = read(options)?;
     friction::from_rest(Feeder::build(&arguments)?, desk)
 }
-
-type Computed<'a> = (Printout, Box<dyn FnOnce() -> Picture + 'a>);
 
 #[derive(Clone, Copy, Debug)]
 struct Feeder<'a> {
@@ -132,7 +116,8 @@ struct Feeder<'a> {
 
 impl<'a> Feeder<'a> {
     fn build(arguments: &'a Arguments) -> Result<Self> {
-        let track = Track::build(arguments.track_settings())?;
+        let (ratio, lead) = (arguments.amplitude_ratio, arguments.phase_lead);
+        let track = Track::build(arguments.drive.settings(ratio, lead))?;
         Ok(Self {
             arguments,
             contact: arguments.contact.time(arguments.drive.frequency)?,

@@ -9,12 +9,12 @@ use kband::regime::wave_band::{WaveBand, WaveBands, WaveLock};
 use kband::transport::{Measured, Motion, Origin, measure, measure_on_tones};
 use serde_json::json;
 
-use super::{Computed, Feeder, ORDERS};
-use crate::arguments::Range;
+use super::{Feeder, ORDERS};
+use crate::arguments::{Output, Range};
 use crate::desk::Desk;
 use crate::picture::{Axis, Fill, Panel, Picture};
-use crate::refusal::{Refusal, Result};
-use crate::report::{Column, Field, Printout, View, columns, fields, finite, number};
+use crate::refusal::{Exit, Refusal, Result};
+use crate::report::{Column, Field, Printout, View, columns, fields, finite, number, numbers};
 
 /// Quantity of the horizontal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -111,7 +111,9 @@ impl<'a> Task<'a> {
         let (sliding, sticking) = arguments.friction.unwrap_or((0.0, 0.0));
         let mut settings = TrackSettings {
             incline: self.feeder.track.incline().to_degrees(),
-            ..arguments.track_settings()
+            ..arguments
+                .drive
+                .settings(arguments.amplitude_ratio, arguments.phase_lead)
         };
         match over {
             Over::Incline => settings.incline = value,
@@ -202,20 +204,18 @@ impl<'a> Task<'a> {
         // In `b w`; `None` where friction cannot hold the part.
         let velocity = |value: f64| Ok(self.row(value, Origin::Rest)?.mean());
         if matches!(over, Over::Throw | Over::Amplitude) {
-            let unit = match over {
-                Over::Throw => 1.0,
-                _ => self.feeder.amplitude(1.0),
-            };
+            let is_throw = over == Over::Throw;
+            let mm = self.feeder.amplitude(1.0);
+            let unit = if is_throw { 1.0 } else { mm };
             let settings = self.point(Over::Throw, 1.0)?.settings;
             // A part that lies on the track slides above it, up or down.
             let threshold = |upwards: bool| settings.sliding_throw_number(&self.wave, upwards);
             let hops = 1.0 / self.wave.highest_throw();
-            let thresholds = [
+            for (throw, text) in [
                 (threshold(true), "slides forward"),
                 (threshold(false), "slides backward"),
                 (Some(hops), "hops"),
-            ];
-            for (throw, text) in thresholds {
+            ] {
                 let throw = throw.filter(|throw| *throw <= hops);
                 notes.extend(throw.map(|throw| (throw * unit, text)));
             }
@@ -226,28 +226,23 @@ impl<'a> Task<'a> {
             let [(low, Some(at_low)), (high, Some(at_high))] = *pair else {
                 continue;
             };
-            let text = match over {
-                Over::Incline => "just climbs",
-                _ => "reverses",
-            };
+            let climbs = over == Over::Incline;
+            let text = if climbs { "just climbs" } else { "reverses" };
             if at_low * at_high < 0.0 {
                 let root = bisect(velocity, low, high, at_low)?;
                 notes.extend(root.map(|root| (root, text)));
             }
         }
-        let moving = rest
-            .iter()
-            .filter_map(|(value, mean)| Some((*value, (*mean)?)));
+        let moving = rest.iter();
+        let moving = moving.filter_map(|(value, mean)| Some(*value).zip(*mean));
         if over == Over::PhaseLead
             && let Some((best, _)) = moving.max_by(|a, b| a.1.total_cmp(&b.1))
         {
             let step = rest.get(1).map_or(1.0, |second| second.0 - rest[0].0);
             let (low, high) = ((best - step).max(-180.0), (best + step).min(180.0));
             let slope = |lead: f64| -> Result<Option<f64>> {
-                let half = 0.01 * step;
-                Ok(velocity(lead + half)?
-                    .zip(velocity(lead - half)?)
-                    .map(|(a, b)| a - b))
+                let sides = velocity(lead + 0.01 * step)?.zip(velocity(lead - 0.01 * step)?);
+                Ok(sides.map(|(after, before)| after - before))
             };
             let best = bisect(slope, low, high, 1.0)?;
             notes.extend(best.map(|best| (best, "conveys most")));
@@ -275,7 +270,7 @@ impl<'a> Task<'a> {
         }
         if !matches!(over, Over::Throw | Over::Amplitude) {
             let throw = self.amplitude / feeder.amplitude(1.0);
-            let [b, throw] = [self.amplitude, throw].map(|value| number(value, 4));
+            let [b, throw] = numbers([self.amplitude, throw], 4);
             terms.push(format!("b = {b} mm (throw number {throw})"));
         }
         let (frequency, contact) = (feeder.track.frequency(), arguments.contact.describe());
@@ -354,7 +349,7 @@ pub(super) fn from_rest(feeder: Feeder, desk: &Desk) -> Result<Vec<Row>> {
     desk.try_map("conveying", values.len(), row)
 }
 
-pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
+pub(super) fn run(feeder: Feeder<'_>, output: &Output, desk: &Desk) -> Result<Exit> {
     let over = match (feeder.arguments.over, feeder.arguments.b) {
         (Some(over), _) => over,
         (None, Some(_)) => Over::Amplitude,
@@ -366,8 +361,7 @@ pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a
     let rows: Vec<Row> = blocks.into_iter().flatten().collect();
     let (range, notes, text) = (task.range, task.notes(&rows)?, task.describe());
     let report = report(over, &rows, &notes, &text);
-    let picture = move || picture(over, range, &rows, &notes, &text);
-    Ok((report, Box::new(picture)))
+    output.show(&report, || picture(over, range, &rows, &notes, &text))
 }
 
 /// Root of a function between `low` and `high`, by 40 bisections; `None` where it has no value.
@@ -400,11 +394,10 @@ fn requested_range(feeder: &Feeder, over: Over) -> Result<(Range, f64)> {
         (.., b) => b.map(|b| Range::new(b.low / unit, b.high / unit, b.count)),
     };
     let (_, [low, high], (first, last, count)) = over.values(unit);
+    let in_mm = |range: Range| Range::new(range.low * unit, range.high * unit, range.count);
     let given = match over {
         Over::Throw => throws,
-        Over::Amplitude => {
-            throws.map(|range| Range::new(range.low * unit, range.high * unit, range.count))
-        }
+        Over::Amplitude => throws.map(in_mm),
         _ => arguments.values,
     };
     let range = given.unwrap_or(Range::new(first, last, count));

@@ -7,15 +7,15 @@ use kband::regime::band;
 use kband::regime::cascade::Estimate;
 use kband::regime::classify::Regime;
 use kband::transport::stationary::PhaseMeans;
-use kband::transport::{self, Origin, SampleMean, locked, measure};
+use kband::transport::{self, Conveyed, Origin, SampleMean, locked, measure};
 use serde_json::json;
 
-use super::{Computed, Feeder, ORDERS};
-use crate::arguments::{Range, k_of};
+use super::{Feeder, ORDERS};
+use crate::arguments::{Output, k_of};
 use crate::desk::Desk;
 use crate::ending::{self, Endings, FILLS, Gears, InGear, MAX_ORBIT_IMPACTS};
 use crate::picture::{Axis, Panel, Picture};
-use crate::refusal::Result;
+use crate::refusal::{Exit, Result};
 use crate::report::{Printout, columns, counted, fields, span, when};
 
 /// Smallest number of drive cycles between rests for which a part conveys like one without rests.
@@ -53,9 +53,7 @@ struct Run {
     from_rest: bool,
     regime: Regime,
     in_gear: Option<InGear>,
-    time_mean: f64,
-    impact_mean: Option<f64>,
-    interval: Option<f64>,
+    conveyed: Conveyed,
     /// Impact mean in closed form, from the phases of impact.
     stationary: Option<f64>,
     exponent: Option<f64>,
@@ -76,7 +74,7 @@ impl Row {
     }
 
     fn time_mean(&self) -> SampleMean {
-        self.sample(|run| Some(run.time_mean))
+        self.sample(|run| Some(run.conveyed.time_mean().unwrap_or(0.0)))
     }
 
     /// Name of the regime; with scatter, the share of time in gear.
@@ -98,17 +96,20 @@ impl Row {
     }
 }
 
-pub(super) fn compute<'a>(feeder: Feeder<'a>, desk: &Desk) -> Result<Computed<'a>> {
-    let over = Over::new(&feeder)?;
-    let rows = rows(&feeder, &over, desk)?;
-    let report = report(&feeder, &over, &rows);
-    Ok((report, Box::new(move || picture(&feeder, &over, &rows))))
+pub(super) fn run(feeder: &Feeder, output: &Output, desk: &Desk) -> Result<Exit> {
+    let over = Over::new(feeder)?;
+    let rows = rows(feeder, &over, desk)?;
+    let report = report(feeder, &over, &rows);
+    output.show(&report, || picture(feeder, &over, &rows))
 }
 
 struct Over {
     amplitude: bool,
     low: f64,
     high: f64,
+    axis: Axis,
+    /// The range in words.
+    text: String,
     /// In the order of the horizontal axis.
     k: Vec<f64>,
     displayed: std::ops::Range<usize>,
@@ -118,20 +119,14 @@ impl Over {
     fn new(feeder: &Feeder) -> Result<Self> {
         let arguments = feeder.arguments;
         let amplitude = arguments.b.is_some();
-        let given = arguments.k.or(arguments.b);
-        let range = match given {
-            Some(range) => range,
-            None => Range::new(0.02, 1.1 * band::birth(arguments.restitution, 1)?, 121),
-        };
-        let mut values: Vec<f64> = range.values().collect();
-        if given.is_none() {
+        let (low, high, mut values) = if let Some(range) = arguments.k.or(arguments.b) {
+            (range.low, range.high, range.values().collect())
+        } else {
             // Regimes are dense at small k, so the values have equal ratios.
-            let ratio = (range.high / range.low).ln();
-            let last = (values.len() - 1) as f64;
-            for (n, value) in values.iter_mut().enumerate() {
-                *value = range.low * (ratio * n as f64 / last).exp();
-            }
-        }
+            let (low, high) = (0.02, 1.1 * band::birth(arguments.restitution, 1)?);
+            let value = |n| low * ((high / low).ln() * f64::from(n) / 120.0).exp();
+            (low, high, (0..=120).map(value).collect::<Vec<f64>>())
+        };
         let mut displayed = 0..values.len();
         // A single value needs neighbours for its sensitivity.
         if let [only] = values[..] {
@@ -143,10 +138,18 @@ impl Over {
                 *value = k_of(&feeder.track, *value)?;
             }
         }
+        let span = span(low, high, 6);
+        let (axis, text) = match amplitude {
+            true => (Axis::of_b(low, high), format!("b = {span} mm")),
+            false => (Axis::of_k(low, high), format!("k = {span}")),
+        };
+        let is_wide = high > 4.0 * low;
         Ok(Self {
             amplitude,
-            low: range.low,
-            high: range.high,
+            low,
+            high,
+            axis: if is_wide { axis.logarithmic() } else { axis },
+            text,
             k: values,
             displayed,
         })
@@ -157,23 +160,6 @@ impl Over {
             feeder.amplitude(k)
         } else {
             k
-        }
-    }
-
-    fn axis(&self) -> Axis {
-        let axis = match self.amplitude {
-            true => Axis::of_b(self.low, self.high),
-            false => Axis::of_k(self.low, self.high),
-        };
-        let is_wide = self.high > 4.0 * self.low;
-        if is_wide { axis.logarithmic() } else { axis }
-    }
-
-    fn describe(&self) -> String {
-        let span = span(self.low, self.high, 6);
-        match self.amplitude {
-            true => format!("b = {span} mm"),
-            false => format!("k = {span}"),
         }
     }
 }
@@ -209,10 +195,22 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
     let runs = desk.try_map("conveying", tasks.len(), |task| {
         let (column, start) = tasks[task];
         let scatter = scatter.stream(restitution, task as u64)?;
-        run(feeder, over, column, endings.get(column), start, scatter)
+        simulate(feeder, over, column, endings.get(column), start, scatter)
     })?;
-    let of_column = runs.chunk_by(|one, other| one.column == other.column);
-    let mut rows: Vec<Row> = of_column.flat_map(|runs| grouped(over, runs)).collect();
+    let mut rows = Vec::new();
+    for runs in runs.chunk_by(|one, other| one.column == other.column) {
+        for (regime, _) in counted(runs.iter().map(|run| run.regime)) {
+            let own = runs.iter().filter(|run| run.regime == regime);
+            rows.push(Row {
+                k: over.k[runs[0].column],
+                regime,
+                in_gear: InGear::from_orbits(own.clone().map(|run| run.in_gear)),
+                from_rest: own.clone().any(|run| run.from_rest),
+                runs: own.copied().collect(),
+                sensitivity: None,
+            });
+        }
+    }
     for n in 0..rows.len() {
         rows[n].sensitivity = sensitivity(over, &rows, &rows[n]);
     }
@@ -222,7 +220,7 @@ fn rows(feeder: &Feeder, over: &Over, desk: &Desk) -> Result<Vec<Row>> {
 }
 
 /// One orbit at a k from a start; with scatter there is no final regime, so no `endings`.
-fn run(
+fn simulate(
     feeder: &Feeder,
     over: &Over,
     column: usize,
@@ -263,29 +261,10 @@ fn run(
         from_rest,
         regime,
         in_gear: gears.longest().filter(|_| scatters),
-        time_mean: conveyed.time_mean().unwrap_or(0.0),
-        impact_mean: conveyed.impact_mean(),
-        interval: conveyed.mean_interval(),
+        conveyed,
         stationary: stationary.filter(|_| is_defined),
         exponent: exponent.filter(|_| is_defined && !scatters),
     })
-}
-
-/// Rows of the runs of one column, one for each regime.
-fn grouped(over: &Over, runs: &[Run]) -> Vec<Row> {
-    let row = |(regime, _): (Regime, usize)| {
-        let own = runs.iter().filter(|run| run.regime == regime);
-        Row {
-            k: over.k[runs[0].column],
-            regime,
-            in_gear: InGear::from_orbits(own.clone().map(|run| run.in_gear)),
-            from_rest: own.clone().any(|run| run.from_rest),
-            runs: own.copied().collect(),
-            sensitivity: None,
-        }
-    };
-    let regimes = counted(runs.iter().map(|run| run.regime));
-    regimes.into_iter().map(row).collect()
 }
 
 /// Sensitivity from the same regime at the neighbouring values of k, at both if it exists at both.
@@ -300,11 +279,13 @@ fn sensitivity(over: &Over, rows: &[Row], row: &Row) -> Option<Estimate> {
     let center = (row.k, row.mean(), row.error());
     let before = at.checked_sub(1).and_then(find).unwrap_or(center);
     let after = find(at + 1).unwrap_or(center);
-    if before.0 < after.0 {
-        transport::sensitivity(before, after)
+    let is_rising = before.0 < after.0;
+    let (low, high) = if is_rising {
+        (before, after)
     } else {
-        transport::sensitivity(after, before)
-    }
+        (after, before)
+    };
+    transport::sensitivity(low, high)
 }
 
 fn closed_form(feeder: &Feeder, row: &Row) -> Option<f64> {
@@ -326,18 +307,12 @@ fn bound(feeder: &Feeder) -> Option<f64> {
 }
 
 fn impact_mean(row: &Row) -> Option<f64> {
-    row.sample(|run| run.impact_mean).mean()
+    row.sample(|run| run.conveyed.impact_mean()).mean()
 }
 
 /// A velocity of the map in mm/s.
 fn in_mm(feeder: &Feeder, row: &Row, velocity: f64) -> f64 {
     velocity * feeder.velocity_unit(row.k)
-}
-
-fn parts_per_hour(feeder: &Feeder, row: &Row) -> Option<f64> {
-    let speed = in_mm(feeder, row, row.mean());
-    let parts = |length: f64| (speed / length * 3600.0).max(0.0);
-    feeder.arguments.part_length.map(parts)
 }
 
 fields! {
@@ -356,21 +331,22 @@ fields! {
         all CLOSED_FORM.digits(5) => closed_form(feeder, row).map(|velocity| in_mm(feeder, row, velocity));
         all BOUND.digits(4) => bound(feeder).map(|velocity| in_mm(feeder, row, velocity));
         all CRITICAL_SLOPE.digits(7) => critical_slope(feeder, row);
-        all INTERVAL.digits(5) => row.sample(|run| run.interval).mean().map(|mean| mean / TAU);
+        all INTERVAL.digits(5) => row.sample(|run| run.conveyed.mean_interval()).mean().map(|mean| mean / TAU);
         all EXPONENT.titled("exponent").digits(3) => row.sample(|run| run.exponent).mean();
         all SENSITIVITY.digits(3) => row.sensitivity.map(|sensitivity| sensitivity.value);
         all SENSITIVITY_ERROR.digits(2) => row.sensitivity.map(|sensitivity| sensitivity.error);
-        all PARTS_PER_HOUR.digits(4) => parts_per_hour(feeder, row);
+        all PARTS_PER_HOUR.digits(4) => feeder.arguments.part_length.map(|length| {
+            (in_mm(feeder, row, row.mean()) / length * 3600.0).max(0.0)
+        });
     }
 }
 
 fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Printout {
-    let view = speeds(feeder);
+    let mut view = speeds(feeder);
     let objects = view.objects(rows);
-    let view = match feeder.arguments.part_length {
-        Some(_) => view,
-        None => view.without(columns::PARTS_PER_HOUR),
-    };
+    if feeder.arguments.part_length.is_none() {
+        view = view.without(columns::PARTS_PER_HOUR);
+    }
     // In phase all locks have one critical slope; with a lead it depends on the phase of impact.
     let critical = rows.iter().filter_map(|row| critical_slope(feeder, row));
     let critical: Vec<f64> = critical.collect();
@@ -380,7 +356,7 @@ fn report(feeder: &Feeder, over: &Over, rows: &[Row]) -> Printout {
     let text = in_phase.map(|slope| {
         format!("locked parts stand still on an incline of {slope:.2}° (equation 22)")
     });
-    let (range, drive) = (over.describe(), feeder.describe());
+    let (range, drive) = (&over.text, feeder.describe());
     let heading = format!("Conveying speed at {range}; {drive}");
     let report = view.printout(rows).heading(heading).notes(text);
     report.json(json!({
@@ -401,7 +377,7 @@ fn critical_slope(feeder: &Feeder, row: &Row) -> Option<f64> {
 }
 
 fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
-    let speed = |row: &Row| row.mean() * feeder.velocity_unit(row.k);
+    let speed = |row: &Row| in_mm(feeder, row, row.mean());
     let place = |k: f64| over.place(feeder, k);
     let highest = rows.iter().map(speed).fold(0.0, f64::max);
     let lowest = rows.iter().map(speed).fold(0.0, f64::min);
@@ -417,7 +393,7 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     } else {
         axis(0.0, highest + room)
     };
-    let mut panel = Panel::new(over.axis(), up)
+    let mut panel = Panel::new(over.axis.clone(), up)
         .height(340.0)
         .heading("Time mean of the speed, measured (markers) and in closed form (lines)");
     let [first, last] = [over.displayed.start, over.displayed.end - 1].map(|n| place(over.k[n]));
@@ -438,25 +414,14 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         }
     }
     let smooth = |line: &dyn Fn(f64) -> Option<f64>| -> Vec<(f64, f64)> {
-        (0..=600)
-            .map(|n| {
-                let part = f64::from(n) / 600.0;
-                let at = first * (last / first).powf(part);
-                let k = match over.amplitude {
-                    true => feeder.track.k(1e-3 * at),
-                    false => at,
-                };
-                let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
-                (at, speed.unwrap_or(f64::NAN))
-            })
-            .collect()
-    };
-    let lock = |order: u32| {
-        smooth(&|k| {
-            let lock = feeder.lock(k, order)?;
-            let velocity = || locked::velocity(&lock, k, &feeder.settings);
-            lock.attracts().then(velocity)
-        })
+        let point = |n| {
+            let at = first * (last / first).powf(f64::from(n) / 600.0);
+            let of_amplitude = feeder.track.k(1e-3 * at);
+            let k = if over.amplitude { of_amplitude } else { at };
+            let speed = line(k).map(|velocity| velocity * feeder.velocity_unit(k));
+            (at, speed.unwrap_or(f64::NAN))
+        };
+        (0..=600).map(point).collect()
     };
     if let Some(bound) = bound(feeder) {
         let line = smooth(&|_| Some(bound));
@@ -466,7 +431,11 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
     panel = add_markers(panel, rows.iter().map(measured).collect());
     // Drawn over the markers, which would hide it.
     for order in ORDERS {
-        let line = lock(order);
+        let line = smooth(&|k| {
+            let lock = feeder.lock(k, order)?;
+            let velocity = || locked::velocity(&lock, k, &feeder.settings);
+            lock.attracts().then(velocity)
+        });
         if line.iter().any(|(_, speed)| speed.is_finite()) {
             panel = panel.line("locked, equation 20", 6, line);
         }
@@ -481,11 +450,14 @@ fn picture(feeder: &Feeder, over: &Over, rows: &[Row]) -> Picture {
         is_shown.then_some((place(row.k), value, row.regime))
     };
     let answers = rows.iter().filter_map(answer).collect();
-    let below = Panel::new(over.axis(), Axis::new("(dV/V) / (db/b)", "", -1.0, 3.0))
-        .height(200.0)
-        .heading("Sensitivity of the speed to the amplitude")
-        .level(0.0, "does not feel b")
-        .level(1.0, "grows like b");
+    let below = Panel::new(
+        over.axis.clone(),
+        Axis::new("(dV/V) / (db/b)", "", -1.0, 3.0),
+    )
+    .height(200.0)
+    .heading("Sensitivity of the speed to the amplitude")
+    .level(0.0, "does not feel b")
+    .level(1.0, "grows like b");
     let below = add_markers(below, answers);
     Picture::new("Conveying speed in every regime")
         .caption(feeder.describe())
