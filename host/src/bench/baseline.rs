@@ -96,20 +96,13 @@ fn newton(k: f64, [s, c]: [f64; 2], launch: PartState) -> [f64; 2] {
         // Starts at the right end of a concave segment below 0, or at the left of a convex one.
         let (from, side) = if convex { (low, 1.0) } else { (high, -1.0) };
         let (u, slope) = (at_end(from), v - k * from - lift_off_cosine);
-        let open = if convex {
-            first || slope >= 0.0
-        } else {
-            u > 0.0
-        };
+        let rising = first || slope >= 0.0;
+        let open = if convex { rising } else { u > 0.0 };
         if !open && let Some(d) = monotone(gap, from - u / slope, side, high) {
             break d;
         }
         low = high;
-        high += if convex {
-            PI + 2.0 * lift_off
-        } else {
-            PI - 2.0 * lift_off
-        };
+        high += PI + 2.0 * side * lift_off;
         convex = !convex;
         first = false;
         if !low.is_finite() || low > 1e7 {

@@ -111,7 +111,8 @@ fn chaotic_ranges(rows: &mut Ledger, key: &'static str, restitution: f64) -> Res
     let [chaos, lock, _] = counts;
     // Chaos has the wider ranges only if parts lose little speed.
     let (chaos, lock) = (f64::from(chaos), f64::from(lock));
-    let ratio = if restitution > 0.8 {
+    let is_lively = restitution > 0.8;
+    let ratio = if is_lively {
         lock / chaos
     } else {
         chaos / lock

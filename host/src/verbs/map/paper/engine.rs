@@ -118,24 +118,6 @@ impl Ledger {
     pub(super) fn count(&mut self, key: &'static str, cases: u64) {
         self.row(key).cases = cases;
     }
-
-    /// Completes a row with its evidence; without evidence it fails.
-    fn complete(&mut self, key: &str, row: &mut Row) {
-        row.evidence = self.evidence.remove(key).unwrap_or(Evidence {
-            residual: f64::NAN,
-            ..Evidence::default()
-        });
-        for (value, n) in row.evidence.values.iter().zip(1..) {
-            let place = format!("{{{n}}}");
-            row.printed = row.printed.replace(&place, value);
-            row.recomputed = row.recomputed.replace(&place, value);
-        }
-        row.equation = key.split(' ').next().unwrap_or(key).into();
-        // For an agreeing row the recomputed form is the printed form.
-        if row.verdict == "agrees" {
-            row.evidence.printed_error = Some(row.evidence.residual);
-        }
-    }
 }
 
 /// Runs the checks on the desk's threads and fills the table, in the order of the page.
@@ -157,7 +139,21 @@ pub(super) fn recompute(checks: &[Check], error: f64, desk: &Desk) -> Result<Vec
     sections.sort_by_key(|(_, row)| row.span().start);
     let complete = |(key, row): (String, Spanned<Row>)| {
         let mut row = row.into_inner();
-        all.complete(&key, &mut row);
+        // Without evidence a row fails.
+        row.evidence = all.evidence.remove(&*key).unwrap_or(Evidence {
+            residual: f64::NAN,
+            ..Evidence::default()
+        });
+        for (value, n) in row.evidence.values.iter().zip(1..) {
+            let place = format!("{{{n}}}");
+            row.printed = row.printed.replace(&place, value);
+            row.recomputed = row.recomputed.replace(&place, value);
+        }
+        row.equation = key.split(' ').next().unwrap_or(&key).into();
+        // For an agreeing row the recomputed form is the printed form.
+        if row.verdict == "agrees" {
+            row.evidence.printed_error = Some(row.evidence.residual);
+        }
         row
     };
     let rows = sections.into_iter().map(complete).collect();
