@@ -33,14 +33,12 @@ pub fn answer(adu: &[u8], image: &str, answer: &mut Answer) -> Result<(), Except
     let full = |_| Exception::Value;
     let head = [unit, 43, READ_DEVICE, code, CONFORMITY, 0, 0, count];
     answer.extend_from_slice(&head).map_err(full)?;
-    for (number, object) in (0_u8..).zip(objects) {
-        if chosen.contains(&usize::from(number)) {
-            let text = object.as_bytes();
-            let text = &text[..text.len().min(MAX_OBJECT_BYTES)];
-            let head = [number, text.len() as u8];
-            answer.extend_from_slice(&head).map_err(full)?;
-            answer.extend_from_slice(text).map_err(full)?;
-        }
+    let numbered = objects.iter().enumerate();
+    for (number, object) in numbered.skip(chosen.start).take(chosen.len()) {
+        let text = &object.as_bytes()[..object.len().min(MAX_OBJECT_BYTES)];
+        let head = [number as u8, text.len() as u8];
+        answer.extend_from_slice(&head).map_err(full)?;
+        answer.extend_from_slice(text).map_err(full)?;
     }
     Ok(())
 }

@@ -11,16 +11,13 @@ const CHECK_BYTES: usize = 2;
 /// Unit address of broadcasts; they are neither answered nor carried out.
 pub const BROADCAST: u8 = 0;
 
-/// Bits of a character with start, parity and stop.
-const CHARACTER_BITS: u32 = 11;
-
 /// Silence in us that ends a frame: 3.5 characters; above 19200 baud 1.75 ms.
 pub fn silence_us(baud: u32) -> u32 {
     if baud > 19_200 {
         return 1_750;
     }
-    let half_characters = 7;
-    (half_characters * CHARACTER_BITS * 500_000).div_ceil(baud.max(1))
+    // Seven half characters of 11 bits each, with start, parity and stop.
+    (7 * 11 * 500_000_u32).div_ceil(baud.max(1))
 }
 
 /// Answers a frame to `unit`, checksum included; returns whether there is an answer.

@@ -37,7 +37,9 @@ pub fn write(
     if authority < Authority::Command {
         return Err(Exception::NotInControl);
     }
-    let acknowledge = (written.control).is_some_and(|word| rises(server.control, word));
+    // Before the first control word the acknowledge bit has no edge.
+    let acknowledge = (written.control).is_some_and(|word| word & ACKNOWLEDGE != 0)
+        && (server.control).is_some_and(|before| before & ACKNOWLEDGE == 0);
     if acknowledge && authority < Authority::Acknowledge {
         return Err(Exception::NotInControl);
     }
@@ -112,28 +114,19 @@ fn read_request(address: u16, bytes: &[u8], settings: &Settings) -> Result<Writt
     Ok(written)
 }
 
-/// Whether the acknowledge bit rises. Before the first control word there is no edge.
-fn rises(before: Option<u16>, word: u16) -> bool {
-    word & ACKNOWLEDGE != 0 && before.is_some_and(|before| before & ACKNOWLEDGE == 0)
-}
-
 /// The target that a request sets; `None` if it is the present one.
 ///
 /// A kind with a number never reuses the number of another kind: k = 0.8 must not become 0.8 mm.
 fn new_target(present: Target, written: &Written) -> Result<Option<Target>, Exception> {
     let (kind_now, number_now) = target::encode(present);
-    let kind = match (written.kind, written.number) {
+    let (kind, number) = match (written.kind, written.number) {
         (None, None) => return Ok(None),
-        (kind, _) => kind.unwrap_or(kind_now),
+        (None, _) if !target::has_number(kind_now) => return Err(Exception::Value),
+        (Some(kind), None) if target::has_number(kind) && kind != kind_now => {
+            return Err(Exception::Value);
+        }
+        (kind, number) => (kind.unwrap_or(kind_now), number.unwrap_or(number_now)),
     };
-    let number = match written.number {
-        Some(number) => number,
-        None if target::has_number(kind) && kind != kind_now => return Err(Exception::Value),
-        None => number_now,
-    };
-    if written.kind.is_none() && !target::has_number(kind) {
-        return Err(Exception::Value);
-    }
     let target = target::decode(kind, number).ok_or(Exception::Value)?;
     Ok((target != present).then_some(target))
 }

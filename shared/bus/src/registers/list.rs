@@ -15,9 +15,6 @@ pub const NUMBER: u16 = 2;
 pub const RECIPE: u16 = 8;
 pub const SAVE: u16 = 9;
 
-/// Form of the image's name: 32 registers of two characters each.
-pub const NAME_FORM: Form = Form::Text(32);
-
 /// A quantity of a drive cycle: unit of the integer, and content.
 type Reading = (f32, fn(&Picture<'_>) -> f32);
 

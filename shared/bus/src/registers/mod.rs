@@ -12,7 +12,7 @@ mod list;
 
 use list::{
     BEFORE_READINGS, EVENT, EVENT_WORDS, FIRST_FLOAT, FIRST_INTEGER, FIXED, FIXED_WORDS, NAME,
-    NAME_FORM, NAME_WORDS, READING_WORDS, READINGS, row,
+    NAME_WORDS, READING_WORDS, READINGS, row,
 };
 pub(crate) use list::{CONTROL, KIND, NUMBER, RECIPE, SAVE};
 
@@ -184,7 +184,7 @@ fn event(age: u16, part: usize) -> Option<Register> {
     (age < EVENTS).then_some(register)
 }
 
-const IMAGE: Register = row(NAME, NAME_FORM, Access::Read, Source::Image);
+const IMAGE: Register = row(NAME, Form::Text(32), Access::Read, Source::Image);
 
 /// The register that contains this address; `None` if there is none.
 pub(crate) fn at(address: u16) -> Option<Register> {

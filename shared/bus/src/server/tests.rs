@@ -9,23 +9,26 @@ use kband_control::{Settings, State, Target};
 use std::vec::Vec as List;
 
 struct TestDrive {
-    authority: Authority,
-    state: State,
-    writable: bool,
+    snapshot: Snapshot<'static>,
     settings: Settings,
-    target: Target,
     saves: u32,
     server: Server,
 }
 
 impl Default for TestDrive {
     fn default() -> Self {
-        Self {
+        let mut snapshot = Snapshot {
             authority: Authority::Acknowledge,
-            state: State::Off,
-            writable: true,
-            settings: Settings::default(),
             target: Target::Gear { order: 1 },
+            image: "kband 0.1.0 0123456789ab",
+            events: 3,
+            ..Snapshot::default()
+        };
+        snapshot.telemetry.k = 1.25;
+        snapshot.status.seconds = 0x0001_0002;
+        Self {
+            snapshot,
+            settings: Settings::default(),
             saves: 0,
             server: Server::default(),
         }
@@ -34,21 +37,7 @@ impl Default for TestDrive {
 
 impl Machine for TestDrive {
     fn snapshot(&self) -> Snapshot<'_> {
-        let mut snapshot = Snapshot {
-            authority: self.authority,
-            target: self.target,
-            writable: self.writable,
-            image: "kband 0.1.0 0123456789ab",
-            events: 3,
-            ..Snapshot::default()
-        };
-        if self.saves > 0 {
-            snapshot.save = SaveProgress::Done;
-        }
-        snapshot.telemetry.state = self.state.number();
-        snapshot.telemetry.k = 1.25;
-        snapshot.status.seconds = 0x0001_0002;
-        snapshot
+        self.snapshot
     }
 
     fn settings(&self) -> Settings {
@@ -70,7 +59,7 @@ impl Machine for TestDrive {
         if target == Target::K(20.0) {
             return Err(Exception::Value);
         }
-        self.target = target;
+        self.snapshot.target = target;
         Ok(())
     }
 
@@ -82,6 +71,7 @@ impl Machine for TestDrive {
 
     fn save(&mut self) -> Result<(), Exception> {
         self.saves += 1;
+        self.snapshot.save = SaveProgress::Done;
         Ok(())
     }
 }
@@ -223,10 +213,8 @@ fn the_identification_names_vendor_product_and_revision() {
 
 #[test]
 fn without_authority_nothing_is_written() {
-    let mut drive = TestDrive {
-        authority: Authority::Read,
-        ..TestDrive::default()
-    };
+    let mut drive = TestDrive::default();
+    drive.snapshot.authority = Authority::Read;
     for pdu in [
         write(0, &[1]),
         write(1, &[2]),
@@ -240,7 +228,7 @@ fn without_authority_nothing_is_written() {
     assert_no_command(&mut drive.server);
     assert_eq!(drive.saves, 0);
     assert_eq!(drive.settings, Settings::default());
-    assert_eq!(drive.target, Target::Gear { order: 1 });
+    assert_eq!(drive.snapshot.target, Target::Gear { order: 1 });
 }
 
 #[test]
@@ -253,7 +241,7 @@ fn the_acknowledge_bit_needs_authority_and_an_edge() {
         assert_eq!(drive.server.take_command(), expected, "{word}");
     }
     assert_eq!(request(&mut drive, &read(0, 1)), [3, 2, 0, 0x81]);
-    drive.authority = Authority::Command;
+    drive.snapshot.authority = Authority::Command;
     accepted(&mut drive, &write(0, &[0]));
     refuses(&mut drive, &write(0, &[0x81]), Exception::NotInControl);
     // The refused word is not the last one.
@@ -276,17 +264,17 @@ fn a_target_is_written_whole_and_in_its_range() {
         write(1, &[kind, high, low])
     };
     accepted(&mut drive, &with(33, 0.4));
-    assert_eq!(drive.target, Target::Amplitude(0.4));
+    assert_eq!(drive.snapshot.target, Target::Amplitude(0.4));
     assert_eq!(request(&mut drive, &read(1, 3))[2..], with(33, 0.4)[6..]);
     accepted(&mut drive, &with(36, 120.0));
-    assert_eq!(drive.target, Target::PartsPerMinute(120.0));
+    assert_eq!(drive.snapshot.target, Target::PartsPerMinute(120.0));
     accepted(&mut drive, &with(33, 0.4));
     // A number alone; a kind without a number; the same kind again.
     accepted(&mut drive, &write(2, &float(0.5)));
-    assert_eq!(drive.target, Target::Amplitude(0.5));
+    assert_eq!(drive.snapshot.target, Target::Amplitude(0.5));
     accepted(&mut drive, &write(1, &[33]));
     accepted(&mut drive, &write(1, &[18]));
-    assert_eq!(drive.target, Target::Locked { order: 2 });
+    assert_eq!(drive.snapshot.target, Target::Locked { order: 2 });
     // A number without a kind for it, another kind without its number, an undefined kind.
     refuses(&mut drive, &write(2, &float(0.5)), Exception::Value);
     for kind in [0, 9, 16, 25, 32, 33, 34, 35, 49, 0xffff] {
@@ -299,7 +287,7 @@ fn a_target_is_written_whole_and_in_its_range() {
     refuses(&mut drive, &write(2, &[0]), Exception::Address);
     refuses(&mut drive, &write(1, &[33, 0]), Exception::Address);
     refuses(&mut drive, &write(3, &[0, 0]), Exception::Address);
-    assert_eq!(drive.target, Target::Locked { order: 2 });
+    assert_eq!(drive.snapshot.target, Target::Locked { order: 2 });
 }
 
 #[test]
@@ -311,7 +299,10 @@ fn a_refused_target_leaves_the_control_word() {
     let [high, low] = float(0.8);
     accepted(&mut drive, &write(0, &[1, 32, high, low]));
     let (command, _) = drive.server.take_command();
-    assert_eq!((drive.target, command.run), (Target::K(0.8), Some(true)));
+    assert_eq!(
+        (drive.snapshot.target, command.run),
+        (Target::K(0.8), Some(true))
+    );
 }
 
 #[test]
@@ -344,12 +335,13 @@ fn settings_are_written_at_rest_and_never_the_bus_ones() {
         refuses(&mut drive, &changed, Exception::NotInControl);
         accepted(&mut drive, &write(of(name), &float(key.default)));
     }
-    drive.state = State::Holding;
+    drive.snapshot.telemetry.state = State::Holding.number();
     let pdus = [write(of("frequency"), &float(50.0)), write(9, &[1])];
     for pdu in &pdus {
         refuses(&mut drive, pdu, Exception::Busy);
     }
-    (drive.state, drive.writable) = (State::Off, false);
+    drive.snapshot.telemetry.state = State::Off.number();
+    drive.snapshot.writable = false;
     for pdu in &pdus {
         refuses(&mut drive, pdu, Exception::NotInControl);
     }
@@ -414,28 +406,22 @@ fn both_transports_answer_alike() {
 
 #[test]
 fn the_status_word_shows_each_of_its_bits() {
-    type Change = fn(&mut Snapshot<'_>);
-    let cases: [(Change, u16); 8] = [
-        (|_| {}, 0),
-        (|it| it.status.inputs.enable = true, 0b100),
-        (|it| it.telemetry.state = State::Locked.number(), 0b10),
-        (|it| it.telemetry.limits = 1 << 4, 1 << 7),
-        (|it| it.status.ready = true, 1 << 8),
-        (|it| it.authority = Authority::Command, 1 << 9),
-        (
-            |it| (it.status.inputs.enable, it.status.permitted) = (true, true),
-            0b101,
-        ),
-        (
-            |it| (it.telemetry.state, it.telemetry.fault) = (State::Fault.number(), 4),
-            0b1000,
-        ),
-    ];
-    for (change, word) in cases {
-        let mut snapshot = Snapshot::default();
-        change(&mut snapshot);
-        assert_eq!(snapshot.status_word(), word);
-    }
+    let mut snapshot = Snapshot::default();
+    assert_eq!(snapshot.status_word(), 0);
+    snapshot.status.inputs.enable = true;
+    assert_eq!(snapshot.status_word(), 0b100);
+    snapshot.status.permitted = true;
+    assert_eq!(snapshot.status_word(), 0b101);
+    snapshot.telemetry.state = State::Locked.number();
+    assert_eq!(snapshot.status_word(), 0b110);
+    snapshot.telemetry.limits = 1 << 4;
+    assert_eq!(snapshot.status_word(), 0b1000_0110);
+    snapshot.status.ready = true;
+    assert_eq!(snapshot.status_word(), 0b1_1000_0110);
+    snapshot.authority = Authority::Command;
+    assert_eq!(snapshot.status_word(), 0b11_1000_0110);
+    (snapshot.telemetry.state, snapshot.telemetry.fault) = (State::Fault.number(), 4);
+    assert_eq!(snapshot.status_word(), 0b11_1000_1100);
 }
 
 #[test]
