@@ -12,6 +12,6 @@ pub fn saturate(value: f32, low: f32, high: f32) -> f32 {
 }
 
 /// Number of consecutive cycles with a condition, after one more cycle.
-pub fn consecutive(cycles: u16, holds: bool) -> u16 {
+pub fn consecutive(cycles: u32, holds: bool) -> u32 {
     if holds { cycles.saturating_add(1) } else { 0 }
 }

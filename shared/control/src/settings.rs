@@ -345,50 +345,32 @@ mod tests {
     #[test]
     fn incompatible_settings_are_named() {
         // The first key is refused until the last value is set.
-        let cases: [&[(&str, f32)]; 13] = [
-            &[
-                ("restitution_high", 0.22),
-                ("restitution_low", 0.3),
-                ("restitution_low", 0.22),
-            ],
+        for case in [
+            "restitution_high 0.22, restitution_low 0.3, restitution_low 0.22",
             // 7 % of a cycle of 60 Hz are 1.167 ms.
-            &[("contact", 1.2), ("tracking", 10.0), ("tracking", 5.0)],
-            &[
-                ("safe_amplitude", 0.21),
-                ("amplitude_limit", 0.2),
-                ("safe_amplitude", 0.2),
-            ],
+            "contact 1.2, tracking 10, tracking 5",
+            "safe_amplitude 0.21, amplitude_limit 0.2, safe_amplitude 0.2",
             // 1 mm at 50 Hz is 98.7 m/s^2.
-            &[
-                ("safe_amplitude", 1.0),
-                ("acceleration_limit", 98.0),
-                ("acceleration_limit", 99.0),
-            ],
-            &[("tracking", 50.0), ("quality", 200.0), ("tracking", 10.0)],
-            &[("third_tone", 0.1), ("second_tone", 0.1)],
-            &[
-                ("sensor_zero", 3.3),
-                ("converter_reference", 3.3),
-                ("sensor_zero", 3.29),
-            ],
-            &[
-                ("sensor_rest", 3.3),
-                ("converter_reference", 3.3),
-                ("sensor_rest", 3.29),
-            ],
-            &[("current_gain", 0.5), ("current_sensitivity", 0.1)],
-            &[("bus", 0.5), ("bus", 1.0)],
-            &[("bus_address", 1.5), ("bus_address", 17.0)],
-            &[("bus_baud", 19200.5), ("bus_baud", 38400.0)],
-            &[("bus_parity", 1.5), ("bus_parity", 1.0)],
-        ];
-        for case in cases {
+            "safe_amplitude 1, acceleration_limit 98, acceleration_limit 99",
+            "tracking 50, quality 200, tracking 10",
+            "third_tone 0.1, second_tone 0.1",
+            "sensor_zero 3.3, converter_reference 3.3, sensor_zero 3.29",
+            "sensor_rest 3.3, converter_reference 3.3, sensor_rest 3.29",
+            "current_gain 0.5, current_sensitivity 0.1",
+            "bus 0.5, bus 1",
+            "bus_address 1.5, bus_address 17",
+            "bus_baud 19200.5, bus_baud 38400",
+            "bus_parity 1.5, bus_parity 1",
+        ] {
+            let pairs = case.split(", ").map(|pair| pair.split_once(' ').unwrap());
+            let values = pairs.map(|(key, value)| (key, value.parse().unwrap()));
+            let values: std::vec::Vec<(&str, f32)> = values.collect();
             let mut settings = Settings::default();
-            let (last, first) = case.split_last().unwrap();
+            let (last, first) = values.split_last().unwrap();
             for (key, value) in first {
                 settings.set(key, *value).unwrap();
             }
-            assert_eq!(settings.check().unwrap_err().parameter, case[0].0);
+            assert_eq!(settings.check().unwrap_err().parameter, values[0].0);
             settings.set(last.0, last.1).unwrap();
             assert_eq!(settings.check(), Ok(()), "{last:?}");
         }

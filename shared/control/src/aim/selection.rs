@@ -41,12 +41,14 @@ impl Selection {
         scale: &Scale,
     ) -> Result<Self, OutOfRange> {
         let mut choice = Choice::from_target(target, settings)?.limited_to_reach(settings, scale);
+        let order = match target {
+            Target::Gear { order } => order,
+            _ => 1,
+        };
         let gear = match target {
-            Target::Gear { .. } | Target::Flow(_) => {
-                GearSearch::begin(first_order(target), settings, scale)?
-                    .inspect_err(|cause| choice.level = Level::None(*cause))
-                    .ok()
-            }
+            Target::Gear { .. } | Target::Flow(_) => GearSearch::begin(order, settings, scale)?
+                .inspect_err(|cause| choice.level = Level::None(*cause))
+                .ok(),
             _ => None,
         };
         let (speed, flow) = match target {
@@ -62,7 +64,7 @@ impl Selection {
             speed: speed.map(SpeedSearch::begin),
             gear,
             flow: flow.map(FlowChoice::new),
-            order: first_order(target),
+            order,
             plan: None,
             retuning: Retuning::default(),
             search: plan_kicks(&choice, settings, scale)?,
@@ -161,14 +163,10 @@ impl Selection {
         settings: &Settings,
         scale: &Scale,
     ) {
-        let Some(order) = self.gear_order() else {
-            return;
-        };
-        let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over()) else {
-            return;
-        };
-        let planned = gear.planner.settings();
-        if let Some(proposed) = (self.retuning).cycle(planned, margin, missing_tones, settings)
+        if let Some(order) = self.gear_order()
+            && let Some(gear) = self.gear.as_ref().filter(|gear| gear.is_over())
+            && let planned = gear.planner.settings()
+            && let Some(proposed) = (self.retuning).cycle(planned, margin, missing_tones, settings)
             && let Ok(Ok(search)) = GearSearch::begin(order, &proposed, scale)
         {
             self.gear = Some(search);
@@ -194,11 +192,7 @@ impl Selection {
         match choice.cycle(self.order, flow) {
             None => {}
             Some(Ok(order)) => match GearSearch::begin(order, settings, scale) {
-                Ok(Ok(search)) => {
-                    self.order = order;
-                    self.plan = None;
-                    self.gear = Some(search);
-                }
+                Ok(Ok(search)) => (self.order, self.plan, self.gear) = (order, None, Some(search)),
                 _ => self.refuse_flow(flow, events),
             },
             Some(Err(nearest)) => self.refuse_flow(Some(nearest), events),
@@ -244,13 +238,6 @@ impl Selection {
             return more;
         }
         self.search.step() || self.chaos.as_mut().is_some_and(ChaosSearch::step)
-    }
-}
-
-fn first_order(target: Target) -> u8 {
-    match target {
-        Target::Gear { order } => order,
-        _ => 1,
     }
 }
 

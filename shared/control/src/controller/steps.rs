@@ -36,7 +36,12 @@ impl Controller {
     /// As [`Controller::cycle`], without the report.
     pub fn advance(&mut self, cycle: &Cycle, inputs: &Inputs) {
         let mut events = core::mem::take(&mut self.pending_events);
-        self.count_cycle();
+        self.count = self.count.wrapping_add(1);
+        // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
+        if self.count == 0 {
+            self.listener.begin();
+        }
+        self.machine.count();
         let silent = Cycle::default();
         let finite = cycle.is_finite();
         let view = self.view(if finite { cycle } else { &silent }, finite);
@@ -93,15 +98,6 @@ impl Controller {
             },
             events,
         };
-    }
-
-    fn count_cycle(&mut self) {
-        self.count = self.count.wrapping_add(1);
-        // The counter wraps after 99 days at 500 Hz; the classifier's clock restarts with it.
-        if self.count == 0 {
-            self.listener.begin();
-        }
-        self.machine.count();
     }
 
     /// The view of a cycle, with the track's motion corrected for the parts' load.
@@ -353,6 +349,7 @@ impl Controller {
         let start = settings.soft_start.max(min_cycles / settings.frequency);
         let up = Approach::Ramp(share * scale / start);
         let down = Approach::Ramp(scale / settings.soft_stop);
+        let glide = Approach::Ramp(setpoint * (0.25 / GLIDE_CYCLES_PER_QUARTER));
         let (goal, approach) = match (self.machine.state, self.machine.kick()) {
             (State::Off | State::Fault, _) => (0.0, Approach::Step),
             (State::Stopping, _) => (0.0, down),
@@ -363,10 +360,7 @@ impl Controller {
             _ if limits.contains(Limits::NO_SETPOINT) => (safe.min(self.reference.value), down),
             _ if !self.selection.chosen() => (self.reference.value, Approach::Step),
             (_, Some(kick)) => (setpoint * kick, Approach::Lag),
-            _ if self.machine.glides() => (
-                setpoint,
-                Approach::Ramp(setpoint * (0.25 / GLIDE_CYCLES_PER_QUARTER)),
-            ),
+            _ if self.machine.glides() => (setpoint, glide),
             _ => (setpoint, up),
         };
         let goal = goal.min(self.scale.ceiling);
@@ -480,9 +474,7 @@ impl Controller {
             if self.listener.empty {
                 self.restart_target();
             }
-            return;
-        }
-        if self.selection.gear_order().is_some()
+        } else if self.selection.gear_order().is_some()
             && self.machine.settled()
             && self.listener.is_misfit()
         {

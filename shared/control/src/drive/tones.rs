@@ -16,7 +16,7 @@ const MAX_ACCELERATION_RATIO: f32 = 1.04;
 /// Smallest share of the requested tones that does not count as limited.
 const MIN_TONE_SHARE: f32 = 0.95;
 /// Cycles of a smaller share before a limit is reported, as for the output.
-const CUT_CYCLES: u16 = 25;
+const CUT_CYCLES: u32 = 25;
 
 /// The track's displacement in m at full output at twice and three times the drive's frequency,
 /// against as many times the output's phase: `x = Im(response e^(i n phi))`.
@@ -106,7 +106,7 @@ pub struct Tones {
     peaks: [f32; 2],
     output: [Complex; UPPER],
     /// Cycles in a row with too small tones, and whether the output was too small in the last one.
-    limited_cycles: u16,
+    limited_cycles: u32,
     short: bool,
     /// Share of the requested tones within the hard limits, 0..1.
     share: f32,
@@ -154,12 +154,8 @@ impl Tones {
         }
     }
 
-    fn loops(&mut self) -> impl Iterator<Item = &mut ToneLoop> {
-        self.loops.iter_mut().filter(|tone| tone.allowed())
-    }
-
     pub fn rest(&mut self) {
-        self.loops().for_each(ToneLoop::rest);
+        self.loops.iter_mut().for_each(ToneLoop::rest);
         self.output = [Complex::default(); UPPER];
         self.limited_cycles = 0;
         self.short = false;
@@ -168,7 +164,7 @@ impl Tones {
 
     pub fn restart(&mut self) {
         self.rest();
-        self.loops().for_each(ToneLoop::restart);
+        self.loops.iter_mut().for_each(ToneLoop::restart);
     }
 
     /// Outputs along sine and cosine of the multiples of the output's phase, over full output.
@@ -281,7 +277,7 @@ impl Tones {
         if 1.0 + (self.peaks[1] - 1.0) * excess > max_peak
             || may_exceed && inputs.motion.shape().peaks()[1] > max_peak
         {
-            self.loops().for_each(|tone| tone.disabled = true);
+            (self.loops.iter_mut()).for_each(|tone| tone.disabled = tone.allowed());
         }
     }
 }

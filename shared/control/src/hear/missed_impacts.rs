@@ -21,7 +21,7 @@ const MIN_CONCENTRATION: f32 = 0.6;
 /// Successive silent cycles until detection: twice the memory of the rate, below a kick's delay.
 const SILENT_CYCLES: u8 = 32;
 /// Successive cycles with detected parts that end it: the memory of the impact rate.
-const DETECTED_CYCLES: u16 = 16;
+const DETECTED_CYCLES: u32 = 16;
 
 #[derive(Clone, Copy, Debug)]
 pub struct ImpactEvidence {
@@ -46,7 +46,7 @@ pub struct ImpactEvidence {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MissedImpactDetector {
     silent_cycles: u8,
-    detected_cycles: u16,
+    detected_cycles: u32,
     pub missed_impacts: bool,
     pub merges_impacts: bool,
 }

@@ -503,11 +503,6 @@ impl Signal {
     pub fn phase(&self) -> Phase {
         self.phase
     }
-
-    /// Resolution of the converter in m/s^2.
-    pub fn resolution(&self) -> f32 {
-        self.scale
-    }
 }
 
 /// Cosine and sine of the multiples of a phase, from twice on, by Chebyshev's recurrence.

@@ -113,9 +113,11 @@ impl ReversalCounter {
     }
 }
 
-/// Whether a measured amplitude is below and whether it is above a predicted one by a factor.
-fn differs(measured: f32, predicted: f32, factor: f32) -> (bool, bool) {
-    (factor * measured < predicted, measured > factor * predicted)
+/// Whether a measured amplitude is below and whether it is above a predicted one, times its usual
+/// ratio to that, by a factor.
+fn differs(measured: f32, predicted: f32, factor: f32, ratio: f32) -> (bool, bool) {
+    let weak = factor * measured < ratio * predicted;
+    (weak, measured > factor * ratio * predicted)
 }
 
 /// Leaky counter of a fault's sign: each cycle with it adds 2, each without subtracts 1.
@@ -145,13 +147,10 @@ impl RatioEstimate {
     /// Whether an amplitude is too small and whether it is too large, by a factor. It is compared
     /// with the expected amplitude and with its usual ratio, which a plausible amplitude updates.
     fn check(&mut self, measured: f32, expected: f32, tolerance: f32) -> (bool, bool) {
-        let deviates = |factor: f32, load_ratio: f32| {
-            let weak = factor * measured < load_ratio * expected;
-            (weak, measured > factor * load_ratio * expected)
-        };
-        let (mut weak, mut strong) = deviates(tolerance, 1.0);
+        let (mut weak, mut strong) = differs(measured, expected, tolerance, 1.0);
         if self.cycles >= MIN_RATIO_CYCLES {
-            let (weaker, stronger) = deviates(MAX_RATIO_CHANGE.min(tolerance), self.ratio);
+            let narrow = MAX_RATIO_CHANGE.min(tolerance);
+            let (weaker, stronger) = differs(measured, expected, narrow, self.ratio);
             weak |= weaker;
             strong |= stronger;
         }
@@ -229,7 +228,7 @@ impl FaultDetector {
         if let Some(by_current) = expected.by_current
             && moving
         {
-            let (weaker, stronger) = differs(measured, by_current, expected.tolerance);
+            let (weaker, stronger) = differs(measured, by_current, expected.tolerance, 1.0);
             weak |= weaker;
             strong |= stronger;
             over_limit = by_current > MAX_AMPLITUDE_RATIO * expected.tolerance * expected.ceiling;

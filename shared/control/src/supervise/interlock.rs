@@ -4,6 +4,7 @@
 //! 60204-1, 9.2.5.4.2), and they outlast every new controller. One exception: a fieldbus with that
 //! authority acknowledges a fault, but no lock-out.
 
+use crate::saturate::consecutive;
 use crate::{Event, Events, Fault, Inputs, StartCause};
 
 /// Time in s for which the enable input must be off to acknowledge a fault: longer than any bounce.
@@ -107,11 +108,7 @@ impl Interlock {
 
     /// Processes the inputs of a drive cycle, before any other function uses them.
     pub(crate) fn watch(&mut self, inputs: &Inputs) {
-        if inputs.enable {
-            self.withdrawn = 0;
-        } else {
-            self.withdrawn = self.withdrawn.saturating_add(1);
-        }
+        self.withdrawn = consecutive(self.withdrawn, !inputs.enable);
         if !inputs.enable || inputs.held_off {
             self.stopped_by_link = false;
         }

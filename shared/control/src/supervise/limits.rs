@@ -4,7 +4,7 @@ use crate::saturate::consecutive;
 use crate::state::Limits;
 
 /// Cycles of a saturated output that are a limit: starts and kicks saturate briefly.
-const SATURATION_CYCLES: u16 = 25;
+const SATURATION_CYCLES: u32 = 25;
 
 #[derive(Clone, Copy, Debug)]
 pub struct LimitInputs {
@@ -22,19 +22,15 @@ pub struct LimitInputs {
 pub struct LimitMonitor {
     pub limits: Limits,
     /// Cycles in a row with the output at its limit.
-    saturated_cycles: u16,
+    saturated_cycles: u32,
     link_silence: u32,
     link_used: bool,
 }
 
 impl LimitMonitor {
     pub fn cycle(&mut self, inputs: &LimitInputs) {
-        if inputs.frame_received {
-            self.link_used = true;
-            self.link_silence = 0;
-        } else {
-            self.link_silence = self.link_silence.saturating_add(1);
-        }
+        self.link_used |= inputs.frame_received;
+        self.link_silence = consecutive(self.link_silence, !inputs.frame_received);
         let lost = self.link_used
             && (inputs.link_timeout).is_some_and(|timeout| self.link_silence as f32 > timeout);
         self.saturated_cycles = consecutive(self.saturated_cycles, inputs.saturated);

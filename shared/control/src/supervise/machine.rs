@@ -16,9 +16,9 @@ pub(super) const LOCK_CONFIDENCE: f32 = 0.9;
 /// Confidence, 0..1, below which a lock is doubted: period-doubled parts miss half of its window.
 pub(super) const LOST_CONFIDENCE: f32 = 0.6;
 /// Cycles of doubt in a row that lose the lock, so that no single gap counts twice.
-const LOST_CYCLES: u16 = 10;
+const LOST_CYCLES: u32 = 10;
 /// Consecutive cycles near the setpoint that reach it: more than the dead time of two.
-const SETPOINT_CYCLES: u16 = 3;
+const SETPOINT_CYCLES: u32 = 3;
 /// Confidence, 0..1, at which a regime is detected: more likely than not.
 const REGIME_CONFIDENCE: f32 = 0.5;
 /// Cycles in lock before the glide to chaos: three times the memory of the phase statistics.
@@ -71,8 +71,8 @@ pub struct StateMachine {
     pub interlock: Interlock,
     in_state: u32,
     /// Cycles in a row at the setpoint, and in a row with a doubted lock.
-    setpoint_cycles: u16,
-    doubt_cycles: u16,
+    setpoint_cycles: u32,
+    doubt_cycles: u32,
     /// Whether every permitted kick has failed for the present target.
     given_up: bool,
     glide: Glide,
@@ -375,12 +375,8 @@ mod tests {
     fn after(machine: &mut StateMachine, cycles: u32, inputs: &Inputs) -> State {
         for _ in 0..cycles {
             machine.count();
-            machine.follow_enable_input(
-                inputs,
-                Clearance::Granted,
-                (true, 0.0),
-                &mut Events::default(),
-            );
+            let events = &mut Events::default();
+            machine.follow_enable_input(inputs, Clearance::Granted, (true, 0.0), events);
         }
         machine.state
     }

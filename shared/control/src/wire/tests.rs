@@ -258,8 +258,9 @@ fn regimes() -> impl Iterator<Item = Response<'static>> {
     })
 }
 
-/// A report whose fields all differ from their defaults.
-fn report() -> Report {
+/// The fields of the report all differ from their defaults.
+#[test]
+fn a_report_has_the_bytes_that_it_always_had() {
     let mut events = Events::default();
     for event in [
         Event::Started,
@@ -269,7 +270,7 @@ fn report() -> Report {
     ] {
         events.push(event);
     }
-    Report {
+    let report = Report {
         cycle: 70_000,
         k: 0.41,
         amplitude: 1.5e-3,
@@ -312,72 +313,55 @@ fn report() -> Report {
             average_from: Some(Phase::from_bits(1 << 30)),
             whole: false,
         },
-    }
-}
-
-#[test]
-fn a_report_has_the_bytes_that_it_always_had() {
+    };
     let mut buffer = [0; 256];
-    let bytes = postcard::to_slice(&report(), &mut buffer).unwrap();
+    let bytes = postcard::to_slice(&report, &mut buffer).unwrap();
     // Of its postcard encoding by an independent program.
     assert_eq!((bytes.len(), crc32(bytes)), (184, 0x6d4b_610f));
 }
 
-/// Bytes of the golden frames without version, schema and CRC, which follow from them.
-fn golden() -> Vec<(String, String)> {
-    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-    let mut buffer = [0; 256];
-    let mut lines = Vec::new();
-    for request in requests() {
-        let bytes = postcard::to_slice(&request, &mut buffer).unwrap();
-        lines.push((format!("{request:?}"), hex(bytes)));
-    }
-    for response in responses().into_iter().chain(regimes()) {
-        let bytes = postcard::to_slice(&response, &mut buffer).unwrap();
-        lines.push((format!("{response:?}"), hex(bytes)));
-    }
-    lines
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn hash(lines: &[(String, String)]) -> u32 {
-    let bytes = (lines.iter()).flat_map(|(_, hex)| hex.bytes().chain([b'\n']));
-    bytes.fold(0x811c_9dc5, |sum, byte| {
-        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
-    })
+/// A message as text, and its bytes in a frame, without version, schema and CRC.
+fn golden<M: serde::Serialize + core::fmt::Debug>(message: M) -> (String, String) {
+    let mut buffer = [0; 256];
+    let bytes = postcard::to_slice(&message, &mut buffer).unwrap();
+    (format!("{message:?}"), hex(bytes))
 }
 
 #[test]
 fn the_schema_is_the_hash_of_the_golden_messages() {
-    let lines = golden();
+    let responses = responses().into_iter().chain(regimes());
+    let lines = requests().into_iter().map(golden);
+    let lines: Vec<_> = lines.chain(responses.map(golden)).collect();
+    let bytes = (lines.iter()).flat_map(|(_, hex)| hex.bytes().chain([b'\n']));
+    let hash = bytes.fold(0x811c_9dc5, |sum, byte| {
+        (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    });
     assert_eq!(
-        SCHEMA,
-        hash(&lines),
-        "a message changed: set wire::SCHEMA to {:#010x}, and add a request or response here for a new \
-         message; raise wire::VERSION if the meaning of a message changed too. They are now:\n{lines:#?}",
-        hash(&lines)
+        SCHEMA, hash,
+        "a message changed: set wire::SCHEMA to {hash:#010x}, and add a request or response here for a new \
+         message; raise wire::VERSION if the meaning of a message changed too. They are now:\n{lines:#?}"
     );
 }
 
 #[test]
 fn the_frozen_frames_never_change() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let actual = write_identity_request(&mut buffer, 0x2a);
-    assert_eq!(actual, Ok(IDENTITY_REQUEST), "who is there");
     let identity = Identity {
         version: 1,
         schema: 0x0102_0304,
         image: "kband",
     };
-    let actual = write_identity(&mut buffer, 0x2a, &identity);
-    assert_eq!(actual, Ok(ANSWER), "the answer");
+    // Computed by an independent program, with another library's CRC-32.
+    let request = write_identity_request(&mut buffer, 0x2a).unwrap();
+    assert_eq!(hex(request), "01062a29db629a00", "who is there");
+    let answer = write_identity(&mut buffer, 0x2a, &identity).unwrap();
+    let expected = "01102a01040302016b62616e64cad5fdf800";
+    assert_eq!(hex(answer), expected, "the answer");
 }
-
-// Computed by an independent program, with another library's CRC-32.
-const IDENTITY_REQUEST: &[u8] = &[0x01, 0x06, 0x2a, 0x29, 0xdb, 0x62, 0x9a, 0x00];
-const ANSWER: &[u8] = &[
-    0x01, 0x10, 0x2a, 0x01, 0x04, 0x03, 0x02, 0x01, 0x6b, 0x62, 0x61, 0x6e, 0x64, 0xca, 0xd5, 0xfd,
-    0xf8, 0x00,
-];
 
 fn update_requests() -> [UpdateRequest<'static>; 8] {
     [
@@ -433,16 +417,13 @@ const UPDATE_ANSWERS: [UpdateAnswer<'static>; 19] = {
     ]
 };
 
-/// Frames of [`update_requests`], then of [`UPDATE_ANSWERS`], encoded by an independent program.
-const UPDATE_FRAMES: &str = include_str!("update_frames.txt");
-
 #[test]
 fn the_frames_of_an_update_never_change() {
     let mut buffer = [0; MAX_FRAME_BYTES];
-    let mut frames = UPDATE_FRAMES.lines();
+    // Of the requests, then of the answers, encoded by an independent program.
+    let mut frames = include_str!("update_frames.txt").lines();
     let mut check = |frame: &[u8]| {
-        let hex: String = frame.iter().map(|byte| format!("{byte:02x}")).collect();
-        assert_eq!(Some(hex.as_str()), frames.next());
+        assert_eq!(Some(hex(frame).as_str()), frames.next());
         receive(frame).remove(0).unwrap()
     };
     for (sequence, request) in (42..).zip(update_requests()) {
@@ -457,17 +438,11 @@ fn the_frames_of_an_update_never_change() {
         assert_eq!(read_answer(&inside), expected);
     }
     assert_eq!(frames.next(), None);
-}
-
-#[test]
-fn the_largest_request_of_an_update_fits_a_frame() {
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let bytes = [0; MAX_UPDATE_BYTES];
-    let request = UpdateRequest::Bytes {
+    let largest = UpdateRequest::Bytes {
         offset: u32::MAX,
-        bytes: &bytes,
+        bytes: &[0; MAX_UPDATE_BYTES],
     };
-    assert!(write_update_request(&mut buffer, 255, &request).is_ok());
+    assert!(write_update_request(&mut buffer, 255, &largest).is_ok());
 }
 
 fn receive(bytes: &[u8]) -> Vec<Result<Vec<u8>, Unreadable>> {

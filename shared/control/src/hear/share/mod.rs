@@ -713,13 +713,7 @@ impl ShareEstimator {
     fn measured_energy(&self, histogram: &Histogram) -> SectorEnergy {
         let inverse = 1.0 / histogram.weight;
         let own = drive_energy(self.drive_acceleration, self.step);
-        let mut measured_energy = [0.0; SECTORS];
-        for ((measured_energy, energy), own) in
-            measured_energy.iter_mut().zip(&histogram.energy).zip(own)
-        {
-            *measured_energy = (energy * inverse - own).max(0.0);
-        }
-        measured_energy
+        core::array::from_fn(|n| (histogram.energy[n] * inverse - own[n]).max(0.0))
     }
 }
 
