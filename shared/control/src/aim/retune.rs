@@ -128,12 +128,10 @@ mod tests {
             (&one, [0.32, 0.008, 0.05], Some([0.3, 0.34, 0.05])),
             (&one, [0.28, 0.008, 0.05], Some([0.26, 0.3, 0.05])),
         ] {
-            let margin = GearMargin {
-                restitution,
-                error,
-                scatter,
-                ..GearMargin::default()
-            };
+            let numbers = (restitution, error, scatter);
+            let margin = with(GearMargin::default(), |it| {
+                (it.restitution, it.error, it.scatter) = numbers;
+            });
             let actual = replan(plan, Some(margin), NONE);
             assert_eq!(actual.is_some(), proposed.is_some(), "{margin:?}");
             if let (Some((cycles, actual)), Some(expected)) = (actual, proposed) {

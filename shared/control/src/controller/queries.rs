@@ -61,11 +61,7 @@ impl Controller {
 
     /// Whether the target is met (lock, chaos, half of the time in gear, amplitude) and steady.
     pub fn is_ready(&self) -> bool {
-        self.faults.is_steady() && self.is_target_met()
-    }
-
-    fn is_target_met(&self) -> bool {
-        match (self.machine.state, self.selection.target) {
+        let is_target_met = match (self.machine.state, self.selection.target) {
             (State::Holding, Target::K(_) | Target::Tones { .. } | Target::Amplitude(_)) => true,
             (State::Holding, Target::Gear { .. } | Target::Flow(_)) => {
                 self.listener.in_gear_detected
@@ -73,7 +69,8 @@ impl Controller {
             (State::Holding, Target::Chaotic) => self.machine.in_chaos(),
             (State::Locked, target) => target != Target::Chaotic,
             _ => false,
-        }
+        };
+        self.faults.is_steady() && is_target_met
     }
 
     /// State of the controller.

@@ -82,7 +82,9 @@ impl Controller {
             events.push(event);
         }
         self.report_limits(was_limited, &mut events);
-        if !(view.finite && self.commands_finite()) {
+        let (first, upper) = ([self.output, self.output_lead], self.tones.output());
+        let mut commands = first.iter().chain(upper.as_flattened());
+        if !(view.finite && commands.all(|number| number.is_finite())) {
             self.fail_firmware(&mut events);
         }
         // The limit also holds while an untrusted reading freezes the output.
@@ -124,12 +126,6 @@ impl Controller {
                 upper,
             },
         }
-    }
-
-    fn commands_finite(&self) -> bool {
-        let (first, upper) = ([self.output, self.output_lead], self.tones.output());
-        let mut numbers = first.iter().chain(upper.as_flattened());
-        numbers.all(|number| number.is_finite())
     }
 
     /// Estimates the load, and corrects the track's motion (m) for blanked impacts.
@@ -263,6 +259,7 @@ impl Controller {
         };
         let response =
             (self.machine).follow_enable_input(inputs, clearance, (at_rest, stop_timeout), events);
+        response.into_iter().for_each(|event| events.push(event));
         match response {
             Some(Event::Acknowledged) => self.faults = FaultDetector::default(),
             Some(Event::Stopping) if self.resonance.is_sweeping() => {
@@ -281,7 +278,7 @@ impl Controller {
                 }
                 if self.resonance.is_tracking() && self.sweep_amplitude() > 0.0 {
                     self.resonance.begin();
-                    self.update_scale();
+                    (self.scale).retune(&self.settings, self.resonance.frequency);
                 }
             }
             _ => {}
@@ -401,7 +398,7 @@ impl Controller {
     fn release_output(&mut self) {
         (self.output, self.output_lead) = (0.0, 0.0);
         self.reference.value = 0.0;
-        self.amplitude.reset();
+        self.amplitude.resume(0.0, 0.0);
         self.tones.rest();
     }
 
@@ -423,7 +420,7 @@ impl Controller {
         self.output_lead = 0.0;
         self.reference.value = measured.min(self.scale.ceiling);
         let ended = self.resonance.advance_sweep(measured);
-        self.update_scale();
+        (self.scale).retune(&self.settings, self.resonance.frequency);
         if ended {
             self.amplitude.resume(measured, self.output);
             events.push(Event::ResonanceFound);
@@ -435,12 +432,8 @@ impl Controller {
             && measured > MIN_TRACKING_AMPLITUDE * self.settings.safe_amplitude
         {
             self.resonance.track(self.lead - self.output_lead);
-            self.update_scale();
+            (self.scale).retune(&self.settings, self.resonance.frequency);
         }
-    }
-
-    fn update_scale(&mut self) {
-        self.scale.retune(&self.settings, self.resonance.frequency);
     }
 
     /// Confidence, 0..1, that parts are in the requested lock; 0 if single impacts are too faint.

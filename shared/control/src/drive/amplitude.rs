@@ -185,15 +185,11 @@ impl AmplitudeLoop {
 
     pub fn forget(&mut self) {
         self.gain = self.tuning.nominal;
-        self.reset();
-    }
-
-    /// Resets the loop, but keeps the gain estimate: the drive is at rest.
-    pub fn reset(&mut self) {
         self.resume(0.0, 0.0);
     }
 
-    /// Resumes at an amplitude (m) that an output (share of full output) holds.
+    /// Resumes at an amplitude (m) that an output (share of full output) holds. At rest both are 0,
+    /// and the gain estimate stays.
     pub fn resume(&mut self, amplitude: f32, output: f32) {
         self.estimated_cycles = 0.0;
         self.quarter_cycles = 0.0;

@@ -153,11 +153,10 @@ mod tests {
     const QUALITIES: [f32; 8] = [3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 100.0, 200.0];
 
     fn drive(quality: f32, detuned: f32) -> Settings {
-        Settings {
-            quality,
-            frequency: 50.0 * (1.0 + detuned),
-            ..Settings::default()
-        }
+        let frequency = 50.0 * (1.0 + detuned);
+        with(Settings::default(), |it| {
+            (it.quality, it.frequency) = (quality, frequency)
+        })
     }
 
     /// Detunings of 0 to 20 % to either side, dense near the resonance.

@@ -27,7 +27,7 @@ fn min_acceleration(settings: &Settings) -> f32 {
     MIN_RESOLVED_STEPS * step
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Scale {
     /// Gravity normal to the track (symbol g cos alpha) in m/s^2.
     pub normal_gravity: f32,
@@ -55,15 +55,11 @@ impl Scale {
         let envelope = Envelope::from_settings(settings);
         let mut scale = Self {
             normal_gravity: settings.gravity * unit_phasor(settings.incline * (PI / 180.0)).re,
-            angular_squared: 0.0,
-            step: 0,
-            ceiling: 0.0,
-            ceiling_limit: Limits::AMPLITUDE,
             envelope,
             decay: libm::expf(-PI / settings.quality),
             full_amplitude: settings.gain * 1e-3 * envelope.response,
             per_ampere: settings.current_gain * 1e-3 * envelope.response,
-            min_amplitude: 0.0,
+            ..Self::default()
         };
         scale.retune(settings, settings.frequency);
         scale

@@ -157,17 +157,10 @@ impl ToneLoop {
         } else {
             self.goal
         };
-        let requested = match first_amplitude {
-            Some(first_amplitude) => {
-                // The nth power of the first tone's phasor, with its own size.
-                let mut requested = self.shape * first;
-                for _ in 1..self.harmonic {
-                    requested = requested * first / first_amplitude;
-                }
-                requested
-            }
-            None => Complex::default(),
-        };
+        // The nth power of the first tone's phasor, with its own size.
+        let requested = first_amplitude.map_or(Complex::default(), |size| {
+            (1..self.harmonic).fold(self.shape * first, |power, _| power * first / size)
+        });
         self.requested = [requested, self.requested[0], self.requested[1]];
         self.correction * self.inverse * requested
     }

@@ -94,7 +94,7 @@ pub fn affordable_tones(settings: &Settings, k: f32) -> [f32; UPPER] {
     affordable
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tones {
     loops: [ToneLoop; UPPER],
     acceleration_limit: f32,
@@ -135,12 +135,9 @@ impl Tones {
             acceleration_limit: settings.acceleration_limit,
             amplitude_limit: settings.amplitude_limit * 1e-3,
             reference_share: settings.reference_share(),
-            shape: Shape::SINE,
             peaks: [1.0; 2],
-            output: [Complex::default(); UPPER],
-            limited_cycles: 0,
-            short: false,
             share: 1.0,
+            ..Self::default()
         })
     }
 
@@ -356,11 +353,9 @@ mod tests {
         assert_eq!(refused(&settings), Some("second_tone"));
         settings.second_tone = 0.11;
         assert_eq!(refused(&settings), None);
-        settings = Settings {
-            second_tone: 0.25,
-            third_tone: 0.06,
-            ..Settings::default()
-        };
+        settings = with(Settings::default(), |it| {
+            (it.second_tone, it.third_tone) = (0.25, 0.06)
+        });
         assert_eq!(refused(&settings), None);
         settings.third_gain = 0.0;
         assert_eq!(refused(&settings), Some("third_tone"));

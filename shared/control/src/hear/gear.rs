@@ -607,6 +607,7 @@ impl GearEstimator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with;
     use kband::impact::{Kernel, Tone, WaveKernel, WaveMap};
     use kband::regime::Lock;
 
@@ -650,13 +651,8 @@ mod tests {
             }]);
             cycle.sectors.first = (count as usize % QUARTERS * SECTORS_PER_CYCLE) as u8;
             cycle.sectors.energy = [energy / SECTORS_PER_CYCLE as f32; SECTORS_PER_CYCLE];
-            let drive_state = DriveState {
-                count,
-                order: 1,
-                k: k as f32,
-                ..DriveState::default()
-            };
-            estimator.cycle(&cycle, &drive_state);
+            let changed = |it: &mut DriveState| (it.count, it.order, it.k) = (count, 1, k as f32);
+            estimator.cycle(&cycle, &with(DriveState::default(), changed));
         }
         let arrival = lock.velocity / restitution;
         let energy = f64::from(estimator.energy_per_squared_speed().unwrap());

@@ -168,11 +168,8 @@ impl LoadMeter {
         let unit = measured.normal_gravity / measured.square;
         let raw_amplitude = square_root_single(measured.motion.norm_sqr());
         let last_motion = core::mem::replace(&mut self.last_motion, measured.motion);
-        self.silent_cycles = if measured.has_impact {
-            0.0
-        } else {
-            self.silent_cycles + 1.0
-        };
+        let silent = self.silent_cycles + 1.0;
+        self.silent_cycles = if measured.has_impact { 0.0 } else { silent };
         if raw_amplitude < 1e-3 * unit {
             self.amplitude = raw_amplitude;
             return measured.motion;
@@ -235,7 +232,7 @@ impl LoadMeter {
         self.cycles += 1.0;
         self.mass_ratio += (share - self.mass_ratio) * MASS_GAIN.max(1.0 / self.cycles);
         if self.cycles >= MIN_CYCLES {
-            self.load = Some(self.estimate_load(measured, k, cosine, loss_factor, restitution));
+            self.load = Some(self.estimate_load(measured, k, cosine, restitution));
         }
         corrected
     }
@@ -263,21 +260,18 @@ impl LoadMeter {
         measured: &LoadMeasurement,
         k: f32,
         cosine: f32,
-        loss_factor: f32,
         restitution: f32,
     ) -> Load {
         let order = f32::from(measured.order.max(1));
+        let loss_factor = (1.0 - restitution) / (1.0 + restitution);
         let mass = self.track * self.mass_ratio;
         // b w cos t, the mean velocity of the track at an impact, is pi r (g/w) (1 - R)/(1 + R).
         let fall_speed = measured.normal_gravity * order / (2.0 * measured.frequency);
         let sine = square_root_single((1.0 - cosine * cosine).max(0.0));
         let velocity = TAU * measured.frequency * measured.normal_gravity / (k * measured.square);
         // A single heavy part leaves at the track's velocity after the jump.
-        let jump = if measured.cosine.is_some() {
-            2.0 * self.mass_ratio * restitution / (1.0 + restitution)
-        } else {
-            0.0
-        };
+        let jump = 2.0 * self.mass_ratio * restitution / (1.0 + restitution);
+        let jump = measured.cosine.map_or(0.0, |_| jump);
         let [in_phase, quadrature] = self.along;
         let speed = in_phase * fall_speed * (loss_factor - jump)
             - quadrature * velocity * sine

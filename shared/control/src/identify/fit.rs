@@ -140,11 +140,9 @@ impl Fit {
             for _ in 0..7 {
                 let middle = 0.5 * (low + high);
                 let bounces = BounceTrain::simulate(k, middle, self.contact);
-                if bounces.is_some_and(|bounces| bounces.rests()) {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
+                let rests = bounces.is_some_and(|bounces| bounces.rests());
+                let end = if rests { &mut low } else { &mut high };
+                *end = middle;
             }
             low
         };

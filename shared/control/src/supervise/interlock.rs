@@ -143,7 +143,7 @@ impl Interlock {
 
     /// Whether the enable input or the bus acknowledges the fault, which this call then clears. The
     /// bus ends no lock-out and no series of resets: a person must inspect the machine.
-    pub(crate) fn acknowledges(&mut self, inputs: &Inputs, events: &mut Events) -> bool {
+    pub(crate) fn acknowledges(&mut self, inputs: &Inputs) -> bool {
         let lasting = match self.fault {
             Some(Fault::SettingsInvalid) => !self.settings_saved,
             // Only the next start clears it.
@@ -167,10 +167,7 @@ impl Interlock {
         if lasting || !(by_input || by_bus) {
             return false;
         }
-        self.fault = None;
-        self.locked_out = false;
-        self.latched = false;
-        events.push(Event::Acknowledged);
+        (self.fault, self.locked_out, self.latched) = (None, false, false);
         true
     }
 }
@@ -184,11 +181,9 @@ mod tests {
     const PACE: f32 = 50.0;
 
     fn inputs(enable: bool, withheld: bool) -> Inputs {
-        Inputs {
-            enable,
-            withheld,
-            ..Inputs::default()
-        }
+        with(Inputs::default(), |it| {
+            (it.enable, it.withheld) = (enable, withheld)
+        })
     }
 
     #[test]
@@ -206,7 +201,7 @@ mod tests {
         for _ in 0..2 {
             assert!(interlock.fail(Fault::SensorLost, &mut events));
             wait(&mut interlock, 25);
-            assert!(interlock.acknowledges(&off, &mut events));
+            assert!(interlock.acknowledges(&off));
         }
         wait(&mut interlock, 1000);
         let mut faster = interlock.at_rate(100.0);
@@ -220,17 +215,16 @@ mod tests {
         wait(&mut half, 20);
         let mut half = half.at_rate(100.0);
         wait(&mut half, 9);
-        assert!(!half.acknowledges(&off, &mut events));
+        assert!(!half.acknowledges(&off));
         wait(&mut half, 1);
-        assert!(half.acknowledges(&off, &mut events));
+        assert!(half.acknowledges(&off));
     }
 
     /// Inputs with the enable input on and the bus in control.
     fn commanded(run: Option<bool>, acknowledge: bool) -> Inputs {
-        Inputs {
-            bus: Some(BusCommand { run, acknowledge }),
-            ..inputs(true, false)
-        }
+        with(inputs(true, false), |it| {
+            it.bus = Some(BusCommand { run, acknowledge })
+        })
     }
 
     /// Whether the drive may start after these cycles.
@@ -279,19 +273,19 @@ mod tests {
             assert!(may_start_after(&mut interlock, &[off, on]));
             assert!(interlock.fail(Fault::OverCurrent, &mut events));
             interlock.watch(&on);
-            assert!(!interlock.acknowledges(&on, &mut events));
+            assert!(!interlock.acknowledges(&on));
             let lasting = with(acknowledge, |it| it.over_current = true);
-            assert!(!interlock.acknowledges(&lasting, &mut events));
+            assert!(!interlock.acknowledges(&lasting));
             // An edge while the fault lasts does not count.
             interlock.watch(&off);
             interlock.watch(&acknowledge);
-            assert!(interlock.acknowledges(&acknowledge, &mut events));
+            assert!(interlock.acknowledges(&acknowledge));
             assert!(!may_start_after(&mut interlock, &[on, on]));
         }
         assert!(interlock.fail(Fault::OverCurrent, &mut events) && interlock.locked_out);
-        assert!(!interlock.acknowledges(&acknowledge, &mut events));
+        assert!(!interlock.acknowledges(&acknowledge));
         let mut resets = Interlock::begin(StartCause::Repeated, PACE);
-        assert!(!resets.acknowledges(&acknowledge, &mut events));
+        assert!(!resets.acknowledges(&acknowledge));
     }
 
     #[test]

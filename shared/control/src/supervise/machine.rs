@@ -163,7 +163,8 @@ impl StateMachine {
         self.back_to_lock()
     }
 
-    /// Follows the enable input. A drive that stops is off at rest, or after `stop_timeout` cycles.
+    /// Follows the enable input, to an event. A drive that stops is off at rest, or after
+    /// `stop_timeout` cycles.
     pub fn follow_enable_input(
         &mut self,
         inputs: &Inputs,
@@ -174,7 +175,7 @@ impl StateMachine {
         self.interlock.watch(inputs);
         match self.state {
             State::Fault => {
-                if !self.interlock.acknowledges(inputs, events) {
+                if !self.interlock.acknowledges(inputs) {
                     return None;
                 }
                 self.enter(State::Off);
@@ -192,13 +193,12 @@ impl StateMachine {
                 }
                 self.enter(State::Starting);
                 self.setpoint_cycles = 0;
-                events.push(Event::Started);
                 Some(Event::Started)
             }
             State::Stopping => {
                 if self.in_state > 0 && (at_rest || self.in_state as f32 > stop_timeout) {
                     self.enter(State::Off);
-                    events.push(Event::Stopped);
+                    return Some(Event::Stopped);
                 }
                 None
             }
@@ -209,7 +209,6 @@ impl StateMachine {
             {
                 self.interlock.stopping(inputs);
                 self.enter(State::Stopping);
-                events.push(Event::Stopping);
                 Some(Event::Stopping)
             }
             _ => None,

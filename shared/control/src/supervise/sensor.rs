@@ -152,12 +152,10 @@ mod tests {
 
     /// Settings of a commissioned machine whose sensor measures the share `mean` of 1 g at rest.
     fn commissioned(mean: f32) -> Settings {
-        Settings {
-            sensor_rest: 1.65 + 0.1 * mean,
-            gain_tolerance: 1.3,
-            load_tolerance: 1.3,
-            ..Settings::default()
-        }
+        with(Settings::default(), |it| {
+            (it.gain_tolerance, it.load_tolerance) = (1.3, 1.3);
+            it.sensor_rest = 1.65 + 0.1 * mean;
+        })
     }
 
     /// Result of the test at rest after a time in s, for a reading that deviates by a voltage.
@@ -190,9 +188,8 @@ mod tests {
     }
 
     fn held_swing() -> TestSwing {
-        with(TestSwing::build(&commissioned(0.0), 8.0), |it| {
-            it.held = true
-        })
+        let swing = TestSwing::build(&commissioned(0.0), 8.0);
+        with(swing, |it| it.held = true)
     }
 
     #[test]
