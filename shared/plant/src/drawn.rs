@@ -22,9 +22,6 @@ const MAX_MEAN_ERROR: [f32; 2] = [0.08, 0.12];
 /// Cycles of READY at constant reference over which the variation is measured.
 const VARIATION_CYCLES: usize = 40;
 
-/// Largest static displacement of a mode over that of the resonance.
-const MAX_MODE_DISPLACEMENT: f64 = 2.0;
-
 struct Draw(Noise);
 
 impl Draw {
@@ -117,7 +114,7 @@ fn is_near(scene: &Scene) -> bool {
     modes.iter().all(|mode| {
         let turns = mode.frequency / frequency;
         let deviation = (turns / 2.0 - 1.0).abs().min((turns / 3.0 - 1.0).abs());
-        deviation < 0.1 && mode.force.abs() < MAX_MODE_DISPLACEMENT * force
+        deviation < 0.1 && mode.force.abs() < 2.0 * force
     })
 }
 
@@ -126,10 +123,9 @@ fn is_near(scene: &Scene) -> bool {
 fn released(scene: &Scene) -> f32 {
     let frequency = f64::from(scene.settings.frequency);
     let modes = UpperMode::fit_configured(&scene.drive, frequency);
-    let accelerations = modes
-        .iter()
-        .map(|mode| (mode.frequency / frequency).powi(2) * mode.force);
-    accelerations.map(f64::abs).sum::<f64>() as f32 / (1e-3 * scene.drive.gain)
+    let square = |mode: &UpperMode| (mode.frequency / frequency).powi(2);
+    let accelerations = modes.iter().map(|mode| square(mode) * mode.force.abs());
+    accelerations.sum::<f64>() as f32 / (1e-3 * scene.drive.gain)
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -221,9 +217,7 @@ fn run_fidelities(scene: &Scene, cycles: usize) -> Option<Vec<RunResult>> {
 }
 
 fn number(name: &str, otherwise: u64) -> u64 {
-    let text = std::env::var(name).ok();
-    let value = text.and_then(|text| text.parse().ok());
-    value.unwrap_or(otherwise)
+    std::env::var(name).map_or(otherwise, |value| value.parse().expect("a whole number"))
 }
 
 #[test]
@@ -264,10 +258,8 @@ fn a_rise_waits_for_heavy_parts_on_two_tones() {
     let mut scene = numbered(427_200, 391);
     scene.scatter.extend([0.2]);
     let result = run_fidelities(&scene, 800).unwrap()[0];
-    assert!(
-        result.fault == 0 && (0.5..0.6).contains(&result.max_excess),
-        "{result:?}"
-    );
+    let rises = result.fault == 0 && (0.5..0.6).contains(&result.max_excess);
+    assert!(rises, "{result:?}");
 }
 
 /// Eight heavy parts on two tones beat with the load over 60 to 80 cycles, until fault 16.
@@ -305,8 +297,6 @@ fn hard_limits_hold_with_sharp_modes_and_heavy_parts() {
 #[test]
 fn released_modes_ring_beyond_the_acceleration_limit() {
     let result = run_fidelities(&numbered(417_743, 8), 260).unwrap()[0];
-    assert!(
-        result.max_excess < 0.85 && (1.2..1.6).contains(&result.ringing),
-        "{result:?}"
-    );
+    let rings = result.max_excess < 0.85 && (1.2..1.6).contains(&result.ringing);
+    assert!(rings, "{result:?}");
 }

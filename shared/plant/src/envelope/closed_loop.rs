@@ -4,7 +4,6 @@ use super::plant::EnvelopePlant;
 use crate::model::Moment;
 use crate::model::part::Strike;
 use crate::model::scene::{Change, Scene};
-use crate::model::timeline::Timeline;
 use kband::feeder::OutOfRange;
 use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target, phase_step};
 
@@ -13,7 +12,6 @@ use kband_control::{Command, Controller, Cycle, PLAN_SLICES, StartCause, Target,
 pub struct EnvelopeLoop {
     controller: Controller,
     plant: EnvelopePlant,
-    timeline: Timeline,
     /// Command of the next cycle, and the latched command of the cycle after it.
     running: Command,
     pending: Command,
@@ -29,7 +27,6 @@ impl EnvelopeLoop {
         Ok(Self {
             controller: Controller::build(&scene.settings, scene.target, scene.start)?,
             plant: EnvelopePlant::build(scene)?,
-            timeline: Timeline::new(scene),
             running: still,
             pending: still,
             target: scene.target,
@@ -62,15 +59,15 @@ impl EnvelopeLoop {
     /// As [`EnvelopeLoop::advance`]; `share` can supply stored results for the searches begun here.
     pub fn advance_supplied(&mut self, share: impl FnOnce(&mut Controller)) {
         let mut cycle = self.run();
-        if self.timeline.sagged() {
+        if self.plant.timeline.sagged() {
             self.restart();
             cycle = self.run();
         }
-        if let Some(target) = self.timeline.new_target() {
+        if let Some(target) = self.plant.timeline.new_target() {
             // A target out of range is rejected as over the link, and the old one remains.
             let _ = self.controller.set_target(target);
         }
-        self.controller.advance(&cycle, &self.timeline.inputs);
+        self.controller.advance(&cycle, &self.plant.timeline.inputs);
         self.running = self.pending;
         self.pending = self.controller.command();
         if self.pending.immediate {
@@ -103,16 +100,14 @@ impl EnvelopeLoop {
     }
 
     fn happen(&mut self, sample: u64) {
-        while let Some(change) = self.timeline.due(sample) {
+        while let Some(change) = self.plant.timeline.due(sample) {
             self.apply(change);
         }
     }
 
     /// Applies a change beside those of the scene; a target takes effect at the end of the cycle.
     pub fn apply(&mut self, change: Change) {
-        if let Some(change) = self.timeline.take(change) {
-            self.plant.apply(change);
-        }
+        self.plant.apply(change);
     }
 
     /// Sets whether outputs without effect on the loop are computed: displacement along the track,
@@ -177,7 +172,7 @@ mod tests {
         board = EnvelopeLoop::build(&scene).unwrap();
         for enabled in [true, false] {
             board.cycle();
-            assert_eq!(board.timeline.inputs.enable, enabled);
+            assert_eq!(board.plant.timeline.inputs.enable, enabled);
         }
     }
 }

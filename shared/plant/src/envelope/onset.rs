@@ -78,7 +78,7 @@ pub(super) struct Tuning {
     complex_gain: Complex,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct RingingState {
     /// Complex height `e^(i angle)` times height at its first sample, and the index of that sample.
     began: Complex,
@@ -98,18 +98,6 @@ struct RingingState {
 }
 
 impl RingingState {
-    const NONE: Self = Self {
-        began: Complex::ZERO,
-        sample: 0,
-        earlier_phasor: Complex::ZERO,
-        sample_count: RESIDUAL_SAMPLES,
-        peak_memory: 0.0,
-        leak: Complex::ZERO,
-        onset_threshold: 0.0,
-        blanking_threshold: f64::INFINITY,
-        first_blanked: NO_SAMPLE,
-    };
-
     /// Whether the earlier ringings have decayed.
     fn is_single(&self) -> bool {
         self.earlier_phasor == Complex::ZERO
@@ -293,7 +281,12 @@ impl OnsetModel {
             blanking: Blanking::default(),
             forgetting: forgetting.max(ringing.re),
             forgotten: (libm::log(NEGLIGIBLE_PEAK) / forgetting) as u64,
-            last: RingingState::NONE,
+            last: RingingState {
+                sample_count: RESIDUAL_SAMPLES,
+                blanking_threshold: f64::INFINITY,
+                first_blanked: NO_SAMPLE,
+                ..RingingState::default()
+            },
             rearm_sample: u64::from(OnsetDetector::SETTLING_SAMPLES),
         }
     }

@@ -12,7 +12,8 @@ use crate::model::crowd::{MAX_STRIKES, all_at_rest, change_restitution, mean};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
-use crate::model::scene::{Change, PARTS, Scene, SensorModel};
+use crate::model::scene::{Change, PARTS, Scene};
+use crate::model::timeline::Timeline;
 use core::f64::consts::TAU;
 use heapless::Vec;
 use kband::arithmetic::{Noise, Phase};
@@ -39,16 +40,15 @@ const MAX_PENDING_IMPACTS: usize = 2 * MAX_IMPACTS_PER_CYCLE;
 /// Noise is drawn once for each quantity. A saturated cycle is computed sample by sample.
 #[derive(Clone, Debug)]
 pub struct EnvelopePlant {
+    pub(super) timeline: Timeline,
     drive: Recurrence,
     /// Upper tones and modes above the resonance, if the drive has any, and the resulting wave.
     upper: Option<UpperEnvelope>,
     waves: WaveCache,
     /// Number of upper tones that the settings enable.
     tones: usize,
-    gain: f32,
     /// Amplitude of the measured current in A at full output; 0 without a current sensor.
     full_current: f32,
-    sensor: SensorModel,
     contact: ContactTime,
     sense: Sense,
     readings: Readings,
@@ -65,9 +65,6 @@ pub struct EnvelopePlant {
     sample: u64,
     /// Turns of the mains per sample.
     mains: f64,
-    ripple: f32,
-    lost: bool,
-    inverted: bool,
     law: Law,
     /// Whether the displacement along the track is computed.
     pub(super) watched: bool,
@@ -99,17 +96,16 @@ impl EnvelopePlant {
         };
         let tones = settings.upper_tones();
         let mut plant = Self {
+            timeline: Timeline::new(scene),
             drive: Recurrence::new(&scene.drive, phase_step(settings.frequency)),
             upper: UpperEnvelope::build(&scene.drive, settings.frequency.into(), tones),
             waves: WaveCache::default(),
             tones,
-            gain: 1.0,
             full_current: if settings.current_sensitivity > 0.0 {
                 scene.drive.gain / scene.drive.current_gain
             } else {
                 0.0
             },
-            sensor: scene.effective_sensor(),
             contact: scene.contact_time()?,
             readings: Readings::new(&scene.effective_sensor(), &sense),
             sense,
@@ -122,9 +118,6 @@ impl EnvelopePlant {
             time: -i64::from(phase_step(settings.frequency)),
             sample: 0,
             mains: f64::from(scene.drive.mains) / f64::from(SAMPLE_RATE),
-            ripple: scene.drive.ripple,
-            lost: false,
-            inverted: false,
             law: scene.law(&track),
             watched: true,
             strikes: Vec::new(),
@@ -137,8 +130,8 @@ impl EnvelopePlant {
     }
 
     fn sense(&mut self) {
-        let factor = f64::from(self.sensor.sensitivity);
-        let noise = f64::from(self.sensor.noise);
+        let factor = f64::from(self.timeline.sensor.sensitivity);
+        let noise = f64::from(self.timeline.sensor.noise);
         let sense = self.sense;
         let middle = sense.zero + sense.rest * factor / sense.floor;
         let white = libm::sqrt(noise * noise + sense.floor * sense.floor / 12.0);
@@ -164,7 +157,7 @@ impl EnvelopePlant {
         let pushed = pushed * self.drive.per_acceleration();
         self.drive.begin(driven + pushed, step);
         if let Some(upper) = &mut self.upper {
-            let gain = f64::from(self.gain);
+            let gain = f64::from(self.timeline.gain);
             let tone = |[sine, cosine]: [f32; 2]| Complex::new(sine.into(), cosine.into()) * gain;
             let overtones = command.overtones.map(tone);
             upper.begin(driven, overtones, step.max(1));
@@ -180,7 +173,7 @@ impl EnvelopePlant {
         let max_acceleration = self.drive.max_acceleration();
         // Upper bound of the summed ringing of this cycle's impacts.
         let speeds = self.strikes.iter().map(|strike| strike.speed);
-        let ringing = f64::from(self.sensor.ringing) * speeds.sum::<f64>();
+        let ringing = f64::from(self.timeline.sensor.ringing) * speeds.sum::<f64>();
         let clipped =
             max_acceleration + added + ringing + 4.0 * self.sense.noise > self.sense.headroom;
         let mut cycle = Cycle {
@@ -189,7 +182,7 @@ impl EnvelopePlant {
             ..Cycle::default()
         };
         // An impact detected only in the next cycle has a phase of this one.
-        let read = (clipped || self.readings.averages()).then(|| self.read_each(&mut cycle));
+        let read = (clipped || self.readings.averages).then(|| self.read_each(&mut cycle));
         // Parts with mass seldom ring at once: without saturation the closed form applies.
         let cut = clipped && (self.load.is_none() || cycle.saturated > 0);
         let readings = read.filter(|_| cut);
@@ -200,7 +193,7 @@ impl EnvelopePlant {
         if let Some(upper) = &mut self.upper {
             let (first, above) = upper.end(samples);
             measured += first;
-            if !self.lost {
+            if !self.timeline.lost {
                 for (parts, measured) in cycle.upper.iter_mut().zip(above).take(self.tones) {
                     *parts = measured.map(|part| part as f32);
                 }
@@ -221,10 +214,10 @@ impl EnvelopePlant {
     /// Complex output with the bus ripple at the drive's frequency. `sin(wt) r sin(Wt)` contains
     /// `r/2 cos((W - w)t)`; the drive does not respond to the other sideband.
     fn output(&self, output: f64, lead: f64, step: u32, middle: f64) -> Complex {
-        let output = output * f64::from(self.gain);
+        let output = output * f64::from(self.timeline.gain);
         let leads = lead != 0.0;
         let ahead = if leads { turn(lead) } else { Complex::ONE };
-        if self.ripple <= 0.0 {
+        if self.timeline.ripple <= 0.0 {
             return ahead * output;
         }
         let turns = f64::from(step) / Phase::TURN;
@@ -234,7 +227,7 @@ impl EnvelopePlant {
         let beat = TAU * (2.0 * self.mains * middle - 2.0 * phase);
         // cos(x + wt) = Im(i e^(i x) e^(i wt)).
         let ripple = turn(beat)
-            * (0.5 * f64::from(self.ripple) * sinc(0.5 * frequency_difference * samples));
+            * (0.5 * f64::from(self.timeline.ripple) * sinc(0.5 * frequency_difference * samples));
         (ahead + ahead.conj() * Complex::new(0.0, 1.0) * ripple) * output
     }
 
@@ -284,21 +277,18 @@ impl EnvelopePlant {
             let share = load.as_ref().map_or(0.0, |load| load.share(index));
             for _ in 0..EVENTS_PER_CYCLE {
                 let Some(next) = part.next() else {
-                    match motion.thrown(&track, waves, from, end) {
-                        Some((swing, time)) => {
-                            let wave = motion.wave(&swing, waves);
-                            part.throw(swing, &Track { wave, ..track }, time);
-                            if let Some(load) = &mut load
-                                && !part.rests()
-                                && let Some(since) = rest_start.take()
-                            {
-                                load.add_rest(index, motion.rest(since, time), normal_gravity);
-                            }
-                        }
-                        None => break,
-                    }
+                    let Some((swing, time)) = motion.thrown(&track, waves, from, end) else {
+                        break;
+                    };
+                    let wave = motion.wave(&swing, waves);
+                    part.throw(swing, &Track { wave, ..track }, time);
                     if part.rests() {
                         break;
+                    }
+                    if let Some(load) = &mut load
+                        && let Some(since) = rest_start.take()
+                    {
+                        load.add_rest(index, motion.rest(since, time), normal_gravity);
                     }
                     continue;
                 };
@@ -342,7 +332,8 @@ impl EnvelopePlant {
             {
                 let swing = motion.swing(end);
                 let wave = motion.wave(&swing, waves);
-                part.slide(swing, &Track { wave, ..track }, end);
+                let (phase, amplitude) = (swing.phase.radians(), swing.amplitude.into());
+                part.slide(phase, amplitude, &Track { wave, ..track }, end);
             }
         }
         if self.parts.len() > 1 {
@@ -383,7 +374,7 @@ impl EnvelopePlant {
             let impact = SampledImpact {
                 sample: self.sample + u64::from(next_sample),
                 share: f64::from(next_sample) - samples,
-                height: f64::from(self.sensor.ringing) * speed * sense.factor,
+                height: f64::from(self.timeline.sensor.ringing) * speed * sense.factor,
             };
             let at = self.drive.at(next_sample);
             let background = Background {
@@ -410,9 +401,13 @@ impl EnvelopePlant {
         cycle.noise = (self.median / OnsetDetector::QUARTILE) as f32;
         cycle.blanked = self.onset.blanking.share(u32::from(cycle.samples)) as f32;
         let factor = self.sense.factor;
-        let signed_factor = if self.inverted { -factor } else { factor };
+        let signed_factor = if self.timeline.inverted {
+            -factor
+        } else {
+            factor
+        };
         cycle.mean = (self.sense.rest * signed_factor) as f32;
-        if self.lost {
+        if self.timeline.lost {
             cycle.sectors.energy = [0.0; SECTORS_PER_CYCLE];
             let code = (self.sense.zero + 0.5) as u16;
             (cycle.low, cycle.high) = (code, code);
@@ -444,7 +439,7 @@ impl EnvelopePlant {
     }
 
     fn hum(&self, samples: f64, middle: f64) -> Complex {
-        if self.sensor.hum <= 0.0 {
+        if self.timeline.sensor.hum <= 0.0 {
             return Complex::ZERO;
         }
         let drive = f64::from(self.drive.tuning.step) / Phase::TURN;
@@ -457,7 +452,7 @@ impl EnvelopePlant {
         // Average of 2 sin(Wt) e^(i wt) = -i e^(i(W + w)t) + i e^(-i(W - w)t) over the cycle.
         let sum = turn(mains + drive_at) * Complex::new(0.0, -sum_term)
             + turn(drive_at - mains) * Complex::new(0.0, difference_term);
-        sum * f64::from(self.sensor.hum)
+        sum * f64::from(self.timeline.sensor.hum)
     }
 
     /// Moves the impacts detected within the ended cycle of `samples` samples into its readings.
@@ -470,7 +465,7 @@ impl EnvelopePlant {
         let pending = &self.pending_impacts;
         let due = pending.partition_point(|detected| detected.sample < end);
         for detected in &pending[..due] {
-            if self.lost {
+            if self.timeline.lost {
                 break;
             }
             let n = (detected.sample.max(last) - self.sample) as u32;
@@ -515,25 +510,18 @@ impl EnvelopePlant {
         mean(self.parts.iter().map(|part| part.displacement))
     }
 
-    pub(crate) fn apply(&mut self, change: Change) {
-        match change {
-            Change::Gain(gain) => self.gain = gain,
-            Change::Restitution(_) | Change::Scatter(_) => {
+    pub(super) fn apply(&mut self, change: Change) {
+        match self.timeline.take(change) {
+            Some(Change::Restitution(_) | Change::Scatter(_)) => {
                 let parts = self.parts.iter_mut();
                 parts.for_each(|part| change_restitution(&mut part.restitution, change));
             }
-            Change::Noise(noise) => self.sensor.noise = noise,
-            Change::SensorLost(lost) => self.lost = lost,
-            Change::SensorInverted(inverted) => self.inverted = inverted,
-            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
-            Change::Ripple(ripple) => self.ripple = ripple,
-            Change::Hum(hum) => self.sensor.hum = hum,
-            Change::Dump(seconds) => {
+            Some(Change::Dump(seconds)) => {
                 let step = f64::from(self.drive.tuning.step);
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;
                 self.hopper.dump(self.time.max(0) as u64, turns);
             }
-            Change::Parts(count) => {
+            Some(Change::Parts(count)) => {
                 let (now, parts) = (self.time.max(0) as u64, &mut self.parts);
                 let arrive = |part: usize| parts[part].rest_at(now);
                 self.hopper.place(now, count, arrive);

@@ -409,12 +409,12 @@ impl Swinging<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::drive::Resonator;
+    use crate::model::drive::{Resonator, UpperMode};
     use kband_control::phase_step;
 
     /// Compares waveform and recurrence over changes of amplitude and frequency.
     fn compare(model: &DriveModel, frequencies: [f32; 3]) {
-        let mut drive = Resonator::new(model);
+        let mut drive = Resonator::from_mode(&UpperMode::resonance(model));
         let force = model.gain * 1e-3 / model.quality;
         let mut fast = Recurrence::new(model, phase_step(frequencies[0]));
         let (mut phase, mut held) = (0_u32, 0.0_f32);

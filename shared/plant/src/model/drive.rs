@@ -23,10 +23,6 @@ pub struct Resonator {
 }
 
 impl Resonator {
-    pub fn new(model: &DriveModel) -> Self {
-        Self::from_mode(&UpperMode::resonance(model))
-    }
-
     pub fn from_mode(mode: &UpperMode) -> Self {
         // x'' + 2 zeta w0 x' + w0^2 x = w0^2 F, in (x, v/w0).
         let w0 = mode.frequency * core::f64::consts::TAU;
@@ -215,7 +211,7 @@ impl UpperMode {
 }
 
 /// Separates the upper tones of the track's motion, by simulating each mode under each tone.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToneSeparator {
     /// State of each mode under each upper tone.
     states: [[[f32; 2]; 1 + UPPER]; UPPER],
@@ -227,9 +223,8 @@ pub struct ToneSeparator {
 impl ToneSeparator {
     pub fn new(upper: usize) -> Self {
         Self {
-            states: [[[0.0; 2]; 1 + UPPER]; UPPER],
             upper,
-            output: [[0.0; 2]; 1 + UPPER],
+            ..Self::default()
         }
     }
 

@@ -21,10 +21,8 @@ enum Motion {
         displacement: f64,
         along: f64,
     },
-    /// In a chatter below the sensor's resolution, until rest.
-    Chattering {
-        until: u64,
-    },
+    /// In a chatter below the sensor's resolution, until rest at a time.
+    Chattering(u64),
 }
 
 /// An impact of a part on the track.
@@ -180,7 +178,7 @@ impl Part {
     pub fn next(&self) -> Option<u64> {
         match self.motion {
             Motion::Resting => None,
-            Motion::Flying { until, .. } | Motion::Chattering { until } => Some(until),
+            Motion::Flying { until, .. } | Motion::Chattering(until) => Some(until),
         }
     }
 
@@ -202,7 +200,10 @@ impl Part {
                 (Flight::on_sine(&map, launch.phase, impact), start)
             }
         };
-        self.end_rest(track, k, flight.phase, amplitude, start);
+        match track.law {
+            Some(Law::Friction(_)) => self.slide(flight.phase, amplitude, track, start),
+            _ => self.along = 0.0,
+        }
         self.rested = true;
         self.begin_flight(&flight, amplitude, track, start);
         Some(())
@@ -270,7 +271,7 @@ impl Part {
         };
         self.displacement += 0.5 * (along + self.along) * track.contact.radians() / track.angular;
         if state.velocity == 0.0 && !track.contact.is_instant() {
-            self.motion = Motion::Chattering { until: time };
+            self.motion = Motion::Chattering(time);
             return Some(strike);
         }
         let Some(map) = map else {
@@ -284,9 +285,7 @@ impl Part {
         let closed = is_chatter.then(|| Map::build(k, self.mean()).ok()?.time_to_rest(state));
         if let Some(chatter) = closed.flatten() {
             self.correct_chatter_friction(track, launch_speed);
-            self.motion = Motion::Chattering {
-                until: time + (chatter / TAU * Phase::TURN) as u64,
-            };
+            self.motion = Motion::Chattering(time + (chatter / TAU * Phase::TURN) as u64);
             return Some(strike);
         }
         let impact = map.impact(state);
@@ -310,9 +309,7 @@ impl Part {
         match map.hop(self.mean(), state) {
             Hop::Rest(chatter) => {
                 self.correct_chatter_friction(track, state.velocity * amplitude * track.angular);
-                self.motion = Motion::Chattering {
-                    until: time + (chatter / TAU * Phase::TURN) as u64,
-                };
+                self.motion = Motion::Chattering(time + (chatter / TAU * Phase::TURN) as u64);
             }
             Hop::Impact(impact) if impact.flight <= 0.0 => {}
             Hop::Impact(impact) => {
@@ -329,15 +326,8 @@ impl Part {
         }
     }
 
-    /// Slides a part at rest up to `time`, with the track's `swing` at that time.
-    pub fn slide(&mut self, swing: Swing, track: &Track<'_>, time: u64) {
-        let amplitude = f64::from(swing.amplitude);
-        let k = track.k(amplitude);
-        self.slide_to(track, k, swing.phase.radians(), amplitude, time);
-    }
-
-    /// [`Part::slide`] up to a phase of a track with this k and amplitude.
-    fn slide_to(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, time: u64) {
+    /// Slides a part at rest up to `time`, with the track's phase and amplitude at that time.
+    pub fn slide(&mut self, phase: f64, amplitude: f64, track: &Track<'_>, time: u64) {
         let (Some(since), Some(Law::Friction(settings))) = (self.rest_start, track.law) else {
             return;
         };
@@ -347,7 +337,8 @@ impl Part {
         self.rest_start = Some(time);
         let sine = Wave::sine();
         // A track with k above 1000 moves too little to slide a part.
-        let Ok(friction) = Friction::on(track.wave.unwrap_or(&sine), k, settings) else {
+        let (wave, k) = (track.wave.unwrap_or(&sine), track.k(amplitude));
+        let Ok(friction) = Friction::on(wave, k, settings) else {
             self.along = 0.0;
             return;
         };
@@ -356,15 +347,6 @@ impl Part {
         let slid = friction.move_in_contact(phase - duration, duration, self.along / unit);
         self.displacement += slid.distance * amplitude;
         self.along = slid.velocity * unit;
-    }
-
-    /// Ends a rest: the track throws the part at `start`, at a phase.
-    fn end_rest(&mut self, track: &Track<'_>, k: f64, phase: f64, amplitude: f64, start: u64) {
-        match track.law {
-            Some(Law::Friction(_)) => self.slide_to(track, k, phase, amplitude, start),
-            _ => self.along = 0.0,
-        }
-        self.rest_start = None;
     }
 
     fn begin_flight(&mut self, flight: &Flight, amplitude: f64, track: &Track<'_>, start: u64) {
@@ -501,7 +483,7 @@ mod tests {
         for sample in 1..=800 * SAMPLES {
             let now = (sample << 32) / SAMPLES;
             if sample % SAMPLES == 0 {
-                part.slide(swing(now), &track, now);
+                part.slide(swing(now).phase.radians(), amplitude, &track, now);
             }
             if part.next().is_none() && libm::sin(swing(now).phase.radians()) > k {
                 part.throw(swing(now), &track, now);

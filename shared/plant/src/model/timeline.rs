@@ -1,12 +1,19 @@
-//! Disturbances of a scene over time, and the resulting inputs of the board.
+//! Disturbances of a scene over time: the resulting inputs of the board, drive and sensor.
 
-use super::scene::{Change, Disturbances, Scene};
+use super::scene::{Change, Disturbances, Scene, SensorModel};
 use kband_control::{Inputs, SAMPLE_RATE, Target};
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Timeline {
     /// Present inputs of the board.
     pub inputs: Inputs,
+    /// Gain of the drive over its initial gain, and ripple of its bus over the mean.
+    pub gain: f32,
+    pub ripple: f32,
+    /// The accelerometer, and whether its reading is stuck or inverted.
+    pub sensor: SensorModel,
+    pub lost: bool,
+    pub inverted: bool,
     target: Option<Target>,
     sagged: bool,
     disturbances: Disturbances,
@@ -24,11 +31,11 @@ impl Timeline {
                 link_heard: true,
                 ..Inputs::default()
             },
-            target: None,
-            sagged: false,
+            gain: 1.0,
+            ripple: scene.drive.ripple,
+            sensor: scene.effective_sensor(),
             disturbances: scene.disturbances.clone(),
-            next: 0,
-            due: 0,
+            ..Self::default()
         };
         timeline.find_due();
         timeline
@@ -51,7 +58,7 @@ impl Timeline {
         Some(change)
     }
 
-    /// Applies a change of an input or target; returns a change of the plant.
+    /// Applies a change of an input, target, drive or sensor; returns a change of the parts.
     pub fn take(&mut self, change: Change) -> Option<Change> {
         match change {
             Change::Enable(enable) => self.inputs.enable = enable,
@@ -64,6 +71,13 @@ impl Timeline {
             Change::ClockFailed(failed) => self.inputs.clock_failed = failed,
             Change::ControlLate(late) => self.inputs.control_late = late,
             Change::BrownOut(sagged) => self.sagged |= sagged,
+            Change::Gain(gain) => self.gain = gain,
+            Change::Noise(noise) => self.sensor.noise = noise,
+            Change::SensorLost(lost) => self.lost = lost,
+            Change::SensorInverted(inverted) => self.inverted = inverted,
+            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
+            Change::Ripple(ripple) => self.ripple = ripple,
+            Change::Hum(hum) => self.sensor.hum = hum,
             change => return Some(change),
         }
         None

@@ -7,7 +7,7 @@ use crate::model::drive::{Resonator, Ringing, Swing, ToneSeparator, UpperMode};
 use crate::model::hopper::Hopper;
 use crate::model::law::Law;
 use crate::model::part::{Part, Strike, Track, WaveCache};
-use crate::model::scene::{Change, PARTS, Scene, SensorModel};
+use crate::model::scene::{Change, PARTS, Scene};
 use crate::model::timeline::Timeline;
 use core::f64::consts::TAU;
 use heapless::Vec;
@@ -38,9 +38,7 @@ pub struct Bench {
     /// Separation of the upper tones, if the drive has any.
     tone_filter: Option<ToneSeparator>,
     waves: WaveCache,
-    gain: f32,
     ringing: Ringing,
-    sensor: SensorModel,
     contact: ContactTime,
     /// Acceleration in m/s^2 that the sensor's axis measures at rest.
     rest: f32,
@@ -71,13 +69,10 @@ pub struct Bench {
     full: f32,
     /// Reading of the current sensor over its zero at full output, in steps.
     current_codes: f32,
-    lost: bool,
-    inverted: bool,
     last_code: u16,
     /// Phase of the mains and its advance per sample.
     mains: Phase,
     mains_step: u32,
-    ripple: f32,
     law: Law,
     strikes: Vec<Strike, MAX_STRIKES>,
 }
@@ -99,9 +94,10 @@ impl Bench {
         let track = settings.track()?;
         let full = ((1_u32 << settings.converter_bits as u32) - 1) as f32;
         let volts = settings.converter_reference / (full + 1.0);
-        let drive = Resonator::new(&scene.drive);
+        let drive = Resonator::from_mode(&UpperMode::resonance(&scene.drive));
         let modes = UpperMode::fit_configured(&scene.drive, f64::from(settings.frequency));
         let upper = settings.upper_tones();
+        let current_sensitivity = Some(settings.current_sensitivity).filter(|it| *it > 0.0);
         let lead = track.phase_lead();
         // The impact map moves all parts, or none if any has mass.
         let has_mass = scene.has_mass();
@@ -115,9 +111,7 @@ impl Bench {
                 .collect(),
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
-            gain: 1.0,
             ringing: Ringing::from_sensor(&scene.sensor),
-            sensor: scene.effective_sensor(),
             contact: scene.contact_time()?,
             rest: scene.rest(),
             parts: if has_mass {
@@ -147,18 +141,11 @@ impl Bench {
             zero: settings.sensor_zero / volts,
             full,
             current_codes: scene.drive.gain / scene.drive.current_gain
-                * if settings.current_sensitivity > 0.0 {
-                    settings.current_sensitivity
-                } else {
-                    CURRENT_SENSITIVITY
-                }
+                * current_sensitivity.unwrap_or(CURRENT_SENSITIVITY)
                 / volts,
-            lost: false,
-            inverted: false,
             last_code: (settings.sensor_zero / volts) as u16,
             mains: Phase::ZERO,
             mains_step: phase_step(scene.drive.mains),
-            ripple: scene.drive.ripple,
             law: scene.law(&track),
             strikes: Vec::new(),
         };
@@ -185,31 +172,28 @@ impl Bench {
             self.apply(change);
         }
         self.samples += 1;
-        let noise = self.sensor.noise * self.noise.gauss();
-        if self.lost {
+        let noise = self.timeline.sensor.noise * self.noise.gauss();
+        if self.timeline.lost {
             return AdcCode(self.last_code);
         }
-        let mut acceleration = self.drive.acceleration(self.gain * self.output, self.force)
-            + self.ringing.acceleration()
-            + noise;
+        let driven = self.timeline.gain * self.output;
+        let mut acceleration =
+            self.drive.acceleration(driven, self.force) + self.ringing.acceleration() + noise;
         if self.pressed != 0.0 {
             acceleration -= self.pressed;
         }
         for (mode, force) in &self.modes {
-            acceleration += mode.acceleration(self.gain * self.output, *force);
+            acceleration += mode.acceleration(driven, *force);
         }
         if self.rest != 0.0 {
             acceleration += self.rest;
         }
-        if self.sensor.hum > 0.0 {
-            acceleration += self.sensor.hum * sine_cosine_single(self.mains).0;
+        if self.timeline.sensor.hum > 0.0 {
+            acceleration += self.timeline.sensor.hum * sine_cosine_single(self.mains).0;
         }
-        let signed = if self.inverted {
-            -acceleration
-        } else {
-            acceleration
-        };
-        let code = self.zero + signed * self.sensor.sensitivity * self.codes_per_acceleration + 0.5;
+        let sign = if self.timeline.inverted { -1.0 } else { 1.0 };
+        let signal = sign * acceleration * self.timeline.sensor.sensitivity;
+        let code = self.zero + signal * self.codes_per_acceleration + 0.5;
         // `clamp` may panic with both numbers, which takes 15 KiB of the emulated image.
         self.last_code = code.max(0.0).min(self.full) as u16;
         AdcCode(self.last_code)
@@ -217,7 +201,7 @@ impl Bench {
 
     /// Reading of the current sensor at that sample; its zero is that of the accelerometer.
     pub fn current(&self) -> AdcCode {
-        let code = self.zero + self.gain * self.output * self.current_codes + 0.5;
+        let code = self.zero + self.timeline.gain * self.output * self.current_codes + 0.5;
         AdcCode(code.max(0.0).min(self.full) as u16)
     }
 
@@ -225,21 +209,21 @@ impl Bench {
     #[inline]
     pub fn hold(&mut self, output: f32, step: u32) {
         let mut output = output;
-        if self.ripple > 0.0 {
-            output *= 1.0 + self.ripple * sine_cosine_single(self.mains + self.mains).0;
+        if self.timeline.ripple > 0.0 {
+            output *= 1.0 + self.timeline.ripple * sine_cosine_single(self.mains + self.mains).0;
         }
         self.mains += Phase::from_bits(self.mains_step);
         self.output = output;
         self.step = step;
         let now = self.time + u64::from(step);
         let before = self.motion();
-        self.drive.step(self.gain * output);
+        self.drive.step(self.timeline.gain * output);
         for (mode, _) in &mut self.modes {
-            mode.step(self.gain * output);
+            mode.step(self.timeline.gain * output);
         }
         if let Some(tone_filter) = &mut self.tone_filter {
             let (modes, phase) = (all(&self.drive, &self.modes), Phase::from_bits(now as u32));
-            tone_filter.step(self.gain * output, phase, step, modes);
+            tone_filter.step(self.timeline.gain * output, phase, step, modes);
         }
         self.ringing.step();
         self.time = now;
@@ -295,8 +279,9 @@ impl Bench {
             wave: self.waves.shape(swing.shape),
             contact: self.contact,
         };
+        let (phase, amplitude) = (swing.phase.radians(), swing.amplitude.into());
         for part in &mut self.parts {
-            part.slide(swing, &track, now);
+            part.slide(phase, amplitude, &track, now);
         }
     }
 
@@ -376,7 +361,7 @@ impl Bench {
                 part: index as u8,
                 rested: blow.rested,
             });
-            (self.ringing).strike(self.sensor.ringing * blow.speed as f32, share);
+            (self.ringing).strike(self.timeline.sensor.ringing * blow.speed as f32, share);
         }
         (self.drive).push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
     }
@@ -409,7 +394,7 @@ impl Bench {
                     ..strike
                 });
                 let share = (delay as f32 / self.step as f32).min(1.0);
-                (self.ringing).strike(self.sensor.ringing * strike.speed as f32, share);
+                (self.ringing).strike(self.timeline.sensor.ringing * strike.speed as f32, share);
             }
         }
     }
@@ -527,19 +512,12 @@ impl Bench {
             return;
         };
         match change {
-            Change::Gain(gain) => self.gain = gain,
             Change::Restitution(_) | Change::Scatter(_) => {
                 let parts = self.parts.iter_mut().map(|part| &mut part.restitution);
                 let massive = self.massive.iter_mut().map(|part| &mut part.restitution);
                 let all = parts.chain(massive);
                 all.for_each(|restitution| change_restitution(restitution, change));
             }
-            Change::Noise(noise) => self.sensor.noise = noise,
-            Change::SensorLost(lost) => self.lost = lost,
-            Change::SensorInverted(inverted) => self.inverted = inverted,
-            Change::Sensitivity(sensitivity) => self.sensor.sensitivity = sensitivity,
-            Change::Ripple(ripple) => self.ripple = ripple,
-            Change::Hum(hum) => self.sensor.hum = hum,
             Change::Dump(seconds) => {
                 let step = f64::from(self.step);
                 let turns = f64::from(seconds) * f64::from(SAMPLE_RATE) * step / Phase::TURN;

@@ -108,12 +108,10 @@ impl ClosedLoop {
 
     fn restart(&mut self) {
         let settings = *self.controller.settings();
-        if let (Ok(signal), Ok(controller)) = (
-            Signal::build(&settings),
-            Controller::build(&settings, self.target, StartCause::Reset),
-        ) {
-            self.signal = signal;
-            self.controller = controller;
+        if let Ok(signal) = Signal::build(&settings)
+            && let Ok(controller) = Controller::build(&settings, self.target, StartCause::Reset)
+        {
+            (self.signal, self.controller) = (signal, controller);
         }
     }
 

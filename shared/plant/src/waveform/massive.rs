@@ -238,11 +238,9 @@ impl MassivePart {
         let (mut above, mut below) = (0.0, 1.0);
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (above + below);
-            if fall.normal(gravity, middle * sample)[0] < stroke.at(middle, sample)[0] {
-                below = middle;
-            } else {
-                above = middle;
-            }
+            let is_below = fall.normal(gravity, middle * sample)[0] < stroke.at(middle, sample)[0];
+            let end = if is_below { &mut below } else { &mut above };
+            *end = middle;
         }
         let [x, v] = stroke.at(below, sample);
         let own = fall.normal(gravity, below * sample)[1];

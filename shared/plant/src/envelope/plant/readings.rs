@@ -37,7 +37,7 @@ pub(crate) struct Readings {
     detector: OnsetDetector,
     average: SynchronousAverage,
     /// Whether averaging is active or a result is pending.
-    averages: bool,
+    pub averages: bool,
     /// Sample of the ringing's state.
     at: u64,
 }
@@ -51,11 +51,6 @@ impl Readings {
             averages: false,
             at: 0,
         }
-    }
-
-    #[inline]
-    pub fn averages(&self) -> bool {
-        self.averages
     }
 
     /// Ends a cycle and sets the averaging of the next, as in the signal path.
@@ -72,7 +67,7 @@ impl EnvelopePlant {
     /// Reads a cycle sample by sample; returns its demodulated acceleration in m/s^2.
     pub(super) fn read_each(&mut self, cycle: &mut Cycle) -> Complex {
         let (drive, sense, readings) = (&self.drive, self.sense, &mut self.readings);
-        let sign = if self.inverted { -1.0 } else { 1.0 };
+        let sign = if self.timeline.inverted { -1.0 } else { 1.0 };
         let codes = sign * sense.factor / sense.floor;
         let samples = drive.samples();
         let (mut sum, mut low, mut high) = (Complex::new(0.0, 0.0), sense.full, 0.0_f64);
@@ -87,7 +82,7 @@ impl EnvelopePlant {
                 if delay < 0.0 {
                     break;
                 }
-                let height = f64::from(self.sensor.ringing) * strike.speed;
+                let height = f64::from(self.timeline.sensor.ringing) * strike.speed;
                 readings
                     .ringing
                     .strike(height as f32, delay.min(1.0) as f32);
