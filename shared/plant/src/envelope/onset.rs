@@ -392,8 +392,10 @@ impl OnsetModel {
         self.last = ring;
         if !below_threshold {
             let ringing_level = impact.height * self.share / background.median;
-            let duration = hidden_time(logarithm(ringing_level.max(1.0) as f32));
-            self.hidden += duration * self.filling;
+            let folds = logarithm(ringing_level.max(1.0) as f32);
+            // Decay times for which a ringing hides the noise, within a tenth of the integral.
+            let (short, long) = (0.24 * folds * folds, folds - 1.06);
+            self.hidden += self.filling * if folds < 2.0 { short } else { long };
         }
         (detected, sum)
     }
@@ -499,16 +501,6 @@ impl OnsetModel {
         let keep = (1.0 - f64::from(samples) * HIDDEN_SHARE_FORGETTING).max(0.0);
         self.hidden *= keep;
         self.raised *= keep;
-    }
-}
-
-/// Number of decay times for which a ringing hides the noise, within a tenth of the integral;
-/// `folds` is the logarithm of its start over the median.
-fn hidden_time(folds: f64) -> f64 {
-    if folds < 2.0 {
-        0.24 * folds * folds
-    } else {
-        folds - 1.06
     }
 }
 

@@ -78,7 +78,10 @@ impl<'a> TrackMotion<'a> {
         if self.upper.is_some_and(|upper| upper.tones > 0) {
             let after = |swing: Swing, waves: &mut WaveCache| {
                 let phase = began.phase.radians();
-                let wait = throw(waves.shape(swing.shape), k(&swing), phase)?;
+                let wait = match waves.shape(swing.shape) {
+                    Some(wave) => WaveMap::on(*wave, k(&swing), 1.0).ok()?.throw(phase)?.0,
+                    None => Map::build(k(&swing), 1.0).ok()?.wait(phase)?,
+                };
                 let time = from + (wait / TAU * Phase::TURN) as u64;
                 (time <= end).then_some(time)
             };
@@ -112,16 +115,5 @@ impl<'a> TrackMotion<'a> {
             time += (1 << 20) + (-excess / TAU * Phase::TURN).min(Phase::TURN / 16.0) as u64;
         }
         None
-    }
-}
-
-/// Delay in rad until lift-off of a part at rest at a phase; `None` without lift-off.
-fn throw(wave: Option<&Wave>, k: f64, phase: f64) -> Option<f64> {
-    match wave {
-        Some(wave) => {
-            let map = WaveMap::on(*wave, k, 1.0).ok()?;
-            map.throw(phase).map(|(wait, _)| wait)
-        }
-        None => Map::build(k, 1.0).ok()?.wait(phase),
     }
 }

@@ -24,13 +24,6 @@ struct Driven {
     transient: Complex,
 }
 
-impl Driven {
-    /// X, `samples` after the first sample of the cycle.
-    fn at(&self, samples: f64) -> Complex {
-        self.steady + self.transient * exp(self.drift * samples)
-    }
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Mode {
     model: UpperMode,
@@ -186,7 +179,7 @@ impl UpperEnvelope {
         let mut upper = [Complex::ZERO; UPPER];
         for (_, n, tone) in self.driven() {
             if let Some(sum) = upper.get_mut(n) {
-                *sum += tone.at(samples);
+                *sum += tone.steady + tone.transient * exp(tone.drift * samples);
             }
         }
         // The phase of the nth tone is relative to n times that of the first.

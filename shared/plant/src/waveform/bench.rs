@@ -287,12 +287,15 @@ impl Bench {
 
     /// Simulates a sample of the parts with mass, after the drive moved from `before` without them.
     fn push_back(&mut self, before: [f32; 2], angular: f64, now: u64) {
+        // Without a phase lead the frequency of a tone does not matter along the track.
+        let filter = (self.tone_filter.as_ref()).filter(|_| self.along[0][1] != 0.0);
+        let upper = filter.map(|filter| filter.motions(all(&self.drive, &self.modes)));
         let ground = Ground {
             sample: 1.0 / f64::from(SAMPLE_RATE),
             gravity: [self.normal_gravity, self.down],
             angular,
             along: self.along,
-            upper: self.upper_motions(),
+            upper: upper.map(|motions| motions.map(|motion| motion.map(f64::from))),
             level: -self.sagged,
             law: self.law,
         };
@@ -430,14 +433,6 @@ impl Bench {
             let [dx, dv] = mode.motion();
             [x + dx, v + dv]
         })
-    }
-
-    /// Displacement in m and velocity in m/s of each upper tone; `None` without a phase lead.
-    fn upper_motions(&self) -> Option<[[f64; 2]; UPPER]> {
-        let filter = self.tone_filter.as_ref();
-        let filter = filter.filter(|_| self.along[0][1] != 0.0)?;
-        let motions = filter.motions(all(&self.drive, &self.modes));
-        Some(motions.map(|motion| motion.map(f64::from)))
     }
 
     /// Swing of the track with this motion at an angular frequency in rad/s.
