@@ -50,31 +50,6 @@ impl Server {
         self.counters.damaged = self.counters.damaged.wrapping_add(1);
     }
 
-    /// Fills `bytes` with the registers from `address` on.
-    pub(crate) fn read(
-        &self,
-        address: u16,
-        bytes: &mut [u8],
-        machine: &impl Machine,
-    ) -> Result<(), Exception> {
-        let (snapshot, settings) = (machine.snapshot(), machine.settings());
-        let picture = Picture {
-            snapshot: &snapshot,
-            settings: &settings,
-            counters: &self.counters,
-            control: self.control.unwrap_or(0),
-            event: &|number| machine.event(number),
-        };
-        let (words, _) = bytes.as_chunks_mut::<2>();
-        for (offset, word) in (0..).zip(words) {
-            let address = address.checked_add(offset).ok_or(Exception::Address)?;
-            let register = registers::at(address).ok_or(Exception::Address)?;
-            let content = register.word(address - register.address, &picture);
-            *word = content.to_be_bytes();
-        }
-        Ok(())
-    }
-
     /// Answers a request of unit, function and data; returns whether there is an answer, of these.
     ///
     /// The caller has compared the unit. A function above 127 is not a request and gets no answer.
@@ -130,9 +105,21 @@ fn access(
             }
             let head = [unit, function, 2 * count as u8];
             answer.extend_from_slice(&head).map_err(full)?;
-            let end = head.len() + 2 * usize::from(count);
-            answer.resize(end, 0).map_err(full)?;
-            server.read(address, &mut answer[head.len()..], machine)
+            let (snapshot, settings) = (machine.snapshot(), machine.settings());
+            let picture = Picture {
+                snapshot: &snapshot,
+                settings: &settings,
+                counters: &server.counters,
+                control: server.control.unwrap_or(0),
+                event: &|number| machine.event(number),
+            };
+            for offset in 0..count {
+                let address = address.checked_add(offset).ok_or(Exception::Address)?;
+                let register = registers::at(address).ok_or(Exception::Address)?;
+                let content = register.word(address - register.address, &picture);
+                (answer.extend_from_slice(&content.to_be_bytes())).map_err(full)?;
+            }
+            Ok(())
         }
         (function::WRITE_ONE, word @ [_, _]) => {
             write::write(server, address, word, machine)?;
