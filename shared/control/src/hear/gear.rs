@@ -403,7 +403,7 @@ impl GearEstimator {
             self.pending_cycles = 0.0;
             // Flights before gear may belong to another kind of hopping.
             if let (Some(restitution), Some(arrival)) = (restitution, impact.arrival) {
-                self.add_restitution(restitution, last.launch[2], detected.strength, arrival);
+                self.add_restitution([restitution, last.launch[2], detected.strength, arrival]);
             }
         }
     }
@@ -457,13 +457,7 @@ impl GearEstimator {
             .then_some(arrival)
     }
 
-    fn add_restitution(
-        &mut self,
-        restitution: f32,
-        acceleration: f32,
-        strength: f32,
-        arrival: f32,
-    ) {
+    fn add_restitution(&mut self, [restitution, acceleration, strength, arrival]: [f32; 4]) {
         let forgetting_factor = 1.0 - 1.0 / RESTITUTION_MEMORY_IMPACTS;
         if let Some(last_value) = self.last_restitution {
             let difference = restitution - last_value;

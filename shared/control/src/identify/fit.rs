@@ -152,10 +152,8 @@ impl Fit {
     }
 
     pub fn store(&mut self, first: usize, residual: &[f32; BINS_PER_CYCLE]) {
-        for (n, value) in residual.iter().enumerate() {
-            if let Some(slot) = self.residual.get_mut(first + n) {
-                *slot = *value;
-            }
+        for (slot, value) in self.residual.iter_mut().skip(first).zip(residual) {
+            *slot = *value;
         }
     }
 

@@ -13,7 +13,6 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 use kband::arithmetic::{Noise, Phase, sine_cosine_single};
 use kband::feeder::{OutOfRange, STANDARD_GRAVITY};
-use kband::impact::ContactTime;
 use kband_control::{AdcCode, Inputs, Report, SAMPLE_RATE, Shape, Target, UPPER, phase_step};
 
 /// Largest number of events of one part in one sample; later events move to the next sample.
@@ -39,7 +38,6 @@ pub struct Bench {
     tone_filter: Option<ToneSeparator>,
     waves: WaveCache,
     ringing: Ringing,
-    contact: ContactTime,
     /// Acceleration in m/s^2 that the sensor's axis measures at rest.
     rest: f32,
     /// The parts, if none has mass.
@@ -53,8 +51,8 @@ pub struct Bench {
     pressed: f32,
     sagged: f64,
     hopper: Hopper,
-    /// Gravity normal to the track in m/s^2.
-    normal_gravity: f64,
+    /// The track in its present motion, without its wave.
+    track: Track<'static>,
     /// Gravity down the track in m/s^2, and its motion along itself over that normal to it, for
     /// each tone n: eta cos, eta sin of n gamma.
     down: f64,
@@ -112,7 +110,6 @@ impl Bench {
             drive,
             force: scene.drive.gain * 1e-3 / scene.drive.quality,
             ringing: Ringing::from_sensor(&scene.sensor),
-            contact: scene.contact_time()?,
             rest: scene.rest(),
             parts: if has_mass {
                 Vec::new()
@@ -128,7 +125,13 @@ impl Bench {
             pressed: 0.0,
             sagged: 0.0,
             hopper: Hopper::new(scene),
-            normal_gravity: track.normal_gravity(),
+            track: Track {
+                normal_gravity: track.normal_gravity(),
+                angular: 0.0,
+                law: Some(scene.law(&track)),
+                wave: None,
+                contact: scene.contact_time()?,
+            },
             down: track.normal_gravity() * track.incline_tangent(),
             along: [lead, 2.0 * lead, 3.0 * lead].map(|lead| {
                 [libm::cos(lead), libm::sin(lead)].map(|part| part * track.amplitude_ratio())
@@ -162,7 +165,7 @@ impl Bench {
     /// Deflection of the spring under a part, in m.
     fn sag(&self, index: usize) -> f64 {
         let share = self.massive.get(index).map_or(0.0, |part| part.share);
-        self.drive.sag(share * self.normal_gravity)
+        self.drive.sag(share * self.track.normal_gravity)
     }
 
     /// Converter reading of the next sample, after the disturbances due before it.
@@ -229,28 +232,29 @@ impl Bench {
         self.time = now;
         let [x, v] = self.motion();
         let angular = f64::from(step) * (TAU * f64::from(SAMPLE_RATE) / Phase::TURN);
+        self.track.angular = angular;
         // Downward acceleration over gravity from the harmonic motion.
         let mut pushed = f64::from(x);
         if let Some(tone_filter) = &self.tone_filter {
             let [[second, _], [third, _]] = tone_filter.motions(all(&self.drive, &self.modes));
             pushed += 3.0 * f64::from(second) + 8.0 * f64::from(third);
         }
-        let lifts_off = pushed * angular * angular > self.normal_gravity;
+        let lifts_off = pushed * angular * angular > self.track.normal_gravity;
         if let Law::Friction(_) = self.law
             && now >> 32 != (now - u64::from(step)) >> 32
         {
-            self.slide([x, v], angular, now);
+            self.slide([x, v], now);
         }
         if !self.massive.is_empty() {
-            self.push_back(before, angular, now);
+            self.push_back(before, now);
         }
         if now >= self.next_event || lifts_off && self.any_at_rest {
-            self.move_parts([x, v], angular, now, lifts_off);
+            self.move_parts([x, v], now, lifts_off);
         }
     }
 
     /// Simulates the events up to `now` of the parts that move by the impact map.
-    fn move_parts(&mut self, motion: [f32; 2], angular: f64, now: u64, lifts_off: bool) {
+    fn move_parts(&mut self, motion: [f32; 2], now: u64, lifts_off: bool) {
         (self.next_event, self.any_at_rest) = (u64::MAX, false);
         for index in 0..self.parts.len() {
             let arrives = self.hopper.arrives(index);
@@ -260,7 +264,7 @@ impl Bench {
             }
             let next = self.parts[index].next();
             if next.map_or(lifts_off, |next| next <= now) {
-                self.settle(index, motion, angular, now);
+                self.settle(index, motion, now);
             }
             match self.parts[index].next() {
                 Some(next) => self.next_event = self.next_event.min(next),
@@ -270,15 +274,10 @@ impl Bench {
     }
 
     /// Moves the sliding parts once a cycle, because the amplitude changes while they lie.
-    fn slide(&mut self, motion: [f32; 2], angular: f64, now: u64) {
-        let swing = self.swing(motion, angular as f32);
-        let track = Track {
-            normal_gravity: self.normal_gravity,
-            angular,
-            law: Some(self.law),
-            wave: self.waves.shape(swing.shape),
-            contact: self.contact,
-        };
+    fn slide(&mut self, motion: [f32; 2], now: u64) {
+        let swing = self.swing(motion, self.track.angular as f32);
+        let wave = self.waves.shape(swing.shape);
+        let track = Track { wave, ..self.track };
         let (phase, amplitude) = (swing.phase.radians(), swing.amplitude.into());
         for part in &mut self.parts {
             part.slide(phase, amplitude, &track, now);
@@ -286,14 +285,14 @@ impl Bench {
     }
 
     /// Simulates a sample of the parts with mass, after the drive moved from `before` without them.
-    fn push_back(&mut self, before: [f32; 2], angular: f64, now: u64) {
+    fn push_back(&mut self, before: [f32; 2], now: u64) {
         // Without a phase lead the frequency of a tone does not matter along the track.
         let filter = (self.tone_filter.as_ref()).filter(|_| self.along[0][1] != 0.0);
         let upper = filter.map(|filter| filter.motions(all(&self.drive, &self.modes)));
         let ground = Ground {
             sample: 1.0 / f64::from(SAMPLE_RATE),
-            gravity: [self.normal_gravity, self.down],
-            angular,
+            gravity: [self.track.normal_gravity, self.down],
+            angular: self.track.angular,
             along: self.along,
             upper: upper.map(|motions| motions.map(|motion| motion.map(f64::from))),
             level: -self.sagged,
@@ -313,7 +312,8 @@ impl Bench {
             .sum();
         let acceleration_without_parts = stroke.acceleration(ground.sample);
         // Equation of motion with the lying mass: M a = F - m (g + a).
-        let pressed = (self.normal_gravity + acceleration_without_parts) / (1.0 + resting_mass);
+        let gravity = self.track.normal_gravity;
+        let pressed = (gravity + acceleration_without_parts) / (1.0 + resting_mass);
         let lifts_off = pressed <= 0.0;
         self.pressed = 0.0;
         if !lifts_off {
@@ -332,7 +332,7 @@ impl Bench {
             if arrives > earlier {
                 // The part falls from the track's highest position.
                 let [x, v] = stroke.to;
-                let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+                let swing = self.swing([(x + self.sagged) as f32, v as f32], ground.angular as f32);
                 let crest = f64::from(swing.amplitude) - self.sagged;
                 self.massive[index].drop_from(crest.max(x), now);
                 self.sagged += self.sag(index);
@@ -353,7 +353,7 @@ impl Bench {
             let share = (1.0 - blow.at) as f32;
             let delay = (f64::from(share) * f64::from(self.step)) as u64;
             let [x, v] = blow.track;
-            let swing = self.swing([(x + self.sagged) as f32, v as f32], angular as f32);
+            let swing = self.swing([(x + self.sagged) as f32, v as f32], ground.angular as f32);
             let time = now - delay;
             // Impacts beyond the capacity are dropped.
             let _ = self.strikes.push(Strike {
@@ -369,15 +369,10 @@ impl Bench {
         (self.drive).push(stroke.to[0] - free[0], stroke.to[1] - free[1]);
     }
 
-    fn settle(&mut self, index: usize, motion: [f32; 2], angular: f64, now: u64) {
-        let swing = self.swing(motion, angular as f32);
-        let track = Track {
-            normal_gravity: self.normal_gravity,
-            angular,
-            law: Some(self.law),
-            wave: self.waves.shape(swing.shape),
-            contact: self.contact,
-        };
+    fn settle(&mut self, index: usize, motion: [f32; 2], now: u64) {
+        let swing = self.swing(motion, self.track.angular as f32);
+        let wave = self.waves.shape(swing.shape);
+        let track = Track { wave, ..self.track };
         let part = &mut self.parts[index];
         if part.next().is_none() {
             part.throw(swing, &track, now);

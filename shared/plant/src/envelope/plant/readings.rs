@@ -83,9 +83,7 @@ impl EnvelopePlant {
                     break;
                 }
                 let height = f64::from(self.timeline.sensor.ringing) * strike.speed;
-                readings
-                    .ringing
-                    .strike(height as f32, delay.min(1.0) as f32);
+                (readings.ringing).strike(height as f32, delay.min(1.0) as f32);
                 strikes.next();
             }
             let mut reading = drive.acceleration(n)
