@@ -3,7 +3,6 @@
 //! `KBAND_SCENES` and `KBAND_SEED` select number and seed.
 
 use std::f64::consts::TAU;
-use std::fmt::Arguments;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use kband::feeder::STANDARD_GRAVITY;
@@ -239,34 +238,14 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
     loop {
         let (moment, strikes) = cycle();
         let report = moment.report;
-        let mut require = |met: bool, what: Arguments| {
-            if !met && wrong.len() < 4 {
-                let (time, state) = (moment.time, report.state);
-                wrong.push(format!("{what} at {time:.2} s in {state:?}"));
-            }
-        };
         let amplitude = report.command.amplitude;
         (amplitude.to_bits(), report.amplitude.to_bits()).hash(&mut bits);
         (report.phase.to_bits(), report.in_gear.to_bits()).hash(&mut bits);
         let within = (0.0..=settings.output_maximum).contains(&amplitude);
-        require(within, format_args!("output {amplitude}"));
         let (b, reference) = (report.amplitude, report.reference);
-        let values = [b, reference, report.lead, report.frequency];
-        let finite = values.iter().all(|number| number.is_finite());
-        require(finite, format_args!("{values:?}"));
-        let within = reference <= 1.0001 * ceiling;
-        require(
-            within,
-            format_args!("reference {reference} beyond the limit"),
-        );
-        // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
-        let within = !calm || b <= 1.03 * ceiling;
-        require(within, format_args!("amplitude {b} beyond {ceiling}"));
+        let numbers = [b, reference, report.lead, report.frequency];
         let off = matches!(report.state, State::Off | State::Fault);
         let still = amplitude == 0.0 && report.command.immediate;
-        require(still || !off, format_args!("driven"));
-        let reported = (report.state == State::Fault) == report.fault.is_some();
-        require(reported, format_args!("fault {:?}", report.fault));
         // The inputs of this cycle are at most two cycles old.
         let since = moment.time - 2.0 / f64::from(settings.frequency);
         let mut latest = scene.disturbances.iter().rev();
@@ -276,16 +255,13 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
         });
         let acknowledged = report.fault.is_none() && enable == Some(false);
         let kept = fault.is_none() || report.fault == fault || acknowledged || restarts;
-        require(kept, format_args!("{fault:?} became {:?}", report.fault));
         fault = report.fault;
-        let (share, error) = (report.in_gear, report.in_gear_error);
-        let valid = (0.0..=1.0).contains(&share) && !error.is_nan();
-        require(valid, format_args!("in gear {share} +- {error}"));
-        if let Some(before) = before.filter(|before| *before != report.state && !restarts) {
-            let transitions = TRANSITIONS.map(|change| (change.from, change.to));
-            let drawn = transitions.contains(&(before, report.state));
-            require(drawn, format_args!("{before:?} went to {:?}", report.state));
-        }
+        let valid = (0.0..=1.0).contains(&report.in_gear) && !report.in_gear_error.is_nan();
+        let drawn = before.is_none_or(|before| {
+            let mut drawn = TRANSITIONS.iter().map(|change| (change.from, change.to));
+            before == report.state || drawn.any(|pair| pair == (before, report.state))
+        });
+        let mut enough = true;
         if before != Some(report.state) {
             rhythm = PhaseSums::default();
         }
@@ -294,9 +270,25 @@ fn run(scene: &Scene, seconds: f64, mut cycle: impl FnMut() -> (Moment, Vec<Stri
             rhythm.take(&strikes, order);
             if rhythm.cycles == WINDOW {
                 let (locked, all) = (rhythm.locked(order, scatters), scene.parts.len());
-                let enough = 2 * locked >= all;
-                require(enough, format_args!("locked with {locked} of {all}"));
+                enough = 2 * locked >= all;
                 rhythm = PhaseSums::default();
+            }
+        }
+        for (met, what) in [
+            (within, "output"),
+            (numbers.iter().all(|number| number.is_finite()), "numbers"),
+            (reference <= 1.0001 * ceiling, "reference beyond the limit"),
+            // Measured amplitudes may exceed the limit by 2 %, and noise adds at most 1 %.
+            (!calm || b <= 1.03 * ceiling, "amplitude beyond the limit"),
+            (still || !off, "driven"),
+            ((report.state == State::Fault) == fault.is_some(), "fault"),
+            (kept, "another fault"),
+            (valid, "share"),
+            (drawn || restarts, "change of state"),
+            (enough, "too few parts are locked"),
+        ] {
+            if !met && wrong.len() < 4 {
+                wrong.push(format!("{what} at {:.2} s: {report:?}", moment.time));
             }
         }
         if moment.time >= seconds {
