@@ -71,32 +71,23 @@ impl Shift {
 /// Name of the event after which the board may report a lost sensor.
 const LOST_SENSOR: &str = "lost sensor";
 
-struct Script {
-    random: Random,
-    seconds: f64,
-    next: f64,
-    /// Pending changes, the next one last.
-    due: Vec<(f64, Change)>,
-}
-
-impl Script {
-    /// Name of the next event if its time has come; its changes become pending.
-    fn next_event(&mut self, now: f64) -> Option<&'static str> {
-        if now < self.next || now > self.seconds - 60.0 {
-            return None;
-        }
-        self.next = now + self.random.between(30.0, 120.0);
-        let random = &mut self.random;
+/// Changes over some seconds of operation with their times in s. The first change of an event has its
+/// name.
+fn script(seconds: f64) -> Vec<(f64, Option<&'static str>, Change)> {
+    let mut random = Random::new(1);
+    let (mut script, mut now) = (Vec::new(), 30.0);
+    while now < seconds - 60.0 {
+        let next = now + random.between(30.0, 120.0);
         let kind = random.bits() % 8;
-        // From now on for some seconds, another change, and its return.
+        // For some seconds another state, then its return.
         let mut spell = |low: f64, high: f64, change: fn(bool) -> Change, on: bool| {
-            let end = now + random.between(low, high);
-            vec![(now, change(on)), (end, change(!on))]
+            let end = random.between(low, high);
+            vec![(0.0, change(on)), (end, change(!on))]
         };
         let (name, changes) = match kind {
             0..3 => {
                 let part = random.between(0.18, 0.22) as f32;
-                ("other parts", vec![(now, Change::Restitution(part))])
+                ("other parts", vec![(0.0, Change::Restitution(part))])
             }
             // At most two cycles, from any start; no fault.
             3..5 => (
@@ -105,66 +96,53 @@ impl Script {
             ),
             5 => {
                 let changes = vec![
-                    (now, Change::SensorLost(true)),
-                    (now + 1.0, Change::SensorLost(false)),
-                    (now + 2.0, Change::Enable(false)),
-                    (now + 3.0, Change::Enable(true)),
+                    (0.0, Change::SensorLost(true)),
+                    (1.0, Change::SensorLost(false)),
+                    (2.0, Change::Enable(false)),
+                    (3.0, Change::Enable(true)),
                 ];
                 (LOST_SENSOR, changes)
             }
             6 => ("pause", spell(0.02, 8.0, Change::Enable, false)),
             _ => ("silent link", spell(0.5, 8.0, Change::Link, false)),
         };
-        self.due.extend(changes);
-        self.due.sort_by(|a, b| b.0.total_cmp(&a.0));
-        Some(name)
+        let mut name = Some(name);
+        let changes = changes.into_iter();
+        script.extend(changes.map(|(after, change)| (now + after, name.take(), change)));
+        now = next;
     }
-
-    /// The changes that are due now. The drive's gain follows the temperature through the day by
-    /// +-20 %, with a ripple of minutes.
-    fn changes(&mut self, now: f64) -> Vec<Change> {
-        let turn = std::f64::consts::TAU * now;
-        let gain =
-            1.0 + 0.17 * (turn / 86_400.0_f64.min(self.seconds)).sin() + 0.03 * (turn / 97.0).sin();
-        let mut changes = vec![Change::Gain(gain as f32)];
-        while self.due.last().is_some_and(|(at, _)| *at <= now) {
-            changes.extend(self.due.pop().map(|(_, change)| change));
-        }
-        changes
-    }
+    script
 }
 
-/// Runs `seconds` of operation of the default feeder, with events from `seed`.
-fn operate(seconds: f64, seed: u64, fidelity: Fidelity) -> Shift {
+/// The drive's gain follows the temperature through the day by +-20 %, with a ripple of minutes.
+fn gain(now: f64, seconds: f64) -> Change {
+    let turn = std::f64::consts::TAU * now;
+    let day = 0.17 * (turn / 86_400.0_f64.min(seconds)).sin();
+    Change::Gain((1.0 + day + 0.03 * (turn / 97.0).sin()) as f32)
+}
+
+/// Runs `seconds` of operation of the default feeder.
+fn operate(seconds: f64, fidelity: Fidelity) -> Shift {
     let mut closed = Engine::build(&Scene::default(), fidelity).unwrap();
     closed.watch(true);
-    let mut script = Script {
-        random: Random::new(seed),
-        seconds,
-        next: 30.0,
-        due: Vec::new(),
-    };
+    let mut script = script(seconds).into_iter().peekable();
     let mut shift = Shift::default();
     let mut now = 0.0;
     let (mut upset, mut may_fault) = (0.0, None);
-    while now < seconds {
-        for change in script.changes(now) {
-            if !matches!(change, Change::Gain(_)) {
-                upset = now;
+    while now < seconds && shift.wrong.len() <= 20 {
+        closed.apply(gain(now, seconds));
+        while let Some((_, name, change)) = script.next_if(|(at, ..)| *at <= now) {
+            upset = now;
+            if let Some(name) = name {
+                *shift.happened.entry(name).or_default() += 1;
+                may_fault = (name == LOST_SENSOR).then_some(now);
             }
             closed.apply(change);
-        }
-        if let Some(name) = script.next_event(now) {
-            *shift.happened.entry(name).or_default() += 1;
-            may_fault = (name == LOST_SENSOR).then_some(now);
         }
         closed.cycle().unwrap();
         let moment = closed.moment().unwrap();
         now = f64::from(moment.report.cycle) / f64::from(moment.report.frequency);
         shift.look(&moment, now, upset, may_fault);
-        if shift.wrong.len() > 20 {
-            break;
-        }
     }
     shift
 }
@@ -174,7 +152,7 @@ fn half_an_hour_of_operation_has_no_fault_that_was_not_injected() {
     let days = number("KBAND_DAYS", 0);
     let fidelity = Fidelity::ALL[usize::from(days < 2)];
     let hours = if days > 0 { 24.0 * days as f64 } else { 0.5 };
-    let shift = operate(3600.0 * hours, 1, fidelity);
+    let shift = operate(3600.0 * hours, fidelity);
     assert!(shift.wrong.is_empty(), "{}", shift.wrong.join("\n"));
     let times = |name| shift.happened.get(name).copied().unwrap_or(0);
     // Every kind of event occurred, and each lost sensor gave a fault.
