@@ -2,7 +2,7 @@
 
 use kband::arithmetic::Noise;
 use kband_control::{Settings, Target};
-use kband_plant::{Change, Scene};
+use kband_plant::{Change, Disturbance, Scene};
 
 #[derive(Clone, Debug)]
 pub struct Draw(Noise);
@@ -75,19 +75,10 @@ pub fn settled(settings: &Settings) -> f64 {
     f64::from(settings.soft_start + 8.0 * envelope + 60.0 / settings.frequency)
 }
 
-#[derive(Clone, Debug)]
-pub struct Failure {
-    /// The machine and its target.
-    pub scene: Scene,
-    /// Time from the start at which it is at its setpoint, s.
-    pub ready: f64,
-    /// Changes of the sensor, with times from the start in s. It is lost, weak, inverted, bouncing,
-    /// fading, or briefly lost and weak.
-    pub changes: Vec<(f64, Change)>,
-}
-
-/// A [`machine`] whose sensor fails at a random time after its start.
-pub fn failure(draw: &mut Draw) -> Failure {
+/// A [`machine`] whose sensor fails at a random time after its start: it is lost, weak, inverted,
+/// bouncing, fading, or briefly lost and weak. The time from the start at which the machine is at its
+/// setpoint, s.
+pub fn failure(draw: &mut Draw) -> (Scene, f64) {
     let mut scene = machine(draw);
     let limit = ceiling(&scene.settings);
     let share = draw.between(0.1, 1.0);
@@ -116,9 +107,9 @@ pub fn failure(draw: &mut Draw) -> Failure {
             (at + 0.06, Change::Sensitivity(low)),
         ],
     };
-    Failure {
-        scene,
-        ready,
-        changes,
-    }
+    let changes = changes.into_iter();
+    scene
+        .disturbances
+        .extend(changes.map(|(at, change)| Disturbance { at, change }));
+    (scene, ready)
 }
