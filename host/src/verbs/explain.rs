@@ -24,58 +24,26 @@ pub struct Arguments {
     words: Vec<String>,
 }
 
-/// A term with a paragraph or more in the manual.
-struct Topic {
-    name: &'static str,
-    help: &'static str,
-    others: &'static [&'static str],
-    page: &'static str,
-    /// Beginnings of the headings of its sections.
-    headings: &'static [&'static str],
-}
+/// Terms with a paragraph or more in the manual, one a line: name, help, other names, page, and
+/// beginnings of the headings of its sections.
+const TOPICS: &str = include_str!("explain/topics.tsv");
 
-macro_rules! topics {
-    ($($name:literal $help:literal [$($other:literal),*] $page:literal [$($heading:literal),*];)*) => {
-        const TOPICS: &[Topic] = &[$(Topic {
-            name: $name,
-            help: $help,
-            others: &[$($other),*],
-            page: $page,
-            headings: &[$($heading),*],
-        }),*];
-    };
-}
-
-topics! {
-    "k" "The number that is controlled." [] "theory-model.md" ["## 1.2 "];
-    "restitution" "How a part rebounds, and why it is an interval." ["lot"] "theory-model.md" ["## 1.4 "];
-    "rest" "When a part lies, and when it is thrown." ["lift-off", "chatter"] "theory-impacts.md" ["## 4."];
-    "band" "Where parts lock to the drive." ["lock", "order"] "theory-bands.md" ["## 5."];
-    "cascade" "Period doublings." ["flip", "doubled"] "theory-bands.md" ["## 6.1 ", "## 6.2 "];
-    "chaos" "Flights that never repeat." ["chaotic", "chaos edge"] "theory-bands.md" ["## 6.3 "];
-    "basin" "Two regimes at one setting." ["reached from rest"] "theory-capture.md" ["## 7.1 ", "## 7.2 "];
-    "capture" "The kick that brings parts into lock." ["kick"] "theory-capture.md" ["## 7.3 ", "## 7.4 ", "## 7.5 "];
-    "conveying speed" "How fast parts travel." ["speed"] "theory-transport.md" ["## 8.3 "];
-    "gear" "Parts that stay in step though they scatter." ["in gear"] "theory-real-parts.md" ["## 10.1 "];
-    "friction" "Parts that rub on the track: stick, slide, hop." ["mu", "slide", "sliding", "h", "h-s"] "theory-real-parts.md" ["## 10.4 "];
-    "second tone" "A drive with a tone at twice its frequency." ["tones", "e", "th"] "theory-real-parts.md" ["## 10.3 "];
-    "margin" "Estimated distance from the loss of gear." ["estimated margin", "estimated"] "theory-real-parts.md" ["## 10.7 "];
-    "state" "What the drive is doing, and what it does next." ["states"] "faults.md" ["## States"];
-    "fault" "What stopped the drive; fault N for one." ["faults"] "faults.md" ["## Fault "];
-    "limit" "What holds the drive back; limit N for one." ["limits"] "faults.md" ["## Limit "];
+fn topics() -> impl Iterator<Item = [&'static str; 5]> {
+    let cells = |line: &'static str| line.split('\t').collect::<Vec<_>>().try_into().ok();
+    TOPICS.lines().filter_map(cells)
 }
 
 pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     report::print(&match arguments.words.as_slice() {
-        [] => topics(),
+        [] => list(),
         words => plain::plain(&text(words)?),
     })
     .map(|()| Exit::Done)
 }
 
-fn topics() -> String {
+fn list() -> String {
     let mut text = String::new();
-    for Topic { name, help, .. } in TOPICS {
+    for [name, help, ..] in topics() {
         text.push_str(&format!("kband explain {name:<16} {help}\n"));
     }
     text.push_str("\nAnd every word of the glossary, every state, event, regime, fault and limit by its name.\n");
@@ -100,18 +68,17 @@ fn text(words: &[String]) -> Result<String> {
 
 /// Explanation of one word, as typed and in lower case; `None` if unknown.
 fn explained(query: &str, name: &str) -> Option<String> {
-    let mut topics = TOPICS.iter();
-    let topic = topics.find(|topic| topic.name == name || topic.others.contains(&name));
+    let is_other = |others: &str| others.split(", ").any(|other| other == name);
     let rows = glossary(query, name);
     let mut parts: Vec<String> = rows.iter().map(entry).collect();
     parts.extend(manual::state(name));
     parts.extend(manual::event(name));
     parts.extend(manual::fault_or_limit(name));
-    match topic {
-        Some(Topic { page, headings, .. }) => {
+    match topics().find(|[topic, _, others, ..]| *topic == name || is_other(others)) {
+        Some([.., page, headings]) => {
             let page = manual::page(page).unwrap_or_default();
-            let sections = |heading: &&str| manual::sections(page, heading);
-            parts.extend(headings.iter().flat_map(sections));
+            let sections = |heading| manual::sections(page, heading);
+            parts.extend(headings.split("; ").flat_map(sections));
         }
         None => parts.extend(rows.iter().filter_map(Word::section)),
     }
@@ -124,10 +91,7 @@ fn explained(query: &str, name: &str) -> Option<String> {
 
 fn output(name: &str) -> Option<String> {
     let (name, unit, meaning) = columns::entry(&name.replace(' ', "_"))?;
-    let unit = match *unit {
-        "" => String::new(),
-        unit => format!(" Unit: {unit}."),
-    };
+    let unit = report::when(!unit.is_empty(), || format!(" Unit: {unit}."));
     Some(format!("**{name}**: {meaning}{unit}\n"))
 }
 
@@ -173,23 +137,18 @@ fn numbered(kind: &str, number: u32) -> Result<String> {
     let faults = manual::page("faults.md").unwrap_or_default();
     let sections = manual::sections(faults, &format!("{heading}{number}:"));
     sections.into_iter().next().ok_or_else(|| {
-        Refusal::value(
-            format!("number of the {}", kind.to_lowercase()),
-            number,
-            manual::numbers(heading),
-            "leave the number out to read about all of them",
-        )
+        let key = format!("number of the {}", kind.to_lowercase());
+        let next = "leave the number out to read about all of them";
+        Refusal::value(key, number, manual::numbers(heading), next)
     })
 }
 
 fn unknown(query: &str, name: &str) -> Refusal {
-    let topics: Vec<&str> = TOPICS.iter().map(|topic| topic.name).collect();
-    let mut like: Vec<(f64, String)> = manual::words()
-        .map(|word| word.term)
-        .chain(topics.iter().map(ToString::to_string))
-        .map(|term| (strsim::jaro_winkler(&term, name), term))
-        .filter(|(likeness, _)| *likeness > 0.85)
-        .collect();
+    let topics: Vec<&str> = topics().map(|[name, ..]| name).collect();
+    let terms = manual::words().map(|word| word.term);
+    let terms = terms.chain(topics.iter().map(ToString::to_string));
+    let like = terms.map(|term| (strsim::jaro_winkler(&term, name), term));
+    let mut like: Vec<_> = like.filter(|(likeness, _)| *likeness > 0.85).collect();
     like.sort_by(|a, b| b.0.total_cmp(&a.0));
     let next = match like.first() {
         Some((_, term)) => {
@@ -215,19 +174,13 @@ mod tests {
 
     #[test]
     fn every_topic_and_every_name_of_it_has_its_section() {
-        for Topic {
-            name,
-            others,
-            page,
-            headings,
-            ..
-        } in TOPICS
-        {
-            for heading in *headings {
+        assert_eq!(topics().count(), TOPICS.lines().count());
+        for [name, _, others, page, headings] in topics() {
+            for heading in headings.split("; ") {
                 let sections = manual::sections(manual::page(page).unwrap(), heading);
                 assert!(!sections.is_empty(), "{name}: {page} {heading}");
             }
-            for name in others.iter().chain([name]) {
+            for name in others.split_terminator(", ").chain([name]) {
                 let text = explanation(name).unwrap();
                 assert!(text.len() > 200, "{name}: {text}");
                 for raw in ["**", "](", "`", "<a id"] {
@@ -273,11 +226,10 @@ mod tests {
         let written = columns::ENTRIES.iter().map(|(name, ..)| *name);
         let outputs = states.chain(events).chain(regimes).chain(written);
         let outputs = outputs.chain(printed.split(", ")).map(String::from);
-        let glossary = glossary.filter(|name| !name.is_empty());
-        for (name, least) in glossary
-            .map(|name| (name, 15))
-            .chain(outputs.map(|name| (name, 0)))
-        {
+        let glossary = glossary
+            .filter(|name| !name.is_empty())
+            .map(|name| (name, 15));
+        for (name, least) in glossary.chain(outputs.map(|name| (name, 0))) {
             let text = explanation(&name);
             assert!(text.is_ok_and(|text| text.len() > least), "{name}");
         }

@@ -53,8 +53,7 @@ fn word(line: &str) -> Option<Word> {
     let [symbols, term, unit, names, meaning] = cells[..] else {
         return None;
     };
-    let heading = symbols == "symbol" || symbols.starts_with("---");
-    (!heading).then(|| Word {
+    (symbols != "symbol" && !symbols.starts_with("---")).then(|| Word {
         symbols: quoted(symbols),
         term: term.into(),
         unit: unit.into(),
@@ -69,8 +68,7 @@ fn quoted(cell: &str) -> Vec<String> {
 
 /// The section after an anchor: `<a id=...>`, or the slug of a heading.
 fn anchored(page: &str, anchor: &str) -> Option<String> {
-    let mark = format!("<a id=\"{anchor}\"></a>");
-    let heading = match page.split_once(&mark) {
+    let heading = match page.split_once(&format!("<a id=\"{anchor}\"></a>")) {
         Some((_, after)) => after.lines().find(|line| !line.is_empty())?,
         None => page
             .lines()
@@ -108,8 +106,7 @@ pub fn sections(page: &str, heading: &str) -> Vec<String> {
 
 /// The numbers of the sections `## Fault N: ...` or `## Limit N: ...`.
 pub fn numbers(heading: &str) -> String {
-    let faults = page("faults.md").unwrap_or_default();
-    let numbers = faults.lines();
+    let numbers = page("faults.md").unwrap_or_default().lines();
     let numbers = numbers.filter_map(|line| line.strip_prefix(heading)?.split(':').next());
     numbers.collect::<Vec<_>>().join(", ")
 }

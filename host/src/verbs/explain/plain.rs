@@ -51,8 +51,7 @@ impl Page {
                 }
             }
             Event::End(TagEnd::Table) => {
-                let rows = std::mem::take(&mut self.rows);
-                self.text += &(table(&rows) + "\n");
+                self.text += &(table(&std::mem::take(&mut self.rows)) + "\n");
             }
             Event::End(TagEnd::CodeBlock) => {
                 self.code = false;
@@ -82,8 +81,7 @@ impl Page {
             return;
         }
         let first = format!("{}{mark}", "  ".repeat(self.depth.saturating_sub(1)));
-        let rest = " ".repeat(first.len());
-        self.text += &wrapped(text.trim(), &first, &rest);
+        self.text += &wrapped(text.trim(), &first, &" ".repeat(first.len()));
     }
 }
 
