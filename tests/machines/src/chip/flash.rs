@@ -1,7 +1,7 @@
 //! Model of the flash, its controller and its accelerator (RM0090, chapter 3; DS8626, tables 39 and
 //! 40). The controller of the STM32G474 is in `flash/pages.rs`.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::clocks::TICKS;
@@ -70,39 +70,39 @@ pub fn sector(number: usize) -> Option<Range<usize>> {
 /// Cached lines; a new one replaces the oldest (on silicon the least recently used).
 #[derive(Clone, Debug, Default)]
 struct Lines {
-    count: usize,
-    newest_first: VecDeque<usize>,
-    /// Whether each line of the flash is cached, one bit each: a search took a fifth of a run.
-    cached: Vec<u64>,
+    lines: Vec<usize>,
+    oldest: usize,
+    /// Whether each line of the flash is cached, and behind them a place for no line.
+    cached: Vec<bool>,
 }
 
 impl Lines {
     fn new(count: usize, bytes: usize) -> Self {
         Self {
-            count,
-            newest_first: VecDeque::new(),
-            cached: vec![0; bytes.div_ceil(16 * 64)],
+            lines: vec![bytes / 16; count],
+            oldest: 0,
+            cached: vec![false; bytes / 16 + 1],
         }
     }
 
     fn clear(&mut self) {
-        self.newest_first.clear();
-        self.cached.fill(0);
+        self.lines.fill(self.cached.len() - 1);
+        self.cached.fill(false);
     }
 
     /// Whether the line of an address is cached; it is cached from now on.
+    #[inline]
     fn has(&mut self, address: u32) -> bool {
         let line = (address - START) as usize >> 4;
-        if self.cached[line / 64] >> (line % 64) & 1 == 1 {
+        if std::mem::replace(&mut self.cached[line], true) {
             return true;
         }
-        if self.newest_first.len() == self.count
-            && let Some(oldest) = self.newest_first.pop_back()
-        {
-            self.cached[oldest / 64] &= !(1 << (oldest % 64));
+        let oldest = std::mem::replace(&mut self.lines[self.oldest], line);
+        self.cached[oldest] = false;
+        self.oldest += 1;
+        if self.oldest == self.lines.len() {
+            self.oldest = 0;
         }
-        self.newest_first.push_front(line);
-        self.cached[line / 64] |= 1 << (line % 64);
         false
     }
 }
@@ -232,6 +232,7 @@ impl Flash {
     }
 
     /// Number of wait cycles of the core for a line of instructions.
+    #[inline]
     pub fn fetch(&mut self, address: u32) -> u32 {
         let line = address >> 4;
         let last = std::mem::replace(&mut self.current[0], line);

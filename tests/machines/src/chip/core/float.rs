@@ -21,18 +21,26 @@ fn register(field: usize, other: bool, double: bool) -> usize {
     }
 }
 
-impl Core {
-    /// Result of an operation. A NaN is the first NaN operand; signalling ones have priority.
-    fn number(&self, result: f32, operands: &[u32]) -> u32 {
-        if !result.is_nan() {
-            return result.to_bits();
-        }
-        let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
-        let first = operands.iter().find(signalling);
-        let any = || operands.iter().find(|bits| is_nan(**bits));
-        first.or_else(any).map_or(NAN, |bits| bits | QUIET)
+/// Result of an operation.
+#[inline(always)]
+fn number(result: f32, operands: &[u32]) -> u32 {
+    if result.is_nan() {
+        return nan(operands);
     }
+    result.to_bits()
+}
 
+/// Result that is no number: the first NaN operand; signalling ones have priority.
+#[cold]
+fn nan(operands: &[u32]) -> u32 {
+    let signalling = |bits: &&u32| is_nan(**bits) && **bits & QUIET == 0;
+    let first = operands.iter().find(signalling);
+    let any = || operands.iter().find(|bits| is_nan(**bits));
+    first.or_else(any).map_or(NAN, |bits| bits | QUIET)
+}
+
+impl Core {
+    #[inline(always)]
     pub(super) fn coprocessor(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let double = match bits(second, 8, 4) {
             0b1010 => false,
@@ -60,6 +68,7 @@ impl Core {
     }
 
     /// Loads and stores of one, two or several numbers.
+    #[inline(always)]
     fn memory(&mut self, first: u16, second: u16, double: bool, bus: &mut Board) -> Cycles {
         let (before, up) = (bit(first, 8), bit(first, 7));
         let (back, load) = (bit(first, 5), bit(first, 4));
@@ -119,29 +128,29 @@ impl Core {
     }
 
     /// Arithmetic (A6.5). A product is rounded before the addition.
+    #[inline(always)]
     fn arithmetic(&mut self, first: u16, second: u16) -> Cycles {
         let d = register(bits(second, 12, 4), bit(first, 6), false);
         let n = register(bits(first, 0, 4), bit(second, 7), false);
         let m = register(bits(second, 0, 4), bit(second, 5), false);
         let numbers = [self.s[d], self.s[n], self.s[m]];
         let [_, one, two] = numbers.map(f32::from_bits);
-        let plain = |result: f32| self.number(result, &numbers[1..]);
-        let turned = |number: u32| number ^ 0x8000_0000;
-        let product = || plain(one * two);
-        let sum = |product: u32, target: u32| {
-            let result = f32::from_bits(target) + f32::from_bits(product);
-            self.number(result, &[target, product])
-        };
+        let plain = |result: f32| number(result, &numbers[1..]);
+        let turned = |number: u32, turns: bool| number ^ u32::from(turns) << 31;
         let target = numbers[0];
         let (value, cycles) = match (bit(first, 7), bits(first, 4, 2), bit(second, 6)) {
-            (false, 0, false) => (sum(product(), target), 3),
-            (false, 0, true) => (sum(turned(product()), target), 3),
-            (false, 1, false) => (sum(product(), turned(target)), 3),
-            (false, 1, true) => (sum(turned(product()), turned(target)), 3),
-            (false, 2, false) => (product(), 1),
-            (false, 2, true) => (turned(product()), 1),
             (false, 3, false) => (plain(one + two), 1),
             (false, 3, true) => (plain(one - two), 1),
+            (false, kind, turns) => {
+                let product = turned(plain(one * two), turns);
+                if kind == 2 {
+                    (product, 1)
+                } else {
+                    let target = turned(target, kind == 1);
+                    let sum = f32::from_bits(target) + f32::from_bits(product);
+                    (number(sum, &[target, product]), 3)
+                }
+            }
             (true, 0, false) => (plain(one / two), 14),
             (true, 3, false) => {
                 let byte = (bits(first, 0, 4) << 4 | bits(second, 0, 4)) as u32;
@@ -151,8 +160,8 @@ impl Core {
             (true, 3, true) => match (bits(first, 0, 4), bit(second, 7)) {
                 (0, false) => (numbers[2], 1),
                 (0, true) => (numbers[2] & 0x7fff_ffff, 1),
-                (1, false) => (turned(numbers[2]), 1),
-                (1, true) => (self.number(two.sqrt(), &numbers[2..]), 14),
+                (1, false) => (turned(numbers[2], true), 1),
+                (1, true) => (number(two.sqrt(), &numbers[2..]), 14),
                 (4, _) => return Ok(self.compare(target, numbers[2])),
                 (5, _) => return Ok(self.compare(target, 0)),
                 (8, true) => ((numbers[2] as i32 as f32).to_bits(), 1),

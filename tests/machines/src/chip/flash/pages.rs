@@ -84,6 +84,7 @@ impl Flash {
     }
 
     /// Reports a read of a word with two wrong bits; returns whether the word is one.
+    #[inline]
     pub fn reads_torn(&mut self, offset: usize) -> bool {
         let torn = !self.torn.is_empty() && self.torn.contains(&(offset & !(WORD - 1)));
         if torn {
