@@ -5,6 +5,7 @@ use super::bridge::Bridge;
 use super::check::Check;
 use super::clocks::{Cause, Clocks, START_CYCLE, TICKS};
 use super::converter::Converter;
+use super::core::NO_LINE;
 use super::flash::{self, Flash};
 use super::gpio::{Mode, Port, Wire};
 use super::kind::{Block, Kind};
@@ -61,6 +62,8 @@ pub struct Board {
     pub attention: bool,
     /// Whether the floating-point unit is on.
     pub float: bool,
+    /// Address / 16 of the fetched line of the flash, from its fetch to the next flash operation.
+    pub fetched: u32,
     pub reset: Option<Cause>,
     pub supplied: bool,
     /// Identity of the chip, and its flash size in KiB.
@@ -112,6 +115,7 @@ impl Board {
             stall: 0,
             attention: false,
             float: false,
+            fetched: NO_LINE,
             reset: None,
             supplied: true,
             identity: kind.facts().identity,
@@ -466,14 +470,21 @@ impl Board {
     }
 
     /// Reports a read of a flash word with two wrong bits (RM0440, 3.3.7).
+    #[inline]
     fn check_word(&mut self, offset: usize) {
         if self.flash.reads_torn(offset) {
-            self.system.pend(NMI);
-            self.attention = true;
-            self.break_input(self.is_break(BREAK_BY_FLASH));
+            self.report_word();
         }
     }
 
+    #[cold]
+    fn report_word(&mut self) {
+        self.system.pend(NMI);
+        self.attention = true;
+        self.break_input(self.is_break(BREAK_BY_FLASH));
+    }
+
+    #[cold]
     fn wait_for_flash(&mut self, address: u32) {
         let offset = (address & 0x000f_ffff) as usize;
         if self.flash.is_busy(offset, self.now) && self.cycle > 0 {
@@ -575,7 +586,10 @@ impl Board {
                 return;
             }
             Block::Clocks => self.clocks.write(offset, value, now),
-            Block::Flash => self.flash.set_register(offset, value, now),
+            Block::Flash => {
+                self.flash.set_register(offset, value, now);
+                self.fetched = NO_LINE;
+            }
         }
         self.operated(operations);
         self.watch();
@@ -671,6 +685,7 @@ impl Board {
                 let (now, before) = (self.now, self.flash.operations);
                 let at = (address - flash::START) as usize;
                 self.flash.program(at, size, value, now);
+                self.fetched = NO_LINE;
                 self.operated(before);
                 Some(())
             }
@@ -739,12 +754,18 @@ impl Board {
         put(&mut self.ram, at, size, value).or_else(|| self.store_elsewhere(address, size, value))
     }
 
-    /// The next two halfwords of a program in the flash, which no operation keeps busy.
-    #[inline]
+    /// The next two halfwords of a program in the flash.
+    #[inline(always)]
     pub fn fetch_both(&self, address: u32) -> Option<u32> {
         let at = address.wrapping_sub(flash::START) as usize;
         let bytes = self.flash.bytes.get(at..)?.first_chunk()?;
-        (self.now >= self.flash.busy).then(|| u32::from_le_bytes(*bytes))
+        Some(u32::from_le_bytes(*bytes))
+    }
+
+    /// Whether the flash keeps the core waiting.
+    #[inline(always)]
+    pub fn is_idle(&self) -> bool {
+        self.now >= self.flash.busy
     }
 
     /// Fetches two bytes of an instruction from anywhere, once the flash is idle.
@@ -760,10 +781,12 @@ impl Board {
     }
 
     /// Called when an instruction is in another line of 16 bytes than the previous one.
-    #[inline]
+    #[inline(always)]
     pub fn line(&mut self, address: u32) {
         if flash::RANGE.contains(&address) {
-            self.wait_for_flash(address);
+            if self.now < self.flash.busy {
+                self.wait_for_flash(address);
+            }
             self.stall += self.flash.fetch(address);
             let offset = (address - flash::START) as usize & !0xf;
             self.check_word(offset);

@@ -21,7 +21,7 @@ mod voltage;
 mod watchdog;
 pub mod world;
 
-use self::core::{COUNTER, Core, Fault, STACK};
+use self::core::{COUNTER, Core, Fault, NO_LINE, STACK};
 pub use board::{Board, MEMORY};
 use clocks::{Cause, TICKS};
 use kind::Kind;
@@ -366,7 +366,8 @@ impl Chip {
             if !self.is_supplied() {
                 return;
             }
-            self.step();
+            self.board.fetched = NO_LINE;
+            self.step(self.is_hung());
             self.board.run_due();
             self.handle_exceptions();
         }
@@ -425,8 +426,11 @@ impl Chip {
 
     fn stretch(&mut self, until: u64) {
         let limit = until.min(self.board.next);
+        // Others than the core may have worked on the flash.
+        self.board.fetched = NO_LINE;
+        let hung = self.is_hung();
         while self.board.now < limit {
-            self.step();
+            self.step(hung);
             if self.core.attention || self.board.attention {
                 break;
             }
@@ -436,8 +440,8 @@ impl Chip {
     }
 
     #[inline(always)]
-    fn step(&mut self) {
-        if self.hangs.is_some() && self.is_hung() {
+    fn step(&mut self, hung: bool) {
+        if hung {
             self.core.instructions += 1;
             self.board.spend(3);
             return;
@@ -448,7 +452,6 @@ impl Chip {
         }
     }
 
-    #[cold]
     fn is_hung(&self) -> bool {
         match self.hangs {
             None => false,

@@ -15,8 +15,11 @@ impl Core {
         self.r[number] & mask
     }
 
+    /// Sets a register unless it is the program counter.
     pub(super) fn back(&mut self, base: usize, value: Option<u32>) {
-        if let Some(value) = value {
+        if let Some(value) = value
+            && base != COUNTER
+        {
             self.r[base] = value;
         }
     }
@@ -35,7 +38,7 @@ impl Core {
     }
 
     /// Loads a register after the change of the base.
-    #[inline]
+    #[inline(always)]
     pub(super) fn load(
         &mut self,
         bus: &mut Board,
@@ -57,7 +60,7 @@ impl Core {
         Ok(cycles)
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn store(
         &mut self,
         bus: &mut Board,
@@ -70,6 +73,7 @@ impl Core {
     }
 
     /// One access (A5.3.7 to A5.3.10).
+    #[inline(always)]
     pub(super) fn single(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let (base, target) = (bits(first, 0, 4), bits(second, 12, 4));
         let (load, up) = (bit(first, 4), bit(first, 7));
@@ -121,7 +125,9 @@ impl Core {
             if load {
                 let words = [word(bus, at)?, word(bus, at.wrapping_add(4))?];
                 self.back(base, after);
-                [self.r[target], self.r[further]] = words;
+                for (number, word) in [target, further].into_iter().zip(words) {
+                    self.back(number, Some(word));
+                }
             } else {
                 put(bus, at, self.r[target])?;
                 put(bus, at.wrapping_add(4), self.r[further])?;
@@ -135,7 +141,7 @@ impl Core {
             (true, kind @ (0 | 1)) if load => {
                 let at = self.r[base].wrapping_add(self.r[last] << kind);
                 let by = bus.load(at, 1 << kind).ok_or(Fault::Access(at))?;
-                self.next = self.r[COUNTER].wrapping_add(by * 2);
+                self.r[COUNTER] = self.r[COUNTER].wrapping_add(by * 2);
                 return Ok(2 + REFILL);
             }
             (true, kind @ (4 | 5)) => (1 << (kind - 4), last, self.r[base]),
@@ -185,9 +191,9 @@ impl Core {
         let cycles = 1 + list.count_ones();
         let branches = bit(list, COUNTER as u32);
         if branches {
-            let to = std::mem::replace(&mut loaded[COUNTER], self.r[COUNTER]);
-            self.exchange(to)?;
+            self.exchange(loaded[COUNTER])?;
         }
+        loaded[COUNTER] = self.r[COUNTER];
         self.r = loaded;
         Ok(cycles + u32::from(branches) * REFILL)
     }
@@ -211,12 +217,13 @@ impl Core {
 
 /// Registers of a list, and the addresses of their words from `from` on.
 fn list_registers(list: u16, from: u32) -> impl Iterator<Item = (usize, u32)> {
-    let numbers = (0..16).filter(move |number| bit(list, *number));
+    let rest = |list: &u16| Some(list & list.wrapping_sub(1));
+    let rests = std::iter::successors(Some(list), rest).take_while(|rest| *rest != 0);
     let places = (0..16).map(move |n| from.wrapping_add(4 * n));
-    numbers.map(|number| number as usize).zip(places)
+    (rests.map(|rest| rest.trailing_zeros() as usize)).zip(places)
 }
 
-#[inline]
+#[inline(always)]
 fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result<u32, Fault> {
     let value = bus.load(at, size).ok_or(Fault::Access(at))?;
     Ok(match (size, sign) {
@@ -226,7 +233,7 @@ fn read(bus: &mut Board, Width(size, sign): Width, at: u32) -> Result<u32, Fault
     })
 }
 
-#[inline]
+#[inline(always)]
 fn write(bus: &mut Board, size: u32, at: u32, value: u32) -> Result<(), Fault> {
     let mask = u32::MAX >> (32 - 8 * size);
     bus.store(at, size, value & mask).ok_or(Fault::Access(at))

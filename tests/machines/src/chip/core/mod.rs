@@ -12,6 +12,7 @@ mod exceptions;
 mod float;
 mod memory;
 mod narrow;
+mod table;
 mod wide;
 
 use super::Board;
@@ -44,6 +45,8 @@ const REFILL: u32 = 2;
 const WIDE: u16 = 0xe800;
 /// Register number for "no target".
 const NONE: usize = 16;
+/// Address / 16 of no line.
+pub const NO_LINE: u32 = u32::MAX;
 /// Register number of the stack pointer.
 pub const STACK: usize = 13;
 /// Register number of the link register, the return address of a call.
@@ -80,11 +83,10 @@ pub struct Core {
     pub returning: Option<u32>,
     pub instructions: u64,
     exclusive: bool,
-    next: u32,
     /// Whether this instruction and the previous one were memory accesses, which overlap.
     accessed: bool,
     overlaps: bool,
-    line: Option<u32>,
+    line: u32,
 }
 
 impl Core {
@@ -92,6 +94,7 @@ impl Core {
     pub fn reset(&mut self, stack: u32, entry: u32) {
         *self = Self {
             instructions: self.instructions,
+            line: NO_LINE,
             ..Self::default()
         };
         self.r[STACK] = stack & !3;
@@ -106,53 +109,62 @@ impl Core {
     }
 
     /// Executes one instruction and returns its cycles. A fault leaves the registers unchanged,
-    /// except those already loaded.
+    /// except those already loaded. Meanwhile r15 is the address of the next instruction.
     #[inline(always)]
-    pub fn step(&mut self, bus: &mut Board) -> Result<u32, Fault> {
+    pub fn step(&mut self, bus: &mut Board) -> Cycles {
         let address = self.r[COUNTER];
-        let line = Some(address >> 4);
+        if address >> 4 != bus.fetched {
+            self.enter_line(address, bus);
+        }
+        let code = match bus.fetch_both(address) {
+            Some(code) if address >> 4 == bus.fetched => code,
+            _ => fetch(bus, address)?,
+        };
+        self.instructions += 1;
+        if self.block != 0 {
+            return self.step_in_block(address, code, bus);
+        }
+        self.execute(address, code, bus)
+    }
+
+    /// Fetches the line of an address.
+    #[inline(always)]
+    fn enter_line(&mut self, address: u32, bus: &mut Board) {
+        let line = address >> 4;
         if line != self.line {
             self.line = line;
             bus.line(address);
         }
-        let (first, second) = match bus.fetch_both(address) {
-            Some(word) => (word as u16, (word >> 16) as u16),
-            None => {
-                let first = bus.fetch(address).ok_or(Fault::Fetch)?;
-                let second = if first >= WIDE {
-                    bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
-                } else {
-                    0
-                };
-                (first, second)
-            }
-        };
-        let wide = first >= WIDE;
-        self.next = address.wrapping_add(if wide { 4 } else { 2 });
-        let block = self.block;
-        self.inside = block != 0;
-        self.instructions += 1;
-        if self.inside {
-            let rest = block & 0xe0 | block << 1 & 0x1f;
-            self.block = if block & 7 == 0 { 0 } else { rest };
-            if !self.holds(usize::from(block >> 4)) {
-                self.r[COUNTER] = self.next;
-                return Ok(1);
-            }
-        }
-        self.r[COUNTER] = address.wrapping_add(4);
+        bus.fetched = if bus.is_idle() { line } else { NO_LINE };
+    }
+
+    /// Executes an instruction with the function of its upper bits.
+    #[inline(always)]
+    fn execute(&mut self, address: u32, code: u32, bus: &mut Board) -> Cycles {
         self.overlaps = std::mem::take(&mut self.accessed);
-        let executed = if wide {
-            self.wide(first, second, bus)
-        } else {
-            self.narrow(first, bus)
-        };
-        match executed {
-            Ok(_) => self.r[COUNTER] = self.next,
-            Err(_) => {
-                self.r[COUNTER] = address;
-                self.block = block;
-            }
+        let executed = table::RUN[(code >> 4 & 0xfff) as usize](self, code, bus);
+        if executed.is_err() {
+            self.r[COUNTER] = address;
+        }
+        executed
+    }
+
+    /// Executes an instruction in an IT block, if its condition holds.
+    #[inline(never)]
+    fn step_in_block(&mut self, address: u32, code: u32, bus: &mut Board) -> Cycles {
+        let block = self.block;
+        let rest = block & 0xe0 | block << 1 & 0x1f;
+        self.block = if block & 7 == 0 { 0 } else { rest };
+        if !self.holds(usize::from(block >> 4)) {
+            let size = if code as u16 >= WIDE { 4 } else { 2 };
+            self.r[COUNTER] = address.wrapping_add(size);
+            return Ok(1);
+        }
+        self.inside = true;
+        let executed = self.execute(address, code, bus);
+        self.inside = false;
+        if executed.is_err() {
+            self.block = block;
         }
         executed
     }
@@ -161,7 +173,7 @@ impl Core {
     #[inline]
     fn set(&mut self, number: usize, value: u32) -> u32 {
         if number == COUNTER {
-            self.next = value & !1;
+            self.r[COUNTER] = value & !1;
             return 1 + REFILL;
         }
         self.r[number] = value;
@@ -171,7 +183,7 @@ impl Core {
     #[inline]
     fn branch(&mut self, taken: bool, by: i32) -> u32 {
         if taken {
-            self.next = self.r[COUNTER].wrapping_add_signed(by);
+            self.r[COUNTER] = self.r[COUNTER].wrapping_add_signed(by);
             return 1 + REFILL;
         }
         1
@@ -185,7 +197,7 @@ impl Core {
         } else if value & 1 == 0 {
             return Err(Fault::State);
         }
-        self.next = value & !1;
+        self.r[COUNTER] = value & !1;
         Ok(())
     }
 
@@ -261,6 +273,7 @@ impl Core {
     }
 
     /// A register shifted by an immediate number (A7.4.2).
+    #[inline(always)]
     fn operand(&self, register: usize, kind: usize, by: usize) -> (u32, bool) {
         let by = match (kind, by) {
             (1 | 2, 0) => 32,
@@ -346,4 +359,16 @@ fn bit(code: u16, at: u32) -> bool {
 /// Sign-extends a number of `count` bits.
 fn signed(value: u32, count: u32) -> i32 {
     (value << (32 - count)) as i32 >> (32 - count)
+}
+
+/// Two halfwords of code from anywhere, the second one if the instruction has it.
+#[cold]
+fn fetch(bus: &mut Board, address: u32) -> Result<u32, Fault> {
+    let first = bus.fetch(address).ok_or(Fault::Fetch)?;
+    let second = if first < WIDE {
+        0
+    } else {
+        bus.fetch(address.wrapping_add(2)).ok_or(Fault::Fetch)?
+    };
+    Ok(u32::from(second) << 16 | u32::from(first))
 }

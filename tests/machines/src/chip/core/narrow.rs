@@ -12,6 +12,8 @@ impl Core {
         let (upper, small) = (bits(code, 8, 3), bits(code, 6, 5));
         let byte = u32::from(code & 0xff);
         let number = (byte, self.carry);
+        // The program counter that an instruction reads is behind the next instruction.
+        let counter = self.r[COUNTER].wrapping_add(2) & !3;
         match code >> 11 {
             kind @ 0b00000..=0b00010 => {
                 let operand = self.operand(n, kind.into(), small);
@@ -28,10 +30,7 @@ impl Core {
             0b00111 => self.data(13, set, upper, self.r[upper], number),
             0b01000 if !bit(code, 10) => self.combined(bits(code, 6, 4), set, d, n),
             0b01000 => self.any_registers(code),
-            0b01001 => {
-                let at = self.base(COUNTER).wrapping_add(4 * byte);
-                self.load(bus, WORD, upper, at, None)
-            }
+            0b01001 => self.load(bus, WORD, upper, counter.wrapping_add(4 * byte), None),
             0b01010 | 0b01011 => {
                 let at = self.r[n].wrapping_add(self.r[m]);
                 match bits(code, 9, 3) {
@@ -53,22 +52,27 @@ impl Core {
             0b10010 => self.store(bus, WORD, upper, self.r[STACK].wrapping_add(4 * byte)),
             0b10011 => self.load(bus, WORD, upper, self.r[STACK].wrapping_add(4 * byte), None),
             kind @ (0b10100 | 0b10101) => {
-                let from = if kind == 0b10100 { COUNTER } else { STACK };
-                Ok(self.set(upper, self.base(from).wrapping_add(4 * byte)))
+                let from = if kind == 0b10100 {
+                    counter
+                } else {
+                    self.r[STACK]
+                };
+                Ok(self.set(upper, from.wrapping_add(4 * byte)))
             }
             0b10110 | 0b10111 => self.others(code, bus),
             0b11000 => self.store_many(bus, upper, byte as u16, false, true),
             0b11001 => self.load_many(bus, upper, byte as u16, false, true),
             0b11010 | 0b11011 => match bits(code, 8, 4) {
                 14 | 15 => Err(Fault::Undefined),
-                condition => Ok(self.branch(self.holds(condition), signed(byte, 8) * 2)),
+                condition => Ok(self.branch(self.holds(condition), signed(byte, 8) * 2 + 2)),
             },
-            0b11100 => Ok(self.branch(true, signed((code & 0x7ff).into(), 11) * 2)),
+            0b11100 => Ok(self.branch(true, signed((code & 0x7ff).into(), 11) * 2 + 2)),
             _ => Err(Fault::Undefined),
         }
     }
 
     /// Two of the lower registers (A5.2.2).
+    #[inline(always)]
     fn combined(&mut self, kind: usize, set: bool, d: usize, m: usize) -> Cycles {
         let (one, two) = (self.r[d], (self.r[m], self.carry));
         match kind {
@@ -96,9 +100,11 @@ impl Core {
     }
 
     /// Any two registers, and branches to one (A5.2.3).
+    #[inline(always)]
     fn any_registers(&mut self, code: u16) -> Cycles {
         let (d, m) = (bits(code, 0, 3) | bits(code, 7, 1) << 3, bits(code, 3, 4));
-        let (one, two) = (self.r[d], self.r[m]);
+        let ahead = |number| if number == COUNTER { 2 } else { 0 };
+        let [one, two] = [d, m].map(|number| self.r[number].wrapping_add(ahead(number)));
         match bits(code, 8, 2) {
             0 => return self.data(8, false, d, one, (two, false)),
             1 => return self.data(13, true, NONE, one, (two, false)),
@@ -106,14 +112,15 @@ impl Core {
             _ if !bit(code, 7) => self.exchange(two)?,
             _ if two & 1 == 0 => return Err(Fault::State),
             _ => {
-                self.r[LINK] = self.next | 1;
-                self.next = two & !1;
+                self.r[LINK] = self.r[COUNTER] | 1;
+                self.r[COUNTER] = two & !1;
             }
         }
         Ok(1 + REFILL)
     }
 
     /// Stack, extension, hints and other operations (A5.2.5).
+    #[inline(always)]
     fn others(&mut self, code: u16, bus: &mut Board) -> Cycles {
         let (d, m) = (bits(code, 0, 3), bits(code, 3, 3));
         let (list, value) = (code & 0xff, self.r[m]);
@@ -126,7 +133,7 @@ impl Core {
             0x1 | 0x3 | 0x9 | 0xb => {
                 let by = bits(code, 9, 1) << 6 | bits(code, 3, 5) << 1;
                 let taken = (self.r[d] != 0) == bit(code, 11);
-                return Ok(self.branch(taken, by as i32));
+                return Ok(self.branch(taken, by as i32 + 2));
             }
             0x2 => match bits(code, 6, 2) {
                 0 => i32::from(value as i16) as u32,

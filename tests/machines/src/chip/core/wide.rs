@@ -9,6 +9,7 @@ fn registers(first: u16, second: u16) -> [usize; 4] {
 }
 
 impl Core {
+    #[inline(always)]
     pub(super) fn wide(&mut self, first: u16, second: u16, bus: &mut Board) -> Cycles {
         let kind = bits(first, 4, 7);
         match (bits(first, 11, 2), bit(second, 15)) {
@@ -42,6 +43,7 @@ impl Core {
     }
 
     /// Operations with an immediate number or with a shifted register (A5.3.1, A5.3.11).
+    #[inline(always)]
     fn operate(&mut self, first: u16, target: usize, operand: (u32, bool)) -> Cycles {
         let (operation, set, n) = (bits(first, 5, 4), bit(first, 4), bits(first, 0, 4));
         let moves = matches!(operation, 2 | 3) && n == COUNTER;
@@ -51,6 +53,7 @@ impl Core {
         self.data(operation, set, d, one, operand)
     }
 
+    #[inline(always)]
     fn data_shifted(&mut self, first: u16, second: u16) -> Cycles {
         let by = bits(second, 12, 3) << 2 | bits(second, 6, 2);
         let [n, _, d, m] = registers(first, second);
@@ -65,6 +68,7 @@ impl Core {
         Ok(self.set(d, self.r[n] & 0xffff | self.r[m] << by & 0xffff_0000))
     }
 
+    #[inline(always)]
     fn data_number(&mut self, first: u16, second: u16) -> Cycles {
         let code = twelve(first, second);
         let byte = code & 0xff;
@@ -82,6 +86,7 @@ impl Core {
     }
 
     /// Plain immediate numbers (A5.3.3).
+    #[inline(always)]
     fn plain_number(&mut self, first: u16, second: u16) -> Cycles {
         let (n, d) = (bits(first, 0, 4), bits(second, 8, 4));
         let number = twelve(first, second);
@@ -127,6 +132,7 @@ impl Core {
     }
 
     /// Branches and control (A5.3.4).
+    #[inline(always)]
     fn branches(&mut self, first: u16, second: u16) -> Cycles {
         let field = |code, low, count| bits(code, low, count) as u32;
         let sign = field(first, 10, 1);
@@ -135,7 +141,7 @@ impl Core {
         if bit(second, 12) {
             let upper = sign << 24 | (1 ^ j1 ^ sign) << 23 | (1 ^ j2 ^ sign) << 22;
             if bit(second, 14) {
-                self.r[LINK] = self.next | 1;
+                self.r[LINK] = self.r[COUNTER] | 1;
             }
             return Ok(self.branch(true, signed(upper | field(first, 0, 10) << 12 | low, 25)));
         }
