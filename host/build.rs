@@ -1,6 +1,6 @@
 //! Sets the commit of the build, and generates the table of columns.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::{env, fs};
 
 #[path = "build/columns.rs"]
@@ -23,22 +23,11 @@ fn main() {
         println!("cargo::rustc-env=KBAND_COMMIT=unknown (a build for tests)");
         return;
     }
-    let root = folder.join("..");
-    for path in [
-        ".git/HEAD",
-        ".git/logs/HEAD",
-        "host/src",
-        "shared",
-        "Cargo.lock",
-    ] {
-        watch(&root.join(path));
-    }
-    println!("cargo::rustc-env=KBAND_COMMIT={}", commit::commit(&folder));
-}
-
-/// A missing file would cause a new build each time.
-fn watch(path: &Path) {
-    if path.exists() {
+    // A missing file would cause a new build each time.
+    let watched = ".git/HEAD .git/logs/HEAD host/src shared Cargo.lock";
+    let watched = watched.split(' ').map(|path| folder.join("..").join(path));
+    for path in watched.filter(|path| path.exists()) {
         println!("cargo::rerun-if-changed={}", path.display());
     }
+    println!("cargo::rustc-env=KBAND_COMMIT={}", commit::commit(&folder));
 }

@@ -7,12 +7,8 @@ use std::process::Command;
 /// without such a tree or without git.
 pub fn commit(folder: &Path) -> String {
     let git = |args: &[&str]| {
-        let output = Command::new("git")
-            .args(args)
-            .current_dir(folder)
-            .output()
-            .ok()
-            .filter(|output| output.status.success())?;
+        let output = Command::new("git").args(args).current_dir(folder).output();
+        let output = output.ok().filter(|output| output.status.success())?;
         Some(String::from_utf8_lossy(&output.stdout).trim().to_string())
     };
     let Some(commit) = git(&["rev-parse", "HEAD"]) else {
