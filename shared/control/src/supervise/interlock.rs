@@ -255,7 +255,7 @@ mod tests {
         assert!(!may_start_after(&mut begin(), &[off, held_off]));
         assert!(may_start_after(&mut begin(), &[off, held_off, on]));
         // When control passes to the enable input, nothing starts before an edge of it.
-        let mut interlock = begin();
+        let mut interlock = Interlock::begin(StartCause::Ordinary, PACE);
         assert!(may_start_after(&mut interlock, &[off, on]));
         let [local, low] = [true, false].map(|enable| inputs(enable, false));
         assert!(!may_start_after(&mut interlock, &[local, local]));
