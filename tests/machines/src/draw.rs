@@ -76,8 +76,8 @@ pub fn settled(settings: &Settings) -> f64 {
 }
 
 /// A [`machine`] whose sensor fails at a random time after its start: it is lost, weak, inverted,
-/// bouncing, fading, or briefly lost and weak. The time from the start at which the machine is at its
-/// setpoint, s.
+/// bouncing, fading, or briefly lost and weak. Also returns the time from the start in s at which
+/// the machine is at its setpoint.
 pub fn failure(draw: &mut Draw) -> (Scene, f64) {
     let mut scene = machine(draw);
     let limit = ceiling(&scene.settings);

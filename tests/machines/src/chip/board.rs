@@ -762,7 +762,7 @@ impl Board {
         Some(u32::from_le_bytes(*bytes))
     }
 
-    /// Whether the flash keeps the core waiting.
+    /// Whether no operation of the flash keeps the core waiting.
     #[inline(always)]
     pub fn is_idle(&self) -> bool {
         self.now >= self.flash.busy
@@ -784,7 +784,7 @@ impl Board {
     #[inline(always)]
     pub fn line(&mut self, address: u32) {
         if flash::RANGE.contains(&address) {
-            if self.now < self.flash.busy {
+            if !self.is_idle() {
                 self.wait_for_flash(address);
             }
             self.stall += self.flash.fetch(address);
