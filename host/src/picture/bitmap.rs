@@ -155,10 +155,10 @@ fn image(sheet: &mut Pixmap, place: &Rect, raster: &Raster, times: f64) {
 }
 
 fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
-    let mut pixels = Vec::with_capacity(3 * sheet.pixels().len());
-    for pixel in sheet.pixels() {
-        // The sheet has an opaque background, so every pixel is opaque.
-        pixels.extend([pixel.red(), pixel.green(), pixel.blue()]);
+    // The sheet has an opaque background, so every pixel is opaque.
+    let mut pixels = vec![[0; 3]; sheet.pixels().len()];
+    for (to, pixel) in pixels.iter_mut().zip(sheet.pixels()) {
+        *to = [pixel.red(), pixel.green(), pixel.blue()];
     }
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, sheet.width(), sheet.height());
@@ -181,7 +181,7 @@ fn encode(sheet: &Pixmap, about: &str, on_paper: bool) -> Option<Vec<u8>> {
     encoder
         .write_header()
         .ok()?
-        .write_image_data(&pixels)
+        .write_image_data(pixels.as_flattened())
         .ok()?;
     Some(bytes)
 }
