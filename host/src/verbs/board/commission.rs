@@ -52,6 +52,8 @@ pub struct Arguments {
 
 /// Largest number of telemetry rows in a step, approximately.
 const MAX_ROWS_PER_STEP: f64 = 600.0;
+/// Longest wait for telemetry beyond the recorded duration.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let target = Destination::check(&arguments.record)?.durable();
@@ -61,7 +63,7 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     let frequency = f64::from(settings.configured().frequency);
     let every = arguments.seconds * frequency / MAX_ROWS_PER_STEP;
     let every = every.ceil().max(1.0) as u16;
-    let rows = telemetry(&mut link, every, arguments.seconds, desk)?;
+    let rows = telemetry(&mut link, every, arguments.seconds, frequency, desk)?;
     let status = BoardStatus::request(&mut link)?;
     let values = settings.iter().map(|setting| {
         let value = json!({"value": shortest(setting.value), "unit": setting.unit});
@@ -83,13 +85,26 @@ pub fn run(arguments: &Arguments, desk: &Desk) -> Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn telemetry(link: &mut Link, every: u16, seconds: f64, desk: &Desk) -> Result<Vec<Telemetry>> {
+/// Listens until the rows span `seconds` of the board's own time, which passes more slowly in an
+/// emulator on a busy machine. It waits at most [`PATIENCE`] longer.
+fn telemetry(
+    link: &mut Link,
+    every: u16,
+    seconds: f64,
+    frequency: f64,
+    desk: &Desk,
+) -> Result<Vec<Telemetry>> {
     let progress = Progress::new("listening", (10.0 * seconds) as u64);
-    let mut rows = Vec::new();
-    let start = Instant::now();
+    let mut rows: Vec<Telemetry> = Vec::new();
+    let end = Instant::now() + Duration::from_secs_f64(seconds) + PATIENCE;
+    let incomplete = |rows: &[Telemetry]| {
+        rows.first().zip(rows.last()).is_none_or(|(first, last)| {
+            f64::from(last.cycle.wrapping_sub(first.cycle)) < seconds * frequency
+        })
+    };
     link.command(&Request::Telemetry(every))?;
     let recorded = (|| {
-        while start.elapsed().as_secs_f64() < seconds {
+        while incomplete(&rows) && Instant::now() < end {
             desk.check_stop()?;
             for message in link.listen(Duration::from_millis(100))? {
                 if let BoardMessage::Telemetry(row) = message {
