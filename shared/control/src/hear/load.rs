@@ -232,7 +232,8 @@ impl LoadMeter {
         self.cycles += 1.0;
         self.mass_ratio += (share - self.mass_ratio) * MASS_GAIN.max(1.0 / self.cycles);
         if self.cycles >= MIN_CYCLES {
-            self.load = Some(self.estimate_load(measured, k, cosine));
+            let rebound = [restitution, loss_factor];
+            self.load = Some(self.estimate_load(measured, k, cosine, rebound));
         }
         corrected
     }
@@ -255,10 +256,14 @@ impl LoadMeter {
             - track_acceleration / sine.max(0.1) * phase_shift / (1.0 + restitution)
     }
 
-    fn estimate_load(&self, measured: &LoadMeasurement, k: f32, cosine: f32) -> Load {
+    fn estimate_load(
+        &self,
+        measured: &LoadMeasurement,
+        k: f32,
+        cosine: f32,
+        [restitution, loss_factor]: [f32; 2],
+    ) -> Load {
         let order = f32::from(measured.order.max(1));
-        let restitution = measured.restitution.unwrap_or(self.restitution);
-        let loss_factor = (1.0 - restitution) / (1.0 + restitution);
         let mass = self.track * self.mass_ratio;
         // b w cos t, the mean velocity of the track at an impact, is pi r (g/w) (1 - R)/(1 + R).
         let fall_speed = measured.normal_gravity * order / (2.0 * measured.frequency);

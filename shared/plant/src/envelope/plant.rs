@@ -286,7 +286,6 @@ impl EnvelopePlant {
                         break;
                     }
                     if let Some(load) = &mut load
-                        && !part.rests()
                         && let Some(since) = rest_start.take()
                     {
                         load.add_rest(index, motion.rest(since, time), normal_gravity);
