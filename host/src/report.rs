@@ -10,9 +10,7 @@ mod view;
 
 pub use rows::{CsvRows, Rows};
 pub use table::{Column, Table};
-pub use value::{
-    Value, add_shortest, counted, csv_line, finite, number, numbers, shortest, span, when,
-};
+pub use value::{Value, add_csv, counted, finite, number, numbers, shortest, span, when};
 pub(crate) use view::fields;
 pub use view::{Field, View};
 
@@ -29,7 +27,7 @@ pub enum Format {
     /// Aligned columns.
     #[default]
     Table,
-    /// Comma-separated values with 17 significant digits and units in the header.
+    /// Comma-separated values, exact to the last bit, with units in the header.
     Csv,
     /// JSON with all digits.
     Json,

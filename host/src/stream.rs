@@ -6,7 +6,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
-use crate::report::{Column, CsvRows, Format, Value, csv_line, units};
+use crate::report::{Column, CsvRows, Format, Value, add_csv, units};
 
 pub struct Stream<W> {
     format: Format,
@@ -38,7 +38,7 @@ impl<W: Write> Stream<W> {
                 let cells = self.columns.iter().zip(row);
                 text += &self.aligned(cells.map(|((column, _), value)| column.format(value)));
             }
-            Format::Csv => text += &csv_line(row),
+            Format::Csv => add_csv(&mut text, row),
             Format::Json => text += &object(&self.columns, row).to_string(),
         }
         text.push('\n');

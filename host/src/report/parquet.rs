@@ -111,7 +111,7 @@ impl Rows for ParquetRows<'_> {
         for (waiting, value) in self.waiting.iter_mut().zip(row) {
             let number = match value {
                 _ if waiting.is_text => None,
-                Value::Number(number) | Value::Short(number) => finite(*number),
+                Value::Number(number) => finite(*number),
                 Value::Single(number) => finite(shortest(*number)),
                 Value::Count(count) => Some(*count as f64),
                 Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
@@ -161,7 +161,7 @@ mod tests {
         let count = ROWS_PER_GROUP as u32 + 10;
         for n in 0..count {
             let k = (n % 3 != 0).then_some(0.4).into();
-            let row = [Value::Short(f64::from(n) * 0.02), k, "locked".into()];
+            let row = [(f64::from(n) * 0.02).into(), k, "locked".into()];
             rows.row(&row).unwrap();
         }
         rows.end().unwrap();

@@ -5,7 +5,7 @@ use std::io::Write;
 use serde_json::{Value as Json, to_string_pretty};
 
 use super::columns::units_of;
-use super::{Column, Value, csv_line};
+use super::{Column, Value, add_csv};
 use crate::file::Destination;
 use crate::provenance;
 use crate::refusal::{Refusal, Result};
@@ -32,9 +32,11 @@ pub(super) fn writer<'a>(
     })
 }
 
-/// Writer of rows as CSV: provenance, units in the header, 17 significant digits.
+/// Writer of rows as CSV: provenance, units in the header, shortest digits of the same number.
 pub struct CsvRows<'a> {
     out: &'a mut dyn Write,
+    /// Text of the last row; its memory is reused.
+    line: String,
 }
 
 impl<'a> CsvRows<'a> {
@@ -43,13 +45,18 @@ impl<'a> CsvRows<'a> {
         let written = provenance::write_comments(super::units(columns), out);
         let written = written.and_then(|()| writeln!(out, "{}", names.join(",")));
         written.map_err(|error| write_refusal(&error))?;
-        Ok(Self { out })
+        let line = String::new();
+        Ok(Self { out, line })
     }
 }
 
 impl Rows for CsvRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<()> {
-        writeln!(self.out, "{}", csv_line(row)).map_err(|error| write_refusal(&error))
+        self.line.clear();
+        add_csv(&mut self.line, row);
+        self.line.push('\n');
+        let written = self.out.write_all(self.line.as_bytes());
+        written.map_err(|error| write_refusal(&error))
     }
 }
 

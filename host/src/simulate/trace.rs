@@ -3,7 +3,7 @@
 use kband_control::{Event, UpperTone};
 use kband_plant::{Moment, Sample};
 
-use crate::report::{Value, fields, finite};
+use crate::report::{fields, finite};
 
 /// Mean bytes of a row of the trace as CSV, for the default scene.
 pub const ROW_BYTES: u64 = 205;
@@ -11,7 +11,7 @@ pub const ROW_BYTES: u64 = 205;
 fields! {
     /// The trace: one row for each cycle.
     pub fn trace(moment: Moment) {
-        data TIME => Value::Short(moment.time);
+        data TIME => moment.time;
         data B => moment.report.amplitude * 1e3;
         data K => finite(moment.report.k);
         data REFERENCE => moment.report.reference * 1e3;
@@ -38,7 +38,7 @@ fields! {
         data IN_GEAR_EXPECTED => moment.report.expected_in_gear;
         data IMPACTS => moment.strikes;
         data WAY => moment.displacement * 1e3;
-        data LOAD => Value::Short(moment.load);
+        data LOAD => moment.load;
         data MASS_WEIGHED => moment.report.load.map(|load| load.mass);
         data FLOW_WEIGHED => moment.report.load.map(|load| load.flow).filter(|flow| *flow != 0.0);
         data EVENTS.text() => moment.report.events.iter().map(Event::name).collect::<Vec<_>>().join("; ");
@@ -48,7 +48,7 @@ fields! {
 fields! {
     /// The scope: one row for each sample.
     pub fn scope(sample: Sample) {
-        data TIME => Value::Short(sample.time);
+        data TIME => sample.time;
         data OUTPUT => sample.output;
         data READING => u32::from(sample.code);
         data TRACK_DISPLACEMENT => sample.displacement * 1e3;

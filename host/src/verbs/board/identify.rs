@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments, _desk: &Desk) -> Result<Exit> {
     let (version, schema) = link.protocol();
     let fits = link.check_protocol().is_ok();
     let mut table = Table::new(&[columns::ITEM, columns::VALUE]);
-    let mut row = |item: &str, value: String| table.push([item.into(), value.into()]);
+    let mut row = |item: &str, value: String| table.push([item.to_string().into(), value.into()]);
     row("board", link.name().into());
     row("image", format!("kband {}", link.image()));
     row("link", format!("version {version}, schema {schema:08x}"));
