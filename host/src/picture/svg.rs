@@ -8,7 +8,6 @@ use base64::engine::general_purpose::STANDARD;
 use super::shape::{Anchor, Rect, Shape, Text};
 use super::theme::Colour;
 use super::{Look, bitmap};
-use crate::report::add_shortest;
 
 /// The SVG document of shapes on a sheet of this size, with title and description.
 pub(super) fn document(
@@ -56,7 +55,10 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
             for piece in &path.pieces {
                 for (n, (x, y)) in piece.iter().enumerate() {
                     let step = if n == 0 { 'M' } else { 'L' };
-                    write!(out, "{step}{} {}", short(*x), short(*y))?;
+                    out.push(step);
+                    add(out, *x);
+                    out.push(' ');
+                    add(out, *y);
                 }
                 if path.closed {
                     out.push('Z');
@@ -141,9 +143,24 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 /// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
     let mut text = String::new();
-    // Adding 0 removes the sign of -0.
-    add_shortest(&mut text, (100.0 * value).round() / 100.0 + 0.0);
+    add(&mut text, value);
     text
+}
+
+/// Appends a coordinate with at most two decimals.
+fn add(out: &mut String, value: f64) {
+    let hundredths = (100.0 * value).round() as i64;
+    if hundredths < 0 {
+        out.push('-');
+    }
+    let size = hundredths.unsigned_abs();
+    let (whole, rest) = (size / 100, size % 100);
+    // Writing to a String cannot fail.
+    let _ = match (rest / 10, rest % 10) {
+        (0, 0) => write!(out, "{whole}"),
+        (tenths, 0) => write!(out, "{whole}.{tenths}"),
+        _ => write!(out, "{whole}.{rest:02}"),
+    };
 }
 
 /// Text as the content of an element.
