@@ -93,11 +93,13 @@ const TONE_TOLERANCE: f32 = 2e-4;
 /// Amplitude over the first tone's below which an upper tone is rounding.
 const MIN_TONE_RATIO: f32 = 1e-6;
 
+static SINE: Wave = Wave::sine();
+
 impl Default for WaveCache {
     fn default() -> Self {
         Self {
             shape: Shape::SINE,
-            wave: Wave::sine(),
+            wave: SINE,
         }
     }
 }
@@ -335,9 +337,8 @@ impl Part {
             return;
         };
         self.rest_start = Some(time);
-        let sine = Wave::sine();
         // A track with k above 1000 moves too little to slide a part.
-        let (wave, k) = (track.wave.unwrap_or(&sine), track.k(amplitude));
+        let (wave, k) = (track.wave.unwrap_or(&SINE), track.k(amplitude));
         let Ok(friction) = Friction::on(wave, k, settings) else {
             self.along = 0.0;
             return;
@@ -356,17 +357,15 @@ impl Part {
         let (k, phase, impact) = (flight.k, flight.phase, &flight.impact);
         let launch = PartState::new(phase, 0.0);
         let velocity = self.along / unit;
-        let sine = Wave::sine();
-        let wave = track.wave.unwrap_or(&sine);
+        let wave = track.wave.unwrap_or(&SINE);
         let result = match track.law {
             None => None,
             Some(Law::Friction(settings)) => Friction::on(wave, k, settings)
                 .ok()
                 .map(|along| along.motion_before_impact(phase, impact.flight, velocity)),
-            Some(Law::Restitution(settings)) => Tangential::on(wave, k, settings).ok().map(|law| {
-                let along = law.velocity_after_impact(launch, impact, velocity);
-                (law.distance(launch, impact, velocity), along)
-            }),
+            Some(Law::Restitution(settings)) => Tangential::on(wave, k, settings)
+                .ok()
+                .map(|along| along.move_in_flight(launch, impact, velocity)),
         };
         let (displacement, along) = result.unwrap_or_default();
         self.motion = Motion::Flying {

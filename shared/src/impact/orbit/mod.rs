@@ -6,6 +6,7 @@ mod events;
 mod friction;
 mod observe;
 mod orbit_map;
+mod push;
 mod tangent;
 mod tangential;
 

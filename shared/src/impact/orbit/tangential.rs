@@ -2,6 +2,7 @@
 //! docs/theory-transport.md#t8.1).
 
 use super::along::{Along, ContactMotion, accept_motion};
+use super::push::Push;
 use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
@@ -34,10 +35,9 @@ impl TangentialSettings {
 /// The motion along the track for one k. Velocities relative to the track in units of `b w`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tangential {
-    settings: TangentialSettings,
-    wave: Wave,
-    /// `k tan(alpha)`, gravity along the track in units of `b w^2`.
-    gravity: f64,
+    restitution: f64,
+    /// Acceleration of a free part relative to the track.
+    free: Push,
 }
 
 impl Tangential {
@@ -55,44 +55,20 @@ impl Tangential {
         let accepted = "0..1, 1 itself excluded: without loss the speed never settles";
         accept_in("tangential restitution", restitution, 0.0..1.0, accepted)?;
         Ok(Self {
-            settings,
-            wave: *wave,
-            gravity: k * incline_tangent,
+            restitution,
+            free: Push::new(wave, eta, lead, k * incline_tangent),
         })
     }
 
-    /// Distance along the track of a flight, in units of b, positive up the incline.
+    /// Distance along the track in b, positive up the incline, and velocity after the impact.
     ///
-    /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11.
-    /// The form `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 + cos(t+gamma) (d - sin d)/d^2] -
-    /// (k/2) tan(alpha) }` keeps its digits for the shortest hops.
-    pub fn distance(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
-        let d = impact.flight;
-        let lead = launch.phase + self.settings.phase_lead;
-        let terms = self.wave.tones().map(|(n, tone)| {
-            let (sine, cosine) = libm::sincos(n * lead + tone.angle);
-            let x = n * d;
-            n * n * tone.amplitude * (sine * versine(x) + cosine * x * sagitta(x))
-        });
-        let push = self.settings.amplitude_ratio * terms.sum::<f64>() - 0.5 * self.gravity;
-        d * (velocity + d * push)
-    }
-
-    /// Velocity along the track just after the impact (symbol phi', equation 10).
-    pub fn velocity_after_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
-        self.settings.restitution * self.velocity_before_impact(launch, impact, velocity)
-    }
-
-    fn velocity_before_impact(&self, launch: PartState, impact: &Impact, velocity: f64) -> f64 {
-        let d = impact.flight;
-        let lead = launch.phase + self.settings.phase_lead;
-        // S'(t+d+gamma) - S'(t+gamma), without cancellation.
-        let changes = self.wave.tones().map(|(n, tone)| {
-            let half = 0.5 * n * d;
-            let middle = n * lead + tone.angle + half;
-            -2.0 * n * tone.amplitude * libm::sin(middle) * libm::sin(half)
-        });
-        velocity - self.settings.amplitude_ratio * changes.sum::<f64>() - self.gravity * d
+    /// The part leaves `launch` with `velocity` (symbol phi) along the track: `W d` of equation 11,
+    /// and phi' of equation 10. The distance is `phi d + d^2 { eta [sin(t+gamma) (1-cos d)/d^2 +
+    /// cos(t+gamma) (d - sin d)/d^2] - (k/2) tan(alpha) }`. This form keeps its digits for the
+    /// shortest hops.
+    pub fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
+        let (distance, arriving) = self.arrive(launch, impact, velocity);
+        (distance, self.restitution * arriving)
     }
 }
 
@@ -102,22 +78,19 @@ impl Along for Tangential {
 
     #[inline]
     fn move_in_flight(&self, launch: PartState, impact: &Impact, velocity: f64) -> (f64, f64) {
-        let after = self.velocity_after_impact(launch, impact, velocity);
-        (self.distance(launch, impact, velocity), after)
+        Self::move_in_flight(self, launch, impact, velocity)
     }
 
     fn arrive(&self, launch: PartState, flight: &Impact, velocity: f64) -> (f64, f64) {
-        let arriving = self.velocity_before_impact(launch, flight, velocity);
-        (self.distance(launch, flight, velocity), arriving)
+        self.free.advance(launch.phase, flight.flight, velocity)
     }
 
     fn rebound(&self, _: PartState, _: &Impact, v: f64, _: f64, [_, free]: [f64; 2]) -> f64 {
-        self.settings.restitution * v + free
+        self.restitution * v + free
     }
 
     fn push(&self, phase: f64) -> f64 {
-        let acceleration = self.wave.motion(phase + self.settings.phase_lead)[2];
-        self.settings.amplitude_ratio * acceleration - self.gravity
+        self.free.at(phase)
     }
 
     /// The velocity decays geometrically over hops that shrink geometrically: the distance is `2
@@ -132,7 +105,7 @@ impl Along for Tangential {
     ) -> ContactMotion {
         let pull = k - libm::sin(last.phase);
         let reach = if pull > 0.0 && last.velocity > 0.0 {
-            2.0 * last.velocity / (pull * (1.0 - restitution * self.settings.restitution))
+            2.0 * last.velocity / (pull * (1.0 - restitution * self.restitution))
         } else {
             0.0
         };
@@ -148,50 +121,5 @@ impl Along for Tangential {
 
     fn steady_cycle(&self) -> Option<ContactMotion> {
         None
-    }
-}
-
-/// `(1 - cos d) / d^2`.
-fn versine(d: f64) -> f64 {
-    versine_from_half(0.5 * d, libm::sin(0.5 * d))
-}
-
-/// The same from half of d and the sine of that half.
-pub(super) fn versine_from_half(half: f64, sine: f64) -> f64 {
-    if half == 0.0 {
-        return 0.5;
-    }
-    let half = sine / half;
-    0.5 * half * half
-}
-
-/// `(d - sin d) / d^3`, by its series below 0.5.
-pub(super) fn sagitta(d: f64) -> f64 {
-    if d >= 0.5 {
-        return (d - libm::sin(d)) / (d * d * d);
-    }
-    let x = d * d;
-    let mut sum = 0.0;
-    for n in [19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0] {
-        sum = (1.0 - x * sum) / ((n - 1.0) * n);
-    }
-    (1.0 - x * sum) / 6.0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sagitta_series_meets_the_closed_form() {
-        for n in 1..=1000 {
-            let d = 1e-4 * f64::from(n);
-            let x = d * d;
-            let series = 1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0)));
-            let series = series / 6.0;
-            assert!((sagitta(d) / series - 1.0).abs() < 1e-15, "{d}");
-        }
-        let (below, above) = (sagitta(0.5 - 1e-9), sagitta(0.5));
-        assert!((above / below - 1.0).abs() < 1e-9, "{below} {above}");
     }
 }

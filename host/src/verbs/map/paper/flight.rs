@@ -87,7 +87,7 @@ fn impact_laws(rows: &mut Ledger) -> Result<()> {
         let (arrival, sliding) = (flight.rise().1, flight.slide(&along, phi).1);
         let next = impact.next.velocity;
         let tangential = Tangential::build(flight.k, along)?;
-        let after = tangential.velocity_after_impact(flight.launch(), &impact, phi);
+        let (_, after) = tangential.move_in_flight(flight.launch(), &impact, phi);
         rows.compare("(4a)", next, -restitution * arrival);
         rows.compare("(4b)", after, along.restitution * sliding);
         rows.at_most("(5)", next, arrival.abs());
@@ -161,7 +161,7 @@ fn maps(rows: &mut Ledger) -> Result<()> {
             let next = impact.next.velocity;
             rows.compare("(9)", next, -r * flight.rise().1);
             rows.compare("(9)", r * -flight.velocity(), next);
-            let after = tangential.velocity_after_impact(launch, &impact, phi);
+            let (_, after) = tangential.move_in_flight(launch, &impact, phi);
             let expected = rt * flight.slide(&along, phi).1;
             rows.compare("(10)", after, expected);
             let [_, printed] = flight.velocities_along(&along, phi);
@@ -181,7 +181,8 @@ fn mean_velocity(rows: &mut Ledger) -> Result<()> {
         let Flight { k, t, psi, d } = flight;
         let (eta, gamma) = (along.amplitude_ratio, along.phase_lead);
         let pull = k * along.incline_tangent;
-        let distance = Tangential::build(k, along)?.distance(flight.launch(), &impact, phi);
+        let tangential = Tangential::build(k, along)?;
+        let (distance, _) = tangential.move_in_flight(flight.launch(), &impact, phi);
         let mean = distance / d;
         rows.compare_in("(11)", distance, flight.slide(&along, phi).0, d);
         let printed = phi + eta * (t + gamma).cos()

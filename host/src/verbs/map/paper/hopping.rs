@@ -74,7 +74,7 @@ fn hop(settings: TangentialSettings) -> Result<Vec<Run>> {
             orbit.watch(IMPACTS, &mut (&mut conveying, (&mut flights, &mut phases)));
             let flight = |(launch, impact): &(PartState, Impact<PartState>)| {
                 let flight = [launch.phase, launch.velocity, phi, impact.flight];
-                phi = tangential.velocity_after_impact(*launch, impact, phi);
+                (_, phi) = tangential.move_in_flight(*launch, impact, phi);
                 flight
             };
             let conveyed = conveying.conveyed();
@@ -131,7 +131,7 @@ fn velocities(rows: &mut Ledger) -> Result<()> {
             rows.compare("(27)", arrival + launch.velocity - k * d, delta);
             clock += d;
             times.push(clock - start);
-            phi = tangential.velocity_after_impact(launch, &impact, phi);
+            (_, phi) = tangential.move_in_flight(launch, &impact, phi);
             launch = impact.next;
             let turns = (clock - launch.phase) / TAU;
             rows.compare_in("(28)", turns, turns.round(), 1.0 / TAU);
@@ -450,7 +450,8 @@ fn dead(rows: &mut Ledger) -> Result<()> {
             continue;
         }
         let tangential = Tangential::build(k, along(0.0, eta, 0.0, tangent))?;
-        let mean = tangential.distance(launch, &impact, 0.0) / d;
+        let (distance, _) = tangential.move_in_flight(launch, &impact, 0.0);
+        let mean = distance / d;
         rows.compare("(38)", 0.5 * k * d * (eta - tangent), mean);
         rows.print("(38)", d * (k - 0.5 * k * tangent), mean);
     }

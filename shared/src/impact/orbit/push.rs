@@ -3,8 +3,7 @@
 //! The first zero is found by steps that a bound of the second derivative limits, see
 //! docs/theory-impacts.md#t3.3.
 
-use crate::arithmetic::bisect;
-use crate::impact::orbit::tangential::{sagitta, versine_from_half};
+use crate::arithmetic::{bisect, sine_cosine};
 use crate::impact::wave::Wave;
 
 const HARMONICS: usize = 3;
@@ -28,7 +27,7 @@ impl Push {
         };
         for (n, tone) in wave.tones() {
             let index = n as usize - 1;
-            let (sine, cosine) = libm::sincos(n * lead + tone.angle);
+            let (sine, cosine) = sine_cosine(n * lead + tone.angle);
             let size = amplitude * n * n * tone.amplitude;
             push.sine[index] = size * cosine;
             push.cosine[index] = size * sine;
@@ -57,7 +56,7 @@ impl Push {
 
     pub(super) fn at(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
-            let (sine, cosine) = libm::sincos(n * phase);
+            let (sine, cosine) = sine_cosine(n * phase);
             p * sine + q * cosine
         });
         tones.sum::<f64>() - self.constant
@@ -65,7 +64,7 @@ impl Push {
 
     pub(super) fn slope(&self, phase: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
-            let (sine, cosine) = libm::sincos(n * phase);
+            let (sine, cosine) = sine_cosine(n * phase);
             n * (p * cosine - q * sine)
         });
         tones.sum()
@@ -75,7 +74,7 @@ impl Push {
     pub(super) fn velocity(&self, phase: f64, d: f64) -> f64 {
         let tones = self.tones().map(|(n, p, q)| {
             let half = 0.5 * n * d;
-            let (sine, cosine) = libm::sincos(n * phase + half);
+            let (sine, cosine) = sine_cosine(n * phase + half);
             2.0 / n * libm::sin(half) * (p * sine + q * cosine)
         });
         tones.sum::<f64>() - self.constant * d
@@ -85,17 +84,25 @@ impl Push {
     pub(super) fn integrals(&self, phase: f64, d: f64) -> (f64, f64) {
         let (mut displacement, mut gained) = (-0.0, -0.0);
         for (n, p, q) in self.tones() {
+            let (sine, cosine) = sine_cosine(n * phase);
             let half = 0.5 * n * d;
-            let chord = libm::sin(half);
-            let (sine, cosine) = libm::sincos(n * phase);
+            let (chord, arc) = sine_cosine(half);
             let x = n * d;
-            let (even, odd) = (versine_from_half(half, chord), x * sagitta(x));
+            let even = versine(half, chord);
+            let odd = x * sagitta(x, 2.0 * chord * arc);
             displacement += p * (sine * even + cosine * odd) + q * (cosine * even - sine * odd);
-            let (sine, cosine) = libm::sincos(n * phase + half);
+            // Sine and cosine at the middle of the flight.
+            let (sine, cosine) = (sine * arc + cosine * chord, cosine * arc - sine * chord);
             gained += 2.0 / n * chord * (p * sine + q * cosine);
         }
         let distance = d * d * (displacement - 0.5 * self.constant);
         (distance, gained - self.constant * d)
+    }
+
+    /// Distance and velocity after `d` rad from `phase` on, of a part that begins with `velocity`.
+    pub(super) fn advance(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
+        let (distance, gained) = self.integrals(phase, d);
+        (velocity * d + distance, velocity + gained)
     }
 
     /// Maximum in a turn, within 1e-12 of its size.
@@ -121,6 +128,28 @@ impl Push {
         let sizes = self.tones().map(|(n, p, q)| power(n) * libm::hypot(p, q));
         sizes.sum()
     }
+}
+
+/// `(1 - cos d) / d^2`, from half of d and the sine of that half.
+fn versine(half: f64, sine: f64) -> f64 {
+    if half == 0.0 {
+        return 0.5;
+    }
+    let half = sine / half;
+    0.5 * half * half
+}
+
+/// `(d - sin d) / d^3`, from d and its sine; by a series below 0.5.
+fn sagitta(d: f64, sine: f64) -> f64 {
+    if d >= 0.5 {
+        return (d - sine) / (d * d * d);
+    }
+    let x = d * d;
+    let mut sum = 0.0;
+    for n in [19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0] {
+        sum = (1.0 - x * sum) / ((n - 1.0) * n);
+    }
+    (1.0 - x * sum) / 6.0
 }
 
 /// The first `d` in 0..=limit at which a function that begins at or above 0 reaches 0. `None`
@@ -170,6 +199,20 @@ mod tests {
         let second = Tone::new(0.15, 2.356);
         let wave = Wave::build(second, Tone::default()).unwrap();
         Push::new(&wave, 1.5, 0.4, 0.3)
+    }
+
+    #[test]
+    fn sagitta_series_meets_the_closed_form() {
+        for n in 1..=1000 {
+            let d = 1e-4 * f64::from(n);
+            let x = d * d;
+            let series = 1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0)));
+            let series = series / 6.0;
+            assert!((sagitta(d, 0.0) / series - 1.0).abs() < 1e-15, "{d}");
+        }
+        let (below, above) = (0.5 - 1e-9, 0.5);
+        let [below, above] = [below, above].map(|d| sagitta(d, libm::sin(d)));
+        assert!((above / below - 1.0).abs() < 1e-9, "{below} {above}");
     }
 
     /// Finds every zero of a fine scan and passes none.

@@ -2,11 +2,8 @@
 //!
 //! Method: docs/theory-real-parts.md#t10.4.
 
-mod push;
-
-use push::{Push, first_zero};
-
 use super::along::{Along, ContactMotion, accept_motion};
+use super::push::{Push, first_zero};
 use crate::feeder::{OutOfRange, Track, accept_in};
 use crate::impact::kernel::{Impact, PartState};
 use crate::impact::wave::Wave;
@@ -152,8 +149,7 @@ impl Friction {
     /// Distance in b and velocity in `b w` before the impact, after a flight of `d` rad from
     /// `phase`.
     pub fn motion_before_impact(&self, phase: f64, d: f64, velocity: f64) -> (f64, f64) {
-        let (distance, gained) = self.free.integrals(phase, d);
-        (velocity * d + distance, velocity + gained)
+        self.free.advance(phase, d, velocity)
     }
 
     /// Speed normal to the track at the end of a flight, in `b w`.
