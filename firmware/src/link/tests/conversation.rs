@@ -9,7 +9,7 @@ use super::draw::{below, choose, request};
 use super::*;
 
 /// Checksum of a conversation with each seed. Copy the printed ones after an intended change.
-const CHECKSUMS: [u32; 4] = [0x9b78_ebff, 0x0098_14f9, 0x60ce_0570, 0x6b7d_1230];
+const CHECKSUMS: [u32; 4] = [0x621c_0a6b, 0xc347_f2d1, 0xafe2_f712, 0x0760_6508];
 const REQUESTS: u32 = 6_000;
 
 /// Settings with which the drive still runs, and some that are refused.
