@@ -77,6 +77,13 @@ fn an_image_is_checked_without_a_probe() {
     run(&folder, args, &requested).prints(&["brown-out reset at level 3"]);
     let emulated = run(&folder, "flash --dry-run", &[&outcome::image()]);
     emulated.refused(&["emulated board", "cargo feeder"]);
+    let chip_in_qemu = ["--on", "qemu", "--image", image.to_str().unwrap()];
+    let expected = [
+        "does not answer",
+        "an image for the emulated CPU",
+        "virtual_feeder",
+    ];
+    run(&folder, "status", &chip_in_qemu).refused(&expected);
     // This build may lack support for probes; else no probe is connected.
     let outcome = run(&folder, "flash", &[image.to_str().unwrap()]);
     let expected = ["--features flash", "no debug probe"];

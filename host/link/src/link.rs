@@ -418,8 +418,12 @@ impl Link {
             let next = "check that this is the board's port, at 115200 baud";
             return Refusal::new(cause, format!("{next}, and that the board runs kband"));
         }
-        let next =
-            "check that the board runs kband, and that its send and receive lines are crossed";
+        let next = match &self.emulator {
+            Some(_) => format!("give an image for the emulated CPU; {}", emulator::BUILD),
+            None => "check that the board runs kband, and that its send and receive lines are \
+                     crossed"
+                .into(),
+        };
         Refusal::new(format!("{name} does not answer"), next)
     }
 }
