@@ -6,7 +6,7 @@
 pub enum Simd {
     /// One orbit at a time, on any CPU.
     None,
-    /// Four orbits at a time: AVX2, with POPCNT, BMI1 and BMI2.
+    /// Eight orbits at a time: AVX2, with POPCNT, BMI1 and BMI2.
     Avx2,
 }
 
