@@ -71,6 +71,8 @@ struct JsonRows<'a> {
     out: &'a mut dyn Write,
     names: Vec<String>,
     started: bool,
+    /// Text of the last row; its memory is reused.
+    line: String,
 }
 
 const NO_ROWS: &str = "[]\n}";
@@ -88,19 +90,26 @@ impl<'a> JsonRows<'a> {
             out,
             names: names.collect(),
             started: false,
+            line: String::new(),
         })
     }
 }
 
 impl Rows for JsonRows<'_> {
     fn row(&mut self, row: &[Value]) -> Result<()> {
-        let mut text = String::from(if self.started { ",\n    {" } else { "\n    {" });
+        let Self { line, started, .. } = self;
+        line.clear();
+        *line += if *started { ",\n    {" } else { "\n    {" };
         for (n, (name, value)) in self.names.iter().zip(row).enumerate() {
-            let comma = if n == 0 { "" } else { "," };
-            text += &format!("{comma}\n      \"{name}\": {}", value.json());
+            *line += if n == 0 { "\n      \"" } else { ",\n      \"" };
+            *line += name;
+            *line += "\": ";
+            value.add_json(line);
         }
-        self.started = true;
-        write!(self.out, "{text}\n    }}").map_err(|error| write_refusal(&error))
+        *line += "\n    }";
+        *started = true;
+        let written = self.out.write_all(line.as_bytes());
+        written.map_err(|error| write_refusal(&error))
     }
 
     fn end(&mut self) -> Result<()> {

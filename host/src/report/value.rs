@@ -69,6 +69,16 @@ impl Value {
         }
     }
 
+    /// Appends the text of [`Value::json`].
+    pub(super) fn add_json(&self, line: &mut String) {
+        match self {
+            Self::Number(value) if value.is_finite() => {
+                *line += zmij::Buffer::new().format_finite(*value);
+            }
+            other => *line += &other.json().to_string(),
+        }
+    }
+
     pub(crate) fn json(&self) -> Json {
         match self {
             Self::Number(value) => (*value).into(),
