@@ -1,8 +1,8 @@
 //! Many orbits at a time: blocks of SIMD lanes, each with its own k and restitution.
 //!
 //! Every lane gives the bits of [`Map`], whatever its neighbours and the CPU: the source is the
-//! same over one or eight f64. Lanes are gathered by kind of flight, so all lanes of a register take
-//! the same path.
+//! same over one or eight f64. Lanes are gathered by kind of flight, so all lanes of a register
+//! take the same path.
 
 mod columns;
 mod lanes;

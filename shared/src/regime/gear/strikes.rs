@@ -20,8 +20,8 @@ pub const GROUPS: usize = 4;
 const SIMULATED_PARTS: u32 = 32;
 /// Simulated parts of a group that start at rest, out of gear.
 const PARTS_FROM_REST_PER_GROUP: f32 = SIMULATED_PARTS as f32 / (2 * GROUPS) as f32;
-/// Drive periods of a simulated part. Of the estimated shares of 1675 random lots as many lie within
-/// 1, 2 and 3 standard errors with 256, 384 and 768; with 192 READY is late in one scene.
+/// Drive periods of a simulated part. Of the shares of 1675 random lots as many lie within 1, 2 and
+/// 3 standard errors with 256, 384 and 768 periods. With 192 READY is late in one scene.
 const SIMULATED_PERIODS: u16 = 384;
 /// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
 const MAX_IMPACTS: u32 = 600_000;
