@@ -24,7 +24,7 @@ const PARTS_FROM_REST_PER_GROUP: f32 = SIMULATED_PARTS as f32 / (2 * GROUPS) as 
 /// 3 standard errors with 256, 384 and 768 periods. With 192 READY is late in one scene.
 const SIMULATED_PERIODS: u16 = 384;
 /// Largest number of impacts of all parts. Chattering parts would have up to twice as many.
-const MAX_IMPACTS: u32 = 600_000;
+const MAX_IMPACTS: u32 = 300_000;
 /// Margin in restitution beyond both ends of the lot. It covers an amplitude error of 2 %, which
 /// shifts the phase in gear as `0.02 (1 - R^2)/2` does.
 pub const RESTITUTION_MARGIN: f32 = 0.01;
