@@ -373,8 +373,8 @@ fn a_file_of_more_than_100_mb_is_announced_before_it_is_written() {
     std::io::BufRead::read_line(&mut lines, &mut stderr).unwrap();
     child.kill().unwrap();
     child.wait().unwrap();
-    // 4 320 000 cycles of 205 bytes.
-    assert_eq!(stderr, "note: trace.csv will have about 885 MB\n");
+    // 4 320 000 cycles of 219 bytes.
+    assert_eq!(stderr, "note: trace.csv will have about 946 MB\n");
 }
 
 /// A command on a pseudo-terminal shows its progress on standard error.

@@ -56,9 +56,9 @@ fn draw(out: &mut String, clips: &mut Vec<Rect>, shape: &Shape) -> std::fmt::Res
                 for (n, (x, y)) in piece.iter().enumerate() {
                     let step = if n == 0 { 'M' } else { 'L' };
                     out.push(step);
-                    add(out, *x);
+                    add_short(out, *x);
                     out.push(' ');
-                    add(out, *y);
+                    add_short(out, *y);
                 }
                 if path.closed {
                     out.push('Z');
@@ -143,12 +143,12 @@ fn paint(out: &mut String, what: &str, colour: Colour) -> std::fmt::Result {
 /// A coordinate with at most two decimals.
 fn short(value: f64) -> String {
     let mut text = String::new();
-    add(&mut text, value);
+    add_short(&mut text, value);
     text
 }
 
 /// Appends a coordinate with at most two decimals.
-fn add(out: &mut String, value: f64) {
+fn add_short(out: &mut String, value: f64) {
     let hundredths = (100.0 * value).round() as i64;
     if hundredths < 0 {
         out.push('-');

@@ -162,7 +162,8 @@ mod tests {
     fn streamed_rows_have_the_bytes_of_a_table() {
         let columns = [columns::N, columns::PHASE, columns::FLIGHT];
         let mut table = Table::new(&columns);
-        for count in 0..4_u32 {
+        let numbers = [f64::NAN, -0.0, 1e21, 1e-7, 0.1];
+        for (count, number) in (0_u32..).zip(numbers) {
             let mut streamed = Vec::new();
             let mut rows = JsonRows::begin(&mut streamed, &columns).unwrap();
             table.write_rows(&mut rows).unwrap();
@@ -175,7 +176,7 @@ mod tests {
             let [streamed, whole] = [streamed, whole].map(|text| String::from_utf8(text).unwrap());
             // Without rows a table has no units.
             assert!(count == 0 || streamed == whole, "{streamed}\n{whole}");
-            table.push([count.into(), 0.1.into(), Value::Missing]);
+            table.push([count.into(), number.into(), Value::Missing]);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Vectors of eight f64 in pairs of AVX2 registers.
 //!
-//! The latency of a flight's operations exceeds their number, so two registers at once take less
-//! time than one after the other.
+//! A flight is a chain of dependent operations. Two registers that take turns need two thirds of
+//! the time of one after the other.
 //!
 //! Its methods are sound only on a CPU with AVX2, which nothing here checks. Only `batch` names the
 //! type, in functions that are called after [`Simd`](super::simd::Simd) has found AVX2.
@@ -137,7 +137,7 @@ impl Vector for Avx2 {
     #[inline(always)]
     fn node(rounded: Self) -> (Self, Self) {
         let index = rounded.index();
-        // An index is below the table's length.
+        // SAFETY: an index is below the table's length.
         let pairs = both!(n => {
             let (low, high) = (
                 _mm256_castsi256_si128(index[n]),
@@ -173,7 +173,7 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     fn from_array(values: [f64; MAX_LANES]) -> Self {
-        // The array has both registers.
+        // SAFETY: the array has both registers.
         Self(both!(n => _mm256_loadu_pd(values.as_ptr().add(4 * n))))
     }
     #[inline(always)]
